@@ -1,1 +1,13 @@
 //! Multi-view 6-DoF object pose estimation from calibrated RGB cameras.
+//!
+//! Modules in the order of the flow from images to poses.
+
+pub mod camera;
+pub mod pose;
+pub mod rig;
+
+mod error;
+
+pub use camera::{Camera, Distortion, Lens};
+pub use error::{Error, Result};
+pub use rig::Rig;

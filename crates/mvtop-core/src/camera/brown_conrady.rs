@@ -1,0 +1,149 @@
+//! Radial and tangential distortion of a pinhole camera (OpenCV's `projectPoints`).
+//!
+//! Source: Brown, "Decentering distortion of lenses", 1966; the rational radial factor is OpenCV's.
+
+use nalgebra::{Matrix2, Point2};
+
+use super::radial;
+use crate::{Error, Result};
+
+/// Tangent of the widest angle from the axis that a pinhole with distortion is used at, 89.94°.
+const WIDEST: f64 = 1e3;
+/// Largest remaining error of an undistorted point, in focal lengths: some 1e-9 px.
+const SETTLED: f64 = 1e-12;
+
+/// Brown-Conrady distortion with 0, 4, 5 or 8 coefficients.
+///
+/// With `r² = x² + y²`, a point `(x, y)` on the plane z = 1 moves to
+///
+/// ```text
+/// g  = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)
+/// x' = g x + 2 p1 x y + p2 (r² + 2 x²)
+/// y' = g y + p1 (r² + 2 y²) + 2 p2 x y
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct BrownConrady {
+    params: [f64; 8],
+    /// Radius at which `g r` stops rising; beyond it the image would fold back.
+    fold: f64,
+}
+
+impl BrownConrady {
+    /// `params`: none, or the first 4, 5 or 8 of `k1 k2 p1 p2 k3 k4 k5 k6`.
+    ///
+    /// # Errors
+    /// [`Error::Distortion`] for another number of coefficients, or one that is not finite.
+    pub fn new(params: &[f64]) -> Result<Self> {
+        if ![0, 4, 5, 8].contains(&params.len()) {
+            return Err(Error::Distortion(format!(
+                "brown_conrady takes 0, 4, 5 or 8 coefficients (k1 k2 p1 p2 k3 k4 k5 k6), got {}",
+                params.len()
+            )));
+        }
+        if let Some(bad) = params.iter().find(|p| !p.is_finite()) {
+            return Err(Error::Distortion(format!(
+                "brown_conrady coefficients must be finite, got {bad}"
+            )));
+        }
+        let mut padded = [0.0; 8];
+        padded[..params.len()].copy_from_slice(params);
+        Ok(Self {
+            params: padded,
+            fold: fold(&padded),
+        })
+    }
+
+    /// `k1 k2 p1 p2 k3 k4 k5 k6`, zeros where fewer were given.
+    pub fn params(&self) -> &[f64; 8] {
+        &self.params
+    }
+
+    /// Where a point of the plane z = 1 is imaged, in focal lengths from the principal point;
+    /// `None` past the fold.
+    pub fn distort(&self, point: &Point2<f64>) -> Option<Point2<f64>> {
+        let (image, jacobian) = self.map(point);
+        self.in_range(point, &jacobian).then_some(image)
+    }
+
+    /// The inverse of [`BrownConrady::distort`]; `None` where it does not settle.
+    pub fn undistort(&self, image: &Point2<f64>) -> Option<Point2<f64>> {
+        // The radial part alone has a safe inverse, and the tangential part moves it but little.
+        let radius = image.coords.norm();
+        let start =
+            radial::invert(|r| self.profile(r), radius, self.fold).unwrap_or(0.99 * self.fold);
+        let mut point = image * if radius > 0.0 { start / radius } else { 1.0 };
+        for _ in 0..50 {
+            let (at, jacobian) = self.map(&point);
+            let error = at - image;
+            if error.norm() <= SETTLED * (1.0 + radius) {
+                return self.in_range(&point, &jacobian).then_some(point);
+            }
+            point -= jacobian.try_inverse()? * error;
+        }
+        None
+    }
+
+    fn in_range(&self, point: &Point2<f64>, jacobian: &Matrix2<f64>) -> bool {
+        point.coords.norm() <= self.fold && jacobian.determinant() > 0.0
+    }
+
+    /// The radial factor `g` and its derivative by r².
+    fn factor(&self, r2: f64) -> (f64, f64) {
+        let [k1, k2, _, _, k3, k4, k5, k6] = self.params;
+        let over = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        let under = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6));
+        let d_over = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
+        let d_under = k4 + r2 * (2.0 * k5 + r2 * 3.0 * k6);
+        let g = over / under;
+        (g, (d_over - g * d_under) / under)
+    }
+
+    /// `g r` and its derivative by `r`.
+    fn profile(&self, r: f64) -> (f64, f64) {
+        let (g, dg) = self.factor(r * r);
+        (g * r, g + 2.0 * r * r * dg)
+    }
+
+    /// The distorted point and the derivative of the distortion there.
+    fn map(&self, point: &Point2<f64>) -> (Point2<f64>, Matrix2<f64>) {
+        let [_, _, p1, p2, ..] = self.params;
+        let (x, y) = (point.x, point.y);
+        let r2 = x * x + y * y;
+        let (g, dg) = self.factor(r2);
+        let image = Point2::new(
+            g * x + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            g * y + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        );
+        let cross = 2.0 * (dg * x * y + p1 * x + p2 * y);
+        let jacobian = Matrix2::new(
+            g + 2.0 * (dg * x * x + p1 * y + 3.0 * p2 * x),
+            cross,
+            cross,
+            g + 2.0 * (dg * y * y + 3.0 * p1 * y + p2 * x),
+        );
+        (image, jacobian)
+    }
+}
+
+/// The first radius at which `g r` stops rising or `g` has a pole, at most [`WIDEST`].
+fn fold([k1, k2, _, _, k3, k4, k5, k6]: &[f64; 8]) -> f64 {
+    let over = [1.0, *k1, *k2, *k3];
+    let under = [1.0, *k4, *k5, *k6];
+    // The sign of d(g r)/dr as a polynomial in s = r²: under (over + 2s over') - 2s over under'.
+    let twice_s = |p: &[f64]| radial::product(&[0.0, 2.0], &radial::derivative(p));
+    let rise: Vec<f64> = over
+        .iter()
+        .zip(twice_s(&over))
+        .map(|(a, b)| a + b)
+        .collect();
+    let slope: Vec<f64> = radial::product(&under, &rise)
+        .iter()
+        .zip(radial::product(&over, &twice_s(&under)))
+        .map(|(a, b)| a - b)
+        .collect();
+    [&slope[..], &under[..]]
+        .iter()
+        .filter_map(|p| radial::sign_changes(p, WIDEST * WIDEST).first().copied())
+        .fold(WIDEST * WIDEST, f64::min)
+        .sqrt()
+}

@@ -1,0 +1,47 @@
+use std::io;
+use std::path::PathBuf;
+
+/// Result of this crate's functions.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// Everything that can go wrong.
+///
+/// Each text is one complete sentence: the thing, what was expected, what came and, where there is
+/// one, the fix. Causes are part of the sentence, so there is no chain to print.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A file could not be read.
+    #[error("cannot read {}: {cause}", path.display())]
+    Read { path: PathBuf, cause: io::Error },
+
+    /// A rig that is refused; `origin` is its file, or `rig` where it came as text.
+    #[error("{origin}: {problem}")]
+    Rig { origin: String, problem: String },
+
+    /// Coefficients that fit no lens.
+    #[error("{0}")]
+    Distortion(String),
+
+    /// An image file that cannot be used.
+    #[error("image {} of camera `{camera}`: {problem}", path.display())]
+    Image {
+        camera: String,
+        path: PathBuf,
+        problem: String,
+    },
+
+    /// An array of the wrong shape.
+    #[error("{name}: expected {expected}, got {got:?}")]
+    Shape {
+        name: &'static str,
+        expected: String,
+        got: Vec<usize>,
+    },
+
+    /// Six numbers that span no rotation.
+    #[error(
+        "6D rotation {0:?}: its two columns must be finite, non-zero and not parallel to each other"
+    )]
+    Rotation6d([f64; 6]),
+}
