@@ -2,7 +2,9 @@
 //!
 //! Modules in the order of the flow from images to poses.
 
+pub mod associate;
 pub mod camera;
+pub mod detect;
 pub mod pose;
 pub mod rig;
 
