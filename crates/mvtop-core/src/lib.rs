@@ -2,11 +2,19 @@
 //!
 //! Modules in the order of the flow from images to poses.
 
-pub mod associate;
-pub mod camera;
-pub mod detect;
-pub mod pose;
 pub mod rig;
+
+pub mod camera;
+
+pub mod image;
+
+pub mod rays;
+
+pub mod detect;
+
+pub mod associate;
+
+pub mod pose;
 
 mod error;
 

@@ -1,0 +1,204 @@
+//! Images: from file to the network's input.
+
+use std::fs::File;
+use std::io::{Cursor, Read};
+use std::path::Path;
+
+use fast_image_resize as fir;
+use image::metadata::Orientation;
+use image::{DynamicImage, ImageDecoder, ImageReader, Limits, RgbImage};
+use ndarray::{Array3, s};
+
+use crate::camera::Camera;
+use crate::{Error, Result};
+
+/// Largest image file that is read.
+const MAX_FILE_BYTES: u64 = 1 << 29;
+/// Decoded bytes per pixel at most: RGBA of 16 bits.
+const MAX_PIXEL_BYTES: u64 = 8;
+/// What a decoder may need beside the pixels.
+const DECODER_BYTES: u64 = 1 << 26;
+
+/// Reads a PNG or JPEG file taken by `camera`, as 8-bit RGB.
+///
+/// Grey images are spread over the three channels, alpha is dropped, 16 bits are scaled to 8. The
+/// size is checked against the camera's before anything is decoded, which bounds the memory.
+///
+/// # Errors
+/// [`Error::Read`] where the file cannot be read; [`Error::Image`] where it is no PNG or JPEG, is
+/// broken, has another size than the camera's, or is marked as rotated, in which case its pixels
+/// may not be those that the camera was calibrated with.
+pub fn load(path: &Path, camera: &Camera) -> Result<RgbImage> {
+    let refuse = |problem: String| Error::Image {
+        camera: camera.id.clone(),
+        path: path.to_owned(),
+        problem,
+    };
+    let broken = |cause: image::ImageError| refuse(format!("cannot be decoded: {cause}"));
+
+    let mut bytes = Vec::new();
+    File::open(path)
+        .and_then(|file| file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes))
+        .map_err(|cause| Error::Read {
+            path: path.to_owned(),
+            cause,
+        })?;
+    if bytes.len() as u64 > MAX_FILE_BYTES {
+        return Err(refuse(format!(
+            "is larger than {} MiB",
+            MAX_FILE_BYTES >> 20
+        )));
+    }
+    let mut reader = ImageReader::new(Cursor::new(bytes))
+        .with_guessed_format()
+        .map_err(|cause| Error::Read {
+            path: path.to_owned(),
+            cause,
+        })?;
+    if reader
+        .format()
+        .is_none_or(|format| !format.reading_enabled())
+    {
+        return Err(refuse(
+            "is neither PNG nor JPEG; convert it to one of them".into(),
+        ));
+    }
+    let pixels = u64::from(camera.width) * u64::from(camera.height);
+    let mut limits = Limits::no_limits();
+    limits.max_alloc = Some(pixels * MAX_PIXEL_BYTES + DECODER_BYTES);
+    reader.limits(limits);
+
+    let mut decoder = reader.into_decoder().map_err(broken)?;
+    let (width, height) = decoder.dimensions();
+    if (width, height) != (camera.width, camera.height) {
+        return Err(refuse(format!(
+            "expected {}x{} px as in the rig, got {width}x{height}; give the image as calibrated \
+             or change the camera's size, focal lengths and principal point in the rig",
+            camera.width, camera.height
+        )));
+    }
+    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    if orientation != Orientation::NoTransforms {
+        return Err(refuse(format!(
+            "is marked as rotated or mirrored (EXIF orientation {}); save it upright, as \
+             calibrated, without the mark",
+            orientation.to_exif()
+        )));
+    }
+    Ok(DynamicImage::from_decoder(decoder)
+        .map_err(broken)?
+        .into_rgb8())
+}
+
+/// How an image lies in the network's input: scaled to fit, at the top left, the rest padded.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Letterbox {
+    /// Image size, px.
+    pub width: u32,
+    pub height: u32,
+    /// Size of the network's input, px.
+    pub net_width: u32,
+    pub net_height: u32,
+    /// Size of the scaled image in it, px.
+    pub resized_width: u32,
+    pub resized_height: u32,
+    /// Network pixels per image pixel, along each axis: exact, after rounding to whole pixels.
+    pub su: f64,
+    pub sv: f64,
+}
+
+impl Letterbox {
+    /// The letterbox of an image of `width` x `height` px; sizes of 0 count as 1.
+    pub fn new(width: u32, height: u32, net_width: u32, net_height: u32) -> Self {
+        let [width, height, net_width, net_height] =
+            [width, height, net_width, net_height].map(|size| size.max(1));
+        let (w, h) = (f64::from(width), f64::from(height));
+        let scale = (f64::from(net_width) / w).min(f64::from(net_height) / h);
+        let resized_width = ((w * scale).round() as u32).clamp(1, net_width);
+        let resized_height = ((h * scale).round() as u32).clamp(1, net_height);
+        Self {
+            width,
+            height,
+            net_width,
+            net_height,
+            resized_width,
+            resized_height,
+            su: f64::from(resized_width) / w,
+            sv: f64::from(resized_height) / h,
+        }
+    }
+
+    /// Network pixel of an image pixel, `[u, v]`.
+    pub fn net_from_image(&self, [u, v]: [f64; 2]) -> [f64; 2] {
+        [(u + 0.5) * self.su - 0.5, (v + 0.5) * self.sv - 0.5]
+    }
+
+    /// Image pixel of a network pixel, `[u, v]`; it may lie outside the image.
+    pub fn image_from_net(&self, [u, v]: [f64; 2]) -> [f64; 2] {
+        [(u + 0.5) / self.su - 0.5, (v + 0.5) / self.sv - 0.5]
+    }
+}
+
+/// The network's input for one image: antialiased bilinear resize, then `(x/255 - mean)/std`.
+///
+/// - `mean`, `std`: per channel, RGB, for values in `[0, 1]`
+/// - returns: `[3, net_height, net_width]`, padded with 0 after normalisation
+///
+/// # Errors
+/// [`Error::Shape`] where the letterbox is of another image size.
+pub fn to_tensor(
+    image: &RgbImage,
+    letterbox: &Letterbox,
+    mean: [f32; 3],
+    std: [f32; 3],
+) -> Result<Array3<f32>> {
+    let resized = resize(image, letterbox).map_err(|()| Error::Shape {
+        name: "image",
+        expected: format!(
+            "{}x{} px, the letterbox's",
+            letterbox.width, letterbox.height
+        ),
+        got: vec![image.width() as usize, image.height() as usize],
+    })?;
+    let (width, height) = (
+        letterbox.resized_width as usize,
+        letterbox.resized_height as usize,
+    );
+    let net = (
+        3,
+        letterbox.net_height as usize,
+        letterbox.net_width as usize,
+    );
+    let mut tensor = Array3::zeros(net);
+    for channel in 0..3 {
+        let normalised: [f32; 256] =
+            std::array::from_fn(|x| (x as f32 / 255.0 - mean[channel]) / std[channel]);
+        tensor
+            .slice_mut(s![channel, ..height, ..width])
+            .iter_mut()
+            .zip(resized.iter().skip(channel).step_by(3))
+            .for_each(|(out, &x)| *out = normalised[usize::from(x)]);
+    }
+    Ok(tensor)
+}
+
+/// RGB bytes of the image at its size within the letterbox; unchanged where that is its own size.
+fn resize(image: &RgbImage, letterbox: &Letterbox) -> Result<Vec<u8>, ()> {
+    if image.dimensions() != (letterbox.width, letterbox.height) {
+        return Err(());
+    }
+    let (width, height) = (letterbox.resized_width, letterbox.resized_height);
+    if image.dimensions() == (width, height) {
+        return Ok(image.as_raw().clone());
+    }
+    let pixels = fir::PixelType::U8x3;
+    let from = fir::images::ImageRef::new(image.width(), image.height(), image.as_raw(), pixels)
+        .map_err(drop)?;
+    let mut to = fir::images::Image::new(width, height, pixels);
+    let bilinear = fir::ResizeOptions::new()
+        .resize_alg(fir::ResizeAlg::Convolution(fir::FilterType::Bilinear));
+    fir::Resizer::new()
+        .resize(&from, &mut to, &bilinear)
+        .map_err(drop)?;
+    Ok(to.into_vec())
+}

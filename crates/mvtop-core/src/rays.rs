@@ -1,0 +1,131 @@
+//! Lines of sight: where each cell of the network's feature maps looks.
+
+use nalgebra::{Isometry3, Point2, Vector3};
+use ndarray::{Array2, ArrayView2};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::camera::Camera;
+use crate::image::Letterbox;
+
+/// Enlarges the half widths of a box's lines of sight towards the size of its other numbers.
+const EXTENT_SCALE: f64 = 10.0;
+
+/// What a line of sight is encoded as: unit direction `d`, origin `o` (metres), moment `d x o`.
+///
+/// The moment has the sign that the MVTOP paper prints, the opposite of the textbooks' `o x d`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LosEncoding {
+    /// `[d]`
+    Direction,
+    /// `[o, d]`
+    OriginDirection,
+    /// `[d, d x o]`
+    Plucker,
+    /// `[d, d x o, o]`
+    PluckerOrigin,
+}
+
+impl LosEncoding {
+    pub const ALL: [Self; 4] = [
+        Self::Direction,
+        Self::OriginDirection,
+        Self::Plucker,
+        Self::PluckerOrigin,
+    ];
+
+    /// Numbers per line of sight.
+    pub fn width(self) -> usize {
+        match self {
+            Self::Direction => 3,
+            Self::OriginDirection | Self::Plucker => 6,
+            Self::PluckerOrigin => 9,
+        }
+    }
+}
+
+/// Direction in which each feature cell looks, in the camera's own frame.
+///
+/// - `strides`: of the levels, network pixels per cell; a level has `net_height / stride` rows
+/// - returns: `[N, 3]`, unit vectors through the true lens, levels in the order of `strides`, each
+///   row by row; 0 for cells whose centre lies in the padding or that no ray meets
+pub fn camera_rays(camera: &Camera, letterbox: &Letterbox, strides: &[usize]) -> Array2<f32> {
+    let mut rays = Vec::new();
+    for &stride in strides {
+        let cells = |size: u32| (size as usize).checked_div(stride).unwrap_or(0);
+        let (rows, columns) = (cells(letterbox.net_height), cells(letterbox.net_width));
+        let centre = |cell: usize| (cell as f64 + 0.5) * stride as f64 - 0.5;
+        rays.par_extend((0..rows * columns).into_par_iter().map(|cell| {
+            let net = [centre(cell % columns), centre(cell / columns)];
+            let [u, v] = letterbox.image_from_net(net);
+            let inside = u <= f64::from(camera.width) - 0.5 && v <= f64::from(camera.height) - 0.5;
+            let ray = inside
+                .then(|| camera.lens.unproject(&Point2::new(u, v)))
+                .flatten();
+            ray.map_or([0.0; 3], |ray| [ray.x as f32, ray.y as f32, ray.z as f32])
+        }));
+    }
+    Array2::from(rays)
+}
+
+/// Lines of sight in the reference camera's frame.
+///
+/// - `camera_rays`: `[N, 3]`, from [`camera_rays`]
+/// - returns: `[N, encoding.width()]`, unitless directions, metres elsewhere; 0 where there is no
+///   ray
+pub fn encode(
+    camera_rays: ArrayView2<f32>,
+    ref_from_cam: &Isometry3<f64>,
+    encoding: LosEncoding,
+) -> Array2<f32> {
+    let o = ref_from_cam.translation.vector;
+    let rotation = ref_from_cam.rotation.to_rotation_matrix();
+    let mut lines = Array2::zeros((camera_rays.nrows(), encoding.width()));
+    for (ray, mut line) in camera_rays.rows().into_iter().zip(lines.rows_mut()) {
+        let ray = Vector3::new(ray[0], ray[1], ray[2]).cast::<f64>();
+        if ray == Vector3::zeros() {
+            continue;
+        }
+        let d = rotation * ray;
+        let m = d.cross(&o);
+        let parts = match encoding {
+            LosEncoding::Direction => &[d][..],
+            LosEncoding::OriginDirection => &[o, d],
+            LosEncoding::Plucker => &[d, m],
+            LosEncoding::PluckerOrigin => &[d, m, o],
+        };
+        let numbers = parts.iter().flat_map(|part| part.iter());
+        line.iter_mut()
+            .zip(numbers)
+            .for_each(|(out, &x)| *out = x as f32);
+    }
+    lines
+}
+
+/// Lines of sight of a box: camera centre, direction through the box's centre, and how far the
+/// directions to its sides lie to the left and right, and above and below.
+///
+/// - `bounds`: `[x0, y0, x1, y1]`, image px
+/// - returns: `[o, d, 10 e_x, 10 e_y]` in the reference camera's frame, `o` in metres,
+///   `e_x = (ray(x1, yc) - ray(x0, yc)) / 2`, `e_y = (ray(xc, y1) - ray(xc, y0)) / 2`; `None` where
+///   one of these pixels has no ray
+pub fn box_rays(
+    camera: &Camera,
+    bounds: [f64; 4],
+    ref_from_cam: &Isometry3<f64>,
+) -> Option<[f32; 12]> {
+    let [x0, y0, x1, y1] = bounds;
+    let (xc, yc) = ((x0 + x1) / 2.0, (y0 + y1) / 2.0);
+    let ray = |u, v| {
+        let ray = camera.lens.unproject(&Point2::new(u, v))?;
+        Some(ref_from_cam.rotation * ray.into_inner())
+    };
+    let parts = [
+        ref_from_cam.translation.vector,
+        ray(xc, yc)?,
+        (ray(x1, yc)? - ray(x0, yc)?) / 2.0 * EXTENT_SCALE,
+        (ray(xc, y1)? - ray(xc, y0)?) / 2.0 * EXTENT_SCALE,
+    ];
+    Some(std::array::from_fn(|i| parts[i / 3][i % 3] as f32))
+}
