@@ -10,6 +10,8 @@ pub mod image;
 
 pub mod rays;
 
+pub mod sampling;
+
 pub mod detect;
 
 pub mod associate;

@@ -1,0 +1,386 @@
+//! Deformable sampling: weighted bilinear reads of a multi-level feature map.
+//!
+//! For batch `b`, query `q`, head `h` and channel `d`, with `(x, y)` a sampling location,
+//!
+//! ```text
+//! out[b, q, h, d] = Σ_{l,k} weights[b, q, h, l, k] · bilinear(value_l[b, :, h, d], x·W_l − ½, y·H_l − ½)
+//! ```
+//!
+//! where locations run from 0 to 1 over the full extent of a level (not from centre to centre) and
+//! cells outside the map read as zero. A location that is not finite contributes nothing.
+//!
+//! Source: Zhu et al., "Deformable DETR", ICLR 2021, eq. 3.
+
+use crate::{Error, Result};
+use ndarray::{Array3, ArrayView4, ArrayView5, ArrayView6};
+use rayon::prelude::*;
+use std::ops::Range;
+
+mod kernel;
+
+/// Queries of one parallel task: enough to hide the cost of scheduling it.
+const QUERIES_PER_TASK: usize = 64;
+
+/// Heights and widths of the feature levels, finest first, concatenated row-major into N cells.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LevelShapes {
+    levels: Vec<Level>,
+    cells: usize,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Level {
+    first_cell: usize,
+    height: usize,
+    width: usize,
+}
+
+impl LevelShapes {
+    /// Levels from their `(height, width)`, in cells.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] when a level is empty or the cells do not fit `usize`.
+    pub fn new(shapes: &[(usize, usize)]) -> Result<Self> {
+        let mut levels = Vec::with_capacity(shapes.len());
+        let mut cells = 0usize;
+        for &(height, width) in shapes {
+            // Cell indices are computed in i32 and coordinates in f32: both are exact below 2^24.
+            if height == 0 || width == 0 || height >= 1 << 24 || width >= 1 << 24 {
+                return Err(shape_error(
+                    "level",
+                    "1 to 2^24 - 1 cells a side",
+                    &[height, width],
+                ));
+            }
+            levels.push(Level {
+                first_cell: cells,
+                height,
+                width,
+            });
+            cells = height
+                .checked_mul(width)
+                .and_then(|n| n.checked_add(cells))
+                .ok_or_else(|| shape_error("levels", "fewer cells", &[height, width]))?;
+        }
+        Ok(Self { levels, cells })
+    }
+
+    /// Number of cells N of all levels together.
+    pub fn cells(&self) -> usize {
+        self.cells
+    }
+
+    /// Number of levels L.
+    pub fn len(&self) -> usize {
+        self.levels.len()
+    }
+
+    /// Whether there is no level.
+    pub fn is_empty(&self) -> bool {
+        self.levels.is_empty()
+    }
+}
+
+/// The axis lengths of a sampling problem that the levels do not fix.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Dims {
+    /// B, independent problems.
+    pub batch: usize,
+    /// H, attention heads.
+    pub heads: usize,
+    /// D, channels of one head.
+    pub head_dim: usize,
+    /// Q, queries.
+    pub queries: usize,
+    /// K, points of one query, head and level.
+    pub points: usize,
+}
+
+/// One sampling problem over borrowed, contiguous arrays.
+#[derive(Debug, Clone, Copy)]
+pub struct Sampling<'a> {
+    levels: &'a LevelShapes,
+    dims: Dims,
+    value: &'a [f32],
+    locations: &'a [f32],
+    weights: &'a [f32],
+}
+
+/// Gradients with respect to the inputs, in the inputs' layouts; what they held is overwritten.
+#[derive(Debug)]
+pub struct Gradients<'a> {
+    /// `[B, N, H, D]`
+    pub value: &'a mut [f32],
+    /// `[B, Q, H, L, K, 2]`
+    pub locations: &'a mut [f32],
+    /// `[B, Q, H, L, K]`
+    pub weights: &'a mut [f32],
+}
+
+impl<'a> Sampling<'a> {
+    /// Checks that the arrays belong together.
+    ///
+    /// - `value`: `[B, N, H, D]`
+    /// - `locations`: `[B, Q, H, L, K, 2]`, `(x, y)` from 0 to 1 over the level
+    /// - `weights`: `[B, Q, H, L, K]`
+    ///
+    /// # Errors
+    /// [`Error::Shape`] when an array has another length than its shape says.
+    pub fn new(
+        levels: &'a LevelShapes,
+        dims: Dims,
+        value: &'a [f32],
+        locations: &'a [f32],
+        weights: &'a [f32],
+    ) -> Result<Self> {
+        let Dims {
+            batch,
+            heads,
+            head_dim,
+            queries,
+            points,
+        } = dims;
+        let taps = [batch, queries, heads, levels.len(), points];
+        check_len(
+            "value",
+            value.len(),
+            &[batch, levels.cells(), heads, head_dim],
+        )?;
+        check_len("weights", weights.len(), &taps)?;
+        check_len("locations", locations.len(), &[&taps[..], &[2]].concat())?;
+        check_len("output", 0, &[0, batch, queries, heads, head_dim])?;
+        Ok(Self {
+            levels,
+            dims,
+            value,
+            locations,
+            weights,
+        })
+    }
+
+    /// Length of the output `[B, Q, H·D]`.
+    pub fn output_len(&self) -> usize {
+        self.dims.batch * self.output_per_batch()
+    }
+
+    /// Samples in parallel over batches and blocks of queries, in rayon's current pool.
+    ///
+    /// - `out`: `[B, Q, H·D]`, overwritten
+    ///
+    /// # Errors
+    /// [`Error::Shape`] when `out` has another length.
+    pub fn forward(&self, out: &mut [f32]) -> Result<()> {
+        self.check_output("output", out.len())?;
+        if out.is_empty() {
+            return Ok(());
+        }
+        let per_query = self.dims.heads * self.dims.head_dim;
+        out.par_chunks_mut(self.output_per_batch())
+            .enumerate()
+            .for_each(|(batch, out)| {
+                out.par_chunks_mut(QUERIES_PER_TASK * per_query)
+                    .enumerate()
+                    .for_each(|(task, out)| {
+                        let first = task * QUERIES_PER_TASK;
+                        self.forward_queries(batch, first..first + out.len() / per_query, out);
+                    });
+            });
+        Ok(())
+    }
+
+    /// Samples some queries of one batch on the calling thread: the piece of work for a thread
+    /// pool other than rayon's.
+    ///
+    /// - `out`: `[queries, H·D]`, overwritten
+    ///
+    /// # Panics
+    /// When `batch`, `queries` or the length of `out` are out of range.
+    pub fn forward_queries(&self, batch: usize, queries: Range<usize>, out: &mut [f32]) {
+        kernel::forward(&self.batch(batch, queries), out);
+    }
+
+    /// Back-propagates `grad_out`, in parallel over batches.
+    ///
+    /// One task owns the whole gradient of its batch, so the scatter into `gradients.value` needs
+    /// no locks and adds in the same order whatever the number of threads.
+    ///
+    /// - `grad_out`: `[B, Q, H·D]`
+    ///
+    /// # Errors
+    /// [`Error::Shape`] when a gradient has another length than what it belongs to.
+    pub fn backward(&self, grad_out: &[f32], gradients: Gradients<'_>) -> Result<()> {
+        self.check_output("gradient of the output", grad_out.len())?;
+        check_len(
+            "gradient of value",
+            gradients.value.len(),
+            &[self.value.len()],
+        )?;
+        check_len(
+            "gradient of locations",
+            gradients.locations.len(),
+            &[self.locations.len()],
+        )?;
+        check_len(
+            "gradient of weights",
+            gradients.weights.len(),
+            &[self.weights.len()],
+        )?;
+        gradients.value.fill(0.0);
+        gradients.locations.fill(0.0);
+        gradients.weights.fill(0.0);
+        let Dims {
+            batch,
+            heads,
+            head_dim,
+            queries,
+            ..
+        } = self.dims;
+        let per_batch = [
+            self.output_per_batch(),
+            self.levels.cells() * heads * head_dim,
+            self.weights.len() / batch.max(1),
+        ];
+        if per_batch.contains(&0) {
+            return Ok(()); // An empty axis: every gradient is zero.
+        }
+        let [outputs, values, taps] = per_batch;
+        grad_out
+            .par_chunks(outputs)
+            .zip(gradients.value.par_chunks_mut(values))
+            .zip(gradients.locations.par_chunks_mut(2 * taps))
+            .zip(gradients.weights.par_chunks_mut(taps))
+            .enumerate()
+            .for_each(|(batch, (((grad_out, value), locations), weights))| {
+                let job = self.batch(batch, 0..queries);
+                kernel::backward(
+                    &job,
+                    grad_out,
+                    Gradients {
+                        value,
+                        locations,
+                        weights,
+                    },
+                );
+            });
+        Ok(())
+    }
+
+    fn output_per_batch(&self) -> usize {
+        self.dims.queries * self.dims.heads * self.dims.head_dim
+    }
+
+    fn check_output(&self, name: &'static str, len: usize) -> Result<()> {
+        let Dims {
+            batch,
+            heads,
+            head_dim,
+            queries,
+            ..
+        } = self.dims;
+        check_len(name, len, &[batch, queries, heads, head_dim])
+    }
+
+    /// The part of the inputs that some queries of one batch read.
+    fn batch(&self, batch: usize, queries: Range<usize>) -> kernel::Job<'a> {
+        let Dims {
+            heads,
+            head_dim,
+            points,
+            ..
+        } = self.dims;
+        let values = self.levels.cells() * heads * head_dim;
+        let taps = heads * self.levels.len() * points;
+        let first = batch * self.dims.queries;
+        let (from, to) = ((first + queries.start) * taps, (first + queries.end) * taps);
+        kernel::Job {
+            levels: &self.levels.levels,
+            heads,
+            head_dim,
+            points,
+            value: &self.value[batch * values..(batch + 1) * values],
+            locations: &self.locations[2 * from..2 * to],
+            weights: &self.weights[from..to],
+        }
+    }
+}
+
+/// Samples `value` at `locations`; see the module for the definition.
+///
+/// - `value`: `[B, N, H, D]`
+/// - `locations`: `[B, Q, H, L, K, 2]`, `(x, y)` from 0 to 1 over the level
+/// - `weights`: `[B, Q, H, L, K]`
+/// - `levels`: `(height, width)` of each level, in cells
+/// - returns: `[B, Q, H·D]`
+///
+/// # Errors
+/// [`Error::Shape`] when the shapes do not belong together.
+pub fn deformable_sampling(
+    value: ArrayView4<f32>,
+    locations: ArrayView6<f32>,
+    weights: ArrayView5<f32>,
+    levels: &[(usize, usize)],
+) -> Result<Array3<f32>> {
+    let levels = LevelShapes::new(levels)?;
+    let (batch, cells, heads, head_dim) = value.dim();
+    let (_, queries, _, _, points) = weights.dim();
+    let expect = |name, got: &[usize], expected: &[usize]| match got == expected {
+        true => Ok(()),
+        false => Err(shape_error(name, format!("{expected:?}"), got)),
+    };
+    let taps = [batch, queries, heads, levels.len(), points];
+    expect(
+        "value",
+        &[batch, cells, heads, head_dim],
+        &[batch, levels.cells(), heads, head_dim],
+    )?;
+    expect("weights", weights.shape(), &taps)?;
+    expect("locations", locations.shape(), &[&taps[..], &[2]].concat())?;
+
+    let value = value.as_standard_layout();
+    let locations = locations.as_standard_layout();
+    let weights = weights.as_standard_layout();
+    let contiguous = || shape_error("sampling", "contiguous arrays", &[]);
+    let sampling = Sampling::new(
+        &levels,
+        Dims {
+            batch,
+            heads,
+            head_dim,
+            queries,
+            points,
+        },
+        value.as_slice().ok_or_else(contiguous)?,
+        locations.as_slice().ok_or_else(contiguous)?,
+        weights.as_slice().ok_or_else(contiguous)?,
+    )?;
+    let mut out = Array3::zeros((batch, queries, heads * head_dim));
+    sampling.forward(out.as_slice_mut().ok_or_else(contiguous)?)?;
+    Ok(out)
+}
+
+fn check_len(name: &'static str, len: usize, shape: &[usize]) -> Result<()> {
+    // Empty axes must not hide an overflow of the others, so they count as one here.
+    let fits = shape
+        .iter()
+        .try_fold(1usize, |n, &axis| n.checked_mul(axis.max(1)))
+        .is_some();
+    if !fits || len != shape.iter().product::<usize>() {
+        return Err(shape_error(
+            name,
+            format!("numbers of shape {shape:?}"),
+            &[len],
+        ));
+    }
+    Ok(())
+}
+
+fn shape_error(name: &'static str, expected: impl Into<String>, got: &[usize]) -> Error {
+    Error::Shape {
+        name,
+        expected: expected.into(),
+        got: got.to_vec(),
+    }
+}
+
+#[cfg(test)]
+mod tests;
