@@ -1,0 +1,1 @@
+"""Training side of mvtop: data, network, training, export and parity fixtures."""

@@ -1,0 +1,183 @@
+"""Training batches: random views of a scene through exact virtual cameras.
+
+Every view is a crop at the network's scale, scaled and rolled at random: for a pinhole this is
+another pinhole at the same place, so poses and lines of sight stay exact.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+
+from . import bop
+
+VIEW_COUNTS = {1: 0.2, 2: 0.5, 3: 0.15, 4: 0.15}
+COORDINATE_STRIDE = 4
+
+
+@dataclass
+class Augmentation:
+    """Ranges of the random virtual cameras and of the photometric changes."""
+
+    diameter_px: tuple[float, float] = (46, 125)  # of the object in the crop
+    zoom: tuple[float, float] = (0.45, 1.0)  # crop px per image px
+    photometric: bool = True
+    jitter: float = 0.03  # of the box size, each of position and size
+
+
+def load_index(root: Path, split: str = "train") -> list[list[bop.Image]]:
+    """All whole scenes of a split."""
+    folders = sorted(p for p in (Path(root) / split).iterdir() if bop.is_whole(p))
+    if not folders:
+        raise SystemExit(
+            f"error: no scenes in {root}/{split}; fix: python -m mvtop_train.generate --out {root}"
+        )
+    return [bop.read_scene(folder) for folder in folders]
+
+
+def virtual_camera(image: bop.Image, size: int, rng: np.random.Generator, aug: Augmentation | None):
+    """A crop as a new camera: (crop_from_image [2, 3] in px, k [3, 3], new_from_old [3, 3])."""
+    centre = (image.box[:2] + image.box[2:]) / 2
+    diameter = (image.box[2:] - image.box[:2]).max()
+    if aug is None:
+        zoom, roll, target = 0.8, 0.0, np.array([size / 2, size / 2]) + rng.uniform(-8, 8, 2)
+    else:
+        low, high = np.log(aug.diameter_px[0]), np.log(aug.diameter_px[1])
+        zoom = np.clip(np.exp(rng.uniform(low, high)) / diameter, *aug.zoom)
+        roll = rng.uniform(-np.pi, np.pi) if rng.random() < 0.3 else rng.normal(0, 0.4)
+        room = max(size / 2 - 0.42 * diameter * zoom, 4)
+        target = size / 2 + rng.uniform(-room, room, 2)
+    cos, sin = np.cos(roll), np.sin(roll)
+    turn = np.array([[cos, -sin], [sin, cos]])
+    crop_from_image = np.zeros((2, 3))
+    crop_from_image[:, :2] = zoom * turn
+    crop_from_image[:, 2] = target - zoom * turn @ centre
+    k = np.eye(3)
+    k[:2, :2] = zoom * np.diag([image.k[0, 0], image.k[1, 1]])
+    k[:2, 2] = crop_from_image[:, :2] @ image.k[:2, 2] + crop_from_image[:, 2]
+    new_from_old = np.eye(3)
+    new_from_old[:2, :2] = turn
+    return crop_from_image, k, new_from_old
+
+
+def photometric(rgb: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Exposure, contrast, colour cast, blur and noise; the parts' colours stay apart."""
+    x = rgb.astype(np.float32)
+    if rng.random() < 0.8:
+        gain = rng.uniform(0.65, 1.4) * rng.uniform(0.88, 1.12, 3).astype(np.float32)
+        x = (x - 110) * rng.uniform(0.75, 1.25) + 110
+        x = x * gain.astype(np.float32) + rng.uniform(-18, 18)
+    if rng.random() < 0.25:
+        x = cv2.GaussianBlur(x, (0, 0), rng.uniform(0.4, 1.1))
+    if rng.random() < 0.5:
+        noise = rng.standard_normal(x.shape[:2] + (1,), dtype=np.float32)
+        x = x + noise * rng.uniform(1, 10)
+    return x.clip(0, 255).astype(np.uint8)
+
+
+def make_view(image: bop.Image, size: int, rng: np.random.Generator, aug: Augmentation | None):
+    """One view as a dict of arrays; see `model.Views` and `collate`."""
+    rgb = cv2.imread(str(image.path), cv2.IMREAD_COLOR)[:, :, ::-1]
+    a, k, turn = virtual_camera(image, size, rng, aug)
+    grey = (127, 127, 127)
+    crop = cv2.warpAffine(rgb, a, (size, size), flags=cv2.INTER_LINEAR, borderValue=grey)
+    if aug is not None and aug.photometric:
+        crop = photometric(crop, rng)
+    new_from_old = np.eye(4)
+    new_from_old[:3, :3] = turn
+    code = cv2.imread(str(image.coords_path), cv2.IMREAD_COLOR)[:, :, ::-1]
+    shift = a.copy()
+    shift[:, 2] += a[:, :2] @ image.visible_box[:2]
+    # One coordinate sample per COORDINATE_STRIDE px, at the centre of its block.
+    s = 1 / COORDINATE_STRIDE
+    shift[:, 2] = (shift[:, 2] + 0.5) * s - 0.5
+    shift[:, :2] *= s
+    cells = size // COORDINATE_STRIDE
+    code = cv2.warpAffine(code, shift, (cells, cells), flags=cv2.INTER_NEAREST)
+    return {
+        "image": crop,
+        "k": k,
+        "cam_from_world": new_from_old @ image.cam_from_world,
+        "cam_from_obj": new_from_old @ image.cam_from_obj,
+        "coords": code,
+        "crop_from_image": a,
+        "image_size": np.array(rgb.shape[1::-1]),
+    }
+
+
+def choose_views(scene: list[bop.Image], count: int, rng: np.random.Generator) -> list[bop.Image]:
+    """`count` images in random order; mostly with both hemispheres among them."""
+    order = rng.permutation(len(scene))
+    if count >= 2 and rng.random() < 0.9:
+        first = scene[order[0]].shows
+        other = next((i for i in order if scene[i].shows != first), order[1])
+        rest = [i for i in order[1:] if i != other]
+        order = rng.permutation([order[0], other, *rest][:count])
+    return [scene[i] for i in order[:count]]
+
+
+def collate(items: list[list[dict]], boxes_of, jitter: float, rng: np.random.Generator):
+    """Scenes x views of `make_view` dicts to a dict of tensors.
+
+    images [B, V, H, W, 3] uint8, k, ref_from_cam, cam_from_obj, boxes (true, clipped to the
+    crop), boxes_in (jittered, what the decoder is given), coords, inside.
+    """
+
+    def stack(key):
+        return np.stack([[view[key] for view in views] for views in items])
+
+    k, cam_from_obj, cam_from_world = stack("k"), stack("cam_from_obj"), stack("cam_from_world")
+    images = stack("image")
+    size = images.shape[2]
+    boxes = boxes_of(k, cam_from_obj)
+    extent = np.concatenate([boxes[..., 2:] - boxes[..., :2]] * 2, -1)
+    boxes_in = boxes + rng.normal(0, 1, boxes.shape).clip(-2.5, 2.5) * jitter * extent
+    boxes, boxes_in = boxes.clip(-0.5, size - 0.5), boxes_in.clip(-0.5, size - 0.5)
+    ref_from_cam = cam_from_world[:, :1] @ np.linalg.inv(cam_from_world)
+    tensors = {
+        "k": k, "ref_from_cam": ref_from_cam, "cam_from_obj": cam_from_obj,
+        "boxes": boxes, "boxes_in": boxes_in,
+    }  # fmt: skip
+    tensors = {name: torch.from_numpy(x.astype(np.float32)) for name, x in tensors.items()}
+    for name, x in (("images", images), ("coords", stack("coords"))):
+        tensors[name] = torch.from_numpy(np.ascontiguousarray(x))
+    for name in ("crop_from_image", "image_size"):
+        tensors[name] = torch.from_numpy(stack(name).astype(np.float32))
+    return tensors
+
+
+def amodal_boxes(points: np.ndarray):
+    """A function (k, cam_from_obj) -> boxes [..., 4] that project `points` [n, 3], metres."""
+
+    def boxes_of(k, cam_from_obj):
+        in_cam = points @ cam_from_obj[..., :3, :3].swapaxes(-1, -2)
+        pixels = (in_cam + cam_from_obj[..., None, :3, 3]) @ k.swapaxes(-1, -2)
+        pixels = pixels[..., :2] / pixels[..., 2:]
+        return np.concatenate([pixels.min(-2), pixels.max(-2)], -1)
+
+    return boxes_of
+
+
+class Batches(torch.utils.data.IterableDataset):
+    """Endless random batches of `images_per_batch` views; each has one number of views."""
+
+    def __init__(self, scenes, points, size, images_per_batch, seed, aug: Augmentation):
+        self.scenes, self.size, self.aug = scenes, size, aug
+        self.boxes_of = amodal_boxes(points)
+        self.images_per_batch, self.seed = images_per_batch, seed
+
+    def __iter__(self):
+        cv2.setNumThreads(1)
+        worker = torch.utils.data.get_worker_info()
+        rng = np.random.default_rng([self.seed, worker.id if worker else 0])
+        counts, shares = list(VIEW_COUNTS), list(VIEW_COUNTS.values())
+        while True:
+            views = int(rng.choice(counts, p=shares))
+            items = []
+            for _ in range(self.images_per_batch // views):
+                scene = self.scenes[rng.integers(len(self.scenes))]
+                chosen = choose_views(scene, views, rng)
+                items.append([make_view(image, self.size, rng, self.aug) for image in chosen])
+            yield collate(items, self.boxes_of, self.aug.jitter, rng)

@@ -1,0 +1,285 @@
+"""FLoSE, projective attention over all views, and the pose heads (paper, section 4).
+
+Axes: B batch, V views (0 is the reference), Q queries (objects), L levels, N cells, H heads.
+"""
+
+import math
+
+import torch
+import torch.nn.functional as F
+from torch import nn
+
+from .encoder import feed_forward, ring_offsets
+from .rays import BOX_RAY_GAIN
+from .sampling import deformable_sampling
+
+BOX_CHANNELS = 12
+VECTORS = 4  # per head, turned from a view's frame into the reference frame
+
+
+def mlp(*sizes: int) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    for a, b in zip(sizes[:-1], sizes[1:], strict=True):
+        layers += [nn.Linear(a, b), nn.ReLU()]
+    return nn.Sequential(*layers[:-1])
+
+
+class Flose(nn.Module):
+    """Feature line-of-sight encoding: [features; lines of sight] back to C channels.
+
+    With "rays" geometry a feed-forward block follows, so that what a cell shows and where it
+    looks are bound together before cells are summed.
+    """
+
+    def __init__(self, config):
+        super().__init__()
+        d = config.d_model
+        self.linear = nn.Linear(d + config.los_channels, d)
+        nn.init.xavier_uniform_(self.linear.weight)
+        self.bind = config.geometry == "rays"
+        if self.bind:
+            self.ffn, self.norm = feed_forward(d, config.ffn), nn.LayerNorm(d)
+
+    def forward(self, memory, rays):
+        x = self.linear(torch.cat([memory, rays], -1))
+        return self.norm(x + self.ffn(x)) if self.bind else x
+
+
+class Lift(nn.Module):
+    """Vectors predicted in a view's own box frame, turned into the reference frame.
+
+    The frame's axes are the box's lines of sight: half extents e_x, e_y and centre ray d_c. After
+    it, what every view says about directions is said in one frame, and fusing views is adding.
+    """
+
+    def __init__(self, d_model: int, heads: int):
+        super().__init__()
+        self.heads = heads
+        self.coefficients = mlp(d_model, d_model, heads * VECTORS * 3)
+
+    def forward(self, features, box_rays):
+        """features [B, V, Q, C]; box_rays [B, V, Q, 12]; returns [B, V, Q, H, 3 * VECTORS]."""
+        coefficients = self.coefficients(features)
+        coefficients = coefficients.unflatten(-1, (self.heads * VECTORS, 3))
+        d_c, e_x, e_y = box_rays[..., 3:6], box_rays[..., 6:9], box_rays[..., 9:12]
+        axes = torch.stack(
+            [F.normalize(e_x, dim=-1), F.normalize(e_y, dim=-1), d_c], -2
+        )  # [B, V, Q, 3 axes, 3]; all zero where the object was not detected
+        vectors = coefficients @ axes
+        return vectors.unflatten(-2, (self.heads, VECTORS)).flatten(-2)
+
+
+class ProjectiveAttention(nn.Module):
+    """Each query gathers features around its box in every view, then fuses the views.
+
+    Fusion: the reference view has its own weights, all others share theirs and are averaged with
+    learnt weights. With two views this equals the paper's Concat(f_1, f_2) W^p; with any number
+    it does not depend on their order.
+    """
+
+    def __init__(self, config):
+        super().__init__()
+        d, heads, points = config.d_model, config.heads, config.points
+        self.heads, self.points, self.levels = heads, points, len(config.strides)
+        self.box_units = config.geometry == "rays"
+        self.offsets = nn.Linear(d, heads * points * 2)
+        self.weights = nn.Linear(d, heads * points)
+        self.value = nn.Linear(d, d)
+        self.lift = Lift(d, heads) if config.geometry == "rays" else None
+        fused = d + (heads * VECTORS * 3 if self.lift else 0)
+        self.view_logit = nn.Linear(d, heads)
+        self.reference = nn.Linear(fused, d)
+        self.others = nn.Linear(fused, d, bias=False)
+        nn.init.zeros_(self.offsets.weight)
+        ring = ring_offsets(heads, points) / (points if self.box_units else 1)
+        self.offsets.bias.data.copy_(ring.reshape(-1))
+        for zero in (self.weights.weight, self.weights.bias, self.value.bias):
+            nn.init.zeros_(zero)
+        for linear in (self.value, self.reference, self.others):
+            nn.init.xavier_uniform_(linear.weight)
+
+    def forward(self, query, memory, at_centre, boxes, level_shapes):
+        """query [B, Q, C] with position; memory [B, V, N, C]; at_centre [B, V, Q, L, C]."""
+        b, v, n, d = memory.shape
+        q, heads, levels, points = query.shape[1], self.heads, self.levels, self.points
+        value = self.value(memory).float().reshape(b * v, n, heads, d // heads)
+        with torch.autocast(memory.device.type, enabled=False):
+            z = query[:, None, :, None] + at_centre  # [B, V, Q, L, C]
+            offsets = self.offsets(z).reshape(b, v, q, levels, heads, points, 2)
+            logits = self.weights(z).reshape(b, v, q, levels, heads, points)
+            if self.box_units:
+                unit = boxes.half_sizes[:, :, :, None, None, None]
+            else:
+                sizes = [[1 / w, 1 / h] for h, w in level_shapes]
+                unit = torch.tensor(sizes, device=z.device)[:, None, None]
+            locations = boxes.centres[:, :, :, None, None, None] + offsets * unit
+            locations = locations.transpose(3, 4).reshape(b * v, q, heads, levels, points, 2)
+            logits = logits.transpose(3, 4).reshape(b * v, q, heads, levels * points)
+            weights = logits.softmax(-1).reshape(b * v, q, heads, levels, points)
+            f = deformable_sampling(value, locations, weights, level_shapes)
+            f = f.reshape(b, v, q, d)
+            z_mean = z.mean(3)  # [B, V, Q, C]
+            gathered = f.reshape(b, v, q, heads, d // heads)
+            if self.lift:
+                lifted = self.lift(f + z_mean, boxes.rays)
+                gathered = torch.cat([gathered, lifted], -1)
+            return self.fuse(gathered, self.view_logit(z_mean), boxes.valid)
+
+    def fuse(self, gathered, logit, valid):
+        """gathered [B, V, Q, H, D]; logit [B, V, Q, H]; valid [B, V, Q]; returns [B, Q, C]."""
+        first = torch.arange(valid.shape[1], device=valid.device) == 0
+        mask = (valid * ~first[None, :, None])[..., None]  # the reference is not among the others
+        logit = torch.where(mask > 0, logit, torch.full_like(logit, -1e4))
+        share = torch.exp(logit - logit.amax(1, keepdim=True)) * mask
+        share = share / share.sum(1, keepdim=True).clamp_min(0.5)  # the largest term is 1
+        others = (share[..., None] * gathered).sum(1).flatten(-2)
+        return self.reference(gathered[:, 0].flatten(-2)) + self.others(others)
+
+
+class SelfAttention(nn.Module):
+    """Attention among queries; dummy queries are masked out, so they change nothing."""
+
+    def __init__(self, d_model: int, heads: int):
+        super().__init__()
+        self.heads = heads
+        self.query_key = nn.Linear(d_model, 2 * d_model)
+        self.value, self.output = nn.Linear(d_model, d_model), nn.Linear(d_model, d_model)
+
+    def forward(self, x, position, valid):
+        b, n, d = x.shape
+        q, k = self.query_key(x + position).reshape(b, n, 2, self.heads, -1).unbind(2)
+        v = self.value(x).reshape(b, n, self.heads, -1)
+        scores = torch.einsum("bqhd,bkhd->bhqk", q, k) / math.sqrt(d // self.heads)
+        scores = scores + (valid[:, None, None] - 1) * 1e4
+        mixed = torch.einsum("bhqk,bkhd->bqhd", scores.softmax(-1), v).reshape(b, n, d)
+        return self.output(mixed)
+
+
+class DecoderLayer(nn.Module):
+    def __init__(self, config):
+        super().__init__()
+        d = config.d_model
+        self.self_attention = SelfAttention(d, config.heads)
+        self.attention = ProjectiveAttention(config)
+        self.ffn = feed_forward(d, config.ffn)
+        self.norm1, self.norm2, self.norm3 = (nn.LayerNorm(d) for _ in range(3))
+
+    def forward(self, x, position, memory, at_centre, boxes, level_shapes):
+        with torch.autocast(x.device.type, enabled=False):
+            x = self.norm1(x + self.self_attention(x, position, boxes.valid[:, 0]))
+        x = x + self.attention(x + position, memory, at_centre, boxes, level_shapes)
+        with torch.autocast(x.device.type, enabled=False):
+            x = self.norm2(x)
+            return self.norm3(x + self.ffn(x))
+
+
+class PoseHeads(nn.Module):
+    """Class-specific 6-D rotation, translation and uncertainty of each query."""
+
+    def __init__(self, config):
+        super().__init__()
+        d, classes = config.d_model, len(config.classes)
+        self.absolute = config.geometry == "image"
+        self.rotation = mlp(d, d, d, 6 * classes)
+        self.translation = mlp(d, d, d, 3 * classes)
+        self.uncertainty = mlp(d, d, 2 * classes)
+        radii = torch.tensor([c.diameter_m / 2 for c in config.classes])
+        self.register_buffer("radii", radii, persistent=False)
+
+    def forward(self, x, class_index, reference_box_rays):
+        """x [B, Q, C]; class_index [B, Q]; reference_box_rays [B, Q, 12] of view 0.
+
+        returns rotation_6d [B, Q, 6], translation [B, Q, 3] m, sigma [B, Q, 2] (deg, m)
+        """
+
+        def of_class(values, size):
+            values = values.unflatten(-1, (-1, size))
+            index = class_index[..., None, None].expand(*class_index.shape, 1, size)
+            return values.gather(-2, index)[..., 0, :]
+
+        rotation = of_class(self.rotation(x), 6)
+        translation = of_class(self.translation(x), 3)
+        if not self.absolute:
+            translation = self._along_box_rays(translation, class_index, reference_box_rays)
+        # Learnt on what the pose heads know, without pulling on it.
+        raw = of_class(self.uncertainty(x.detach()), 2)
+        scale = torch.tensor([40.0, 0.04], device=x.device)  # deg, m: sizes to start from
+        sigma = F.softplus(raw) * scale + 3e-3 * scale
+        return rotation, translation, sigma
+
+    def _along_box_rays(self, relative, class_index, rays):
+        """(u, v, log s): the point u, v half extents off the centre ray, s times as far away as a
+        sphere of the object's diameter that fills the box (scale-invariant translation, Li et
+        al. 2019)."""
+        o, d_c = rays[..., :3], rays[..., 3:6]
+        e_x, e_y = rays[..., 6:9] / BOX_RAY_GAIN, rays[..., 9:12] / BOX_RAY_GAIN
+        angle = (e_x.norm(dim=-1) + e_y.norm(dim=-1)) / 2
+        distance = self.radii[class_index] / angle.clamp_min(1e-4)
+        distance = distance * torch.exp(relative[..., 2].clamp(-3, 3))
+        point = d_c + relative[..., :1] * e_x + relative[..., 1:2] * e_y
+        return o + distance[..., None] * point
+
+
+class Boxes:
+    """Where the objects are: everything the decoder knows of the detections.
+
+    centres, half_sizes [B, V, Q, 2] in 0..1 of the input; rays [B, V, Q, 12]; valid [B, V, Q]
+    1.0 where the object was detected, else all other entries are ignored.
+    """
+
+    def __init__(self, centres, half_sizes, rays, valid):
+        self.centres, self.half_sizes, self.rays, self.valid = centres, half_sizes, rays, valid
+
+
+class Decoder(nn.Module):
+    """Memory of all views, their lines of sight and the boxes to poses, one per decoder layer."""
+
+    def __init__(self, config):
+        super().__init__()
+        d = config.d_model
+        self.geometry = config.geometry
+        self.flose = Flose(config)
+        self.class_embedding = nn.Embedding(len(config.classes), d)
+        self.query = mlp(BOX_CHANNELS if self.geometry == "rays" else 4 * 2 * 10, d, d)
+        if self.geometry == "rays":
+            self.box_embedding = mlp(BOX_CHANNELS, d, d)
+        self.layers = nn.ModuleList(DecoderLayer(config) for _ in range(config.decoder_layers))
+        self.heads = nn.ModuleList(PoseHeads(config) for _ in range(config.decoder_layers))
+
+    def forward(self, memory, rays, boxes: Boxes, class_index, level_shapes):
+        """memory [B, V, N, C]; rays [B, V, N, R]; class_index [B, Q].
+
+        returns a list over layers of (rotation_6d, translation, sigma), see `PoseHeads`
+        """
+        memory = self.flose(memory, rays)
+        at_centre = self._at_centres(memory, boxes.centres, level_shapes)
+        with torch.autocast(memory.device.type, enabled=False):
+            if self.geometry == "rays":
+                at_centre = at_centre + self.box_embedding(boxes.rays)[:, :, :, None]
+                position = self.query(boxes.rays[:, 0])
+            else:
+                full = torch.cat([boxes.centres[:, 0], 2 * boxes.half_sizes[:, 0]], -1)
+                angle = full[..., None] * 2 ** torch.arange(10, device=full.device)
+                position = self.query(torch.cat([angle.sin(), angle.cos()], -1).flatten(-2))
+            x = position + self.class_embedding(class_index)
+        outputs = []
+        for layer, head in zip(self.layers, self.heads, strict=True):
+            x = layer(x, position, memory, at_centre, boxes, level_shapes)
+            with torch.autocast(x.device.type, enabled=False):
+                outputs.append(head(x.float(), class_index, boxes.rays[:, 0]))
+        return outputs
+
+    @staticmethod
+    def _at_centres(memory, centres, level_shapes):
+        """Features at the box centres, each level by itself [B, V, Q, L, C]."""
+        b, v, n, d = memory.shape
+        q, levels = centres.shape[2], len(level_shapes)
+        value = memory.float().reshape(b * v, n, 1, d)
+        locations = centres.reshape(b * v, q, 1, 1, 1, 1, 2)
+        locations = locations.expand(b * v, q, levels, 1, levels, 1, 2)
+        locations = locations.reshape(b * v, q * levels, 1, levels, 1, 2)
+        pick = torch.eye(levels, device=memory.device, dtype=value.dtype)
+        weights = pick[None, None].expand(b * v, q, levels, levels)
+        weights = weights.reshape(b * v, q * levels, 1, levels, 1)
+        out = deformable_sampling(value, locations, weights, level_shapes)
+        return out.reshape(b, v, q, levels, d)

@@ -1,0 +1,121 @@
+"""Deformable encoder, each view on its own (Deformable DETR, Zhu et al. 2021; post-norm)."""
+
+import math
+
+import torch
+import torch.nn.functional as F
+from torch import nn
+
+from .rays import cell_centres
+from .sampling import deformable_sampling
+
+
+def ring_offsets(heads: int, points: int) -> torch.Tensor:
+    """Initial offsets [H, K, 2]: head m looks along angle 2 pi m / H, point k at k + 1 cells."""
+    theta = torch.arange(heads) * (2 * math.pi / heads)
+    direction = torch.stack([theta.cos(), theta.sin()], -1)
+    direction = direction / direction.abs().amax(-1, keepdim=True)
+    return direction[:, None] * torch.arange(1, points + 1)[None, :, None]
+
+
+def sine_positions(shape, channels: int, device=None) -> torch.Tensor:
+    """DETR's sine position encoding [rows * columns, channels]: y half, then x half."""
+    rows, columns = shape
+    half = channels // 2
+    frequency = 10000 ** (2 * (torch.arange(half, device=device) // 2) / half)
+    parts = []
+    for length, index in ((rows, 0), (columns, 1)):
+        angle = (torch.arange(length, device=device) + 0.5) / (length + 1e-6) * 2 * math.pi
+        x = angle[:, None] / frequency
+        x = torch.stack([x[:, 0::2].sin(), x[:, 1::2].cos()], -1).flatten(1)
+        x = x[:, None] if index == 0 else x[None]
+        parts.append(x.expand(rows, columns, half))
+    return torch.cat(parts, -1).reshape(rows * columns, channels)
+
+
+def feed_forward(d_model: int, hidden: int) -> nn.Module:
+    return nn.Sequential(nn.Linear(d_model, hidden), nn.ReLU(), nn.Linear(hidden, d_model))
+
+
+class DeformableAttention(nn.Module):
+    """Every cell gathers from a few learnt places around itself on all levels."""
+
+    def __init__(self, d_model: int, heads: int, levels: int, points: int):
+        super().__init__()
+        self.shape = (heads, levels, points)
+        self.offsets = nn.Linear(d_model, heads * levels * points * 2)
+        self.weights = nn.Linear(d_model, heads * levels * points)
+        self.value = nn.Linear(d_model, d_model)
+        self.output = nn.Linear(d_model, d_model)
+        nn.init.zeros_(self.offsets.weight)
+        ring = ring_offsets(heads, points)[:, None].expand(heads, levels, points, 2)
+        self.offsets.bias.data.copy_(ring.reshape(-1))
+        for zero in (self.weights.weight, self.weights.bias, self.value.bias, self.output.bias):
+            nn.init.zeros_(zero)
+        nn.init.xavier_uniform_(self.value.weight)
+        nn.init.xavier_uniform_(self.output.weight)
+
+    def forward(self, query, tokens, centres, level_shapes):
+        """query, tokens [V, N, C]; centres [N, 2] in 0..1; returns [V, N, C]."""
+        views, n, _ = tokens.shape
+        heads, levels, points = self.shape
+        value = self.value(tokens).float().reshape(views, n, heads, -1)
+        # Offsets are in cells of their level. The scale goes into the linear layer's parameters:
+        # on the offsets themselves it would cost as much as the sampling.
+        cell = torch.tensor([[1 / w, 1 / h] for h, w in level_shapes], device=query.device)
+        cell = cell[:, None].expand(heads, levels, points, 2).reshape(-1)
+        offsets = F.linear(query, self.offsets.weight * cell[:, None], self.offsets.bias * cell)
+        locations = offsets.float() + centres.repeat(1, heads * levels * points)
+        locations = locations.reshape(views, n, heads, levels, points, 2)
+        logits = self.weights(query).float().reshape(views, n, heads, levels * points)
+        weights = logits.softmax(-1).reshape(views, n, heads, levels, points)
+        return self.output(deformable_sampling(value, locations, weights, level_shapes))
+
+
+class EncoderLayer(nn.Module):
+    def __init__(self, config):
+        super().__init__()
+        d, levels = config.d_model, len(config.strides)
+        self.attention = DeformableAttention(d, config.heads, levels, config.points)
+        self.norm1, self.norm2 = nn.LayerNorm(d), nn.LayerNorm(d)
+        self.ffn = feed_forward(d, config.ffn)
+
+    def forward(self, tokens, position, centres, level_shapes):
+        attended = self.attention(tokens + position, tokens, centres, level_shapes)
+        tokens = self.norm1(tokens + attended)
+        return self.norm2(tokens + self.ffn(tokens))
+
+
+class Encoder(nn.Module):
+    """Pyramid levels to tokens [V, N, C]."""
+
+    def __init__(self, config):
+        super().__init__()
+        d = config.d_model
+        self.strides, self.geometry = config.strides, config.geometry
+        self.level_embedding = nn.Parameter(torch.randn(len(config.strides), d) * 0.1)
+        if self.geometry == "rays":
+            self.position = nn.Linear(3, d)
+            self.norm = nn.LayerNorm(d)
+        self.layers = nn.ModuleList(EncoderLayer(config) for _ in range(config.encoder_layers))
+
+    def forward(self, levels, camera_rays):
+        """levels: L maps [V, C, h, w]; camera_rays [V, N, 3] unit, in each camera's own frame."""
+        shapes = [tuple(int(s) for s in level.shape[-2:]) for level in levels]
+        tokens = torch.cat([level.flatten(2).transpose(1, 2) for level in levels], 1)
+        counts = torch.tensor([rows * columns for rows, columns in shapes])
+        embedding = self.level_embedding.repeat_interleave(counts.to(tokens.device), 0)
+        if self.geometry == "rays":
+            tokens = self.norm(tokens)
+            position = embedding + self.position(camera_rays)
+        else:
+            d = tokens.shape[-1]
+            sine = torch.cat([sine_positions(shape, d, tokens.device) for shape in shapes])
+            position = (embedding + sine)[None]
+        size = torch.tensor(
+            [shapes[0][1] * self.strides[0], shapes[0][0] * self.strides[0]], device=tokens.device
+        )
+        centres = (cell_centres(shapes, self.strides, tokens.device) + 0.5) / size
+        for layer in self.layers:
+            tokens = layer(tokens, position, centres, shapes)
+        return tokens

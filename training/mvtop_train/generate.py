@@ -1,0 +1,108 @@
+"""Generate MV-ball-like scenes in BOP layout.
+
+    python -m mvtop_train.generate --out data/mvball --scenes 3000 --seed 1 --workers 2
+
+Every scene is drawn from (seed, split, scene number) alone, so that a run can be stopped, split
+into shards and resumed without changing the data. Scenes that are whole are left as they are.
+"""
+
+import argparse
+import multiprocessing
+import os
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+# Both are read when MuJoCo or the GL library load, so they come before any of its imports.
+os.environ.setdefault("MUJOCO_GL", "egl")
+os.environ.setdefault("LP_NUM_THREADS", "1")  # software rendering: one core per process
+
+# Splits draw from different random streams: no test scene can be a training scene.
+SPLITS = {"train": 0, "easy": 1, "hard": 2}
+MIN_PIXELS = {"train": 10, "easy": 300, "hard": 10}  # visible pixels of the hemisphere, paper
+
+
+def open_gl():
+    """One GL context per process; says what to install where there is none."""
+    try:
+        import mujoco
+
+        return mujoco.GLContext(640, 480)
+    except Exception as error:
+        raise SystemExit(
+            f"error: no off-screen OpenGL ({type(error).__name__}: {error}); "
+            "fix: apt-get install libegl1 libgl1-mesa-dri, or set MUJOCO_GL=osmesa"
+        ) from None
+
+
+def scene_views(gl, seed: int, split: str, index: int, order: list[str], size=(640, 480)):
+    """The views of scene `index`: drops scenes until one shows every hemisphere of `order`."""
+    from . import scenes
+
+    textures = np.random.default_rng([seed, SPLITS[split], index // 50, 7])
+    pool = [scenes.noise_texture(textures) for _ in range(12)]
+    rng = np.random.default_rng([seed, SPLITS[split], index])
+    while True:
+        views = scenes.views_of_scene(rng, gl, pool, order, MIN_PIXELS[split], size)
+        if views:
+            return views
+
+
+def _work(job):
+    out, seed, split, numbers, views, size, queue = job
+    from . import bop
+
+    gl = open_gl()
+    for number in numbers:
+        folder = Path(out) / split / f"{number:06d}"
+        if not bop.is_whole(folder):
+            order = [("green", "red")[(number + i) % 2] for i in range(views)]
+            bop.write_scene(folder, scene_views(gl, seed, split, number, order, size))
+        queue.put(number)
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", default="data/mvball", help="dataset folder")
+    parser.add_argument("--split", choices=SPLITS, default="train")
+    parser.add_argument("--scenes", type=int, default=3000)
+    parser.add_argument("--views", type=int, default=6, help="images per scene")
+    parser.add_argument(
+        "--window", type=int, metavar="PX", help="render only a window around the ball (faster)"
+    )
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--shard", default="0/1", metavar="I/N", help="do scenes I, I+N, ...")
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    args = parser.parse_args()
+    shard, shards = (int(part) for part in args.shard.split("/"))
+    size = (640, 480) if args.window is None else (args.window, args.window)
+    from . import bop
+
+    bop.write_models(Path(args.out) / "models")
+    numbers = list(range(shard, args.scenes, shards))
+    context = multiprocessing.get_context("spawn")
+    queue = context.Manager().Queue()
+    jobs = [
+        (args.out, args.seed, args.split, numbers[i :: args.workers], args.views, size, queue)
+        for i in range(args.workers)
+    ]
+    with context.Pool(args.workers) as pool:
+        result = pool.map_async(_work, jobs)
+        with tqdm(total=len(numbers), unit="scene", smoothing=0.05) as bar:
+            while bar.n < len(numbers):
+                if result.ready():
+                    result.get()  # raises what a worker raised
+                    if queue.empty():
+                        break
+                else:
+                    result.wait(0.5)
+                while not queue.empty():
+                    queue.get()
+                    bar.update()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,48 @@
+"""From a prediction and the truth to one number to minimise."""
+
+import torch
+import torch.nn.functional as F
+
+from . import pose
+from .features import detection_loss
+
+ROTATION, TRANSLATION, DETECTION, COORDINATES, UNCERTAINTY = 1.0, 10.0, 1.0, 2.0, 0.02
+
+
+def pose_errors(prediction, cam_from_obj):
+    """Rotation (radians) and translation (m) error [layers, B, Q] against [B, Q, 4, 4]."""
+    rotations = torch.stack([pose.rotation_from_6d(six) for six, _, _ in prediction.poses])
+    translations = torch.stack([t for _, t, _ in prediction.poses])
+    rot = pose.rotation_angle(rotations, cam_from_obj[..., :3, :3].expand_as(rotations))
+    return rot, pose.translation_error(translations, cam_from_obj[..., :3, 3])
+
+
+def total(prediction, batch, stride: int):
+    """Loss and its parts. Every decoder layer counts alike (auxiliary losses, PoET)."""
+    truth = batch["cam_from_obj"][:, :1]  # in the reference view; one object
+    rot, t = pose_errors(prediction, truth)
+    detection = detection_loss(
+        prediction.scores,
+        prediction.boxes,
+        batch["boxes"].flatten(0, 1),
+        torch.zeros(len(prediction.scores), dtype=torch.long, device=rot.device),
+        stride,
+    )
+    code = batch["coords"].flatten(0, 1).float().permute(0, 3, 1, 2)
+    mask = (code != 0).all(1)
+    wanted = (code - 128) / 120  # `bop.decode_coords`
+    difference = F.smooth_l1_loss(prediction.coordinates, wanted, beta=0.1, reduction="none")
+    coordinates = (difference.sum(1) * mask).sum() / mask.sum().clamp_min(1)
+    degrees = torch.rad2deg(rot)
+    sigma = torch.stack([s for _, _, s in prediction.poses])
+    uncertainty = pose.uncertainty_loss(sigma, degrees, t).mean()
+    parts = {
+        "rotation_deg": degrees[-1].mean(),
+        "translation_m": t[-1].mean(),
+        "detection": detection,
+        "coordinates": coordinates,
+        "uncertainty": uncertainty,
+    }
+    loss = ROTATION * rot.mean(1).sum() + TRANSLATION * t.mean(1).sum()
+    loss = loss + DETECTION * detection + COORDINATES * coordinates + UNCERTAINTY * uncertainty
+    return loss, parts

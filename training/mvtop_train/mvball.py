@@ -1,0 +1,67 @@
+"""The MV-ball object: a ball with two differently coloured hemispheres 90 degrees apart.
+
+Paper, section 3. Object frame: origin at the ball's centre, the green hemisphere on +x, the red
+one on +y. A view that shows only one hemisphere leaves the turn about it open.
+"""
+
+import numpy as np
+
+OBJ_ID = 1
+NAME = "mvball"
+BALL_RADIUS = 0.060  # m
+BUMP_RADIUS = 0.012  # m
+# The base circle of each hemisphere lies on the ball.
+BUMP_CENTRE = float(np.sqrt(BALL_RADIUS**2 - BUMP_RADIUS**2))
+BUMPS = {"green": np.array([1.0, 0.0, 0.0]), "red": np.array([0.0, 1.0, 0.0])}
+COLOURS = {"ball": (0.82, 0.82, 0.80), "green": (0.05, 0.55, 0.10), "red": (0.75, 0.05, 0.05)}
+EXTENT = BUMP_CENTRE + BUMP_RADIUS
+# Farthest two points: from the top of one hemisphere to the ball's far side.
+DIAMETER = EXTENT + BALL_RADIUS
+
+
+def surface_points(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Points spread evenly over the visible surface.
+
+    returns: points [n, 3] in metres (object frame), colours [n, 3] in 0..255
+    """
+    rng = np.random.default_rng(seed)
+    kept: list[np.ndarray] = []
+    colours: list[np.ndarray] = []
+    parts = [("ball", np.zeros(3), BALL_RADIUS)]
+    parts += [(name, axis * BUMP_CENTRE, BUMP_RADIUS) for name, axis in BUMPS.items()]
+    total_area = sum(radius**2 for _, _, radius in parts)
+    for name, centre, radius in parts:
+        count = round(4 * n * radius**2 / total_area)
+        points = rng.normal(size=(count, 3))
+        points = centre + radius * points / np.linalg.norm(points, axis=1, keepdims=True)
+        outside = np.ones(count, bool)
+        for other, other_centre, other_radius in parts:
+            if other != name:
+                distance = np.linalg.norm(points - other_centre, axis=1)
+                outside &= distance >= other_radius
+        kept.append(points[outside])
+        colours.append(np.tile(np.array(COLOURS[name]) * 255, (outside.sum(), 1)))
+    points, colour = np.concatenate(kept), np.concatenate(colours)
+    # Hemispheres are small: keep all of their points, thin the ball.
+    bump = np.linalg.norm(points, axis=1) > BALL_RADIUS * 1.001
+    ball_index = rng.permutation(np.flatnonzero(~bump))[: n - bump.sum()]
+    order = np.concatenate([np.flatnonzero(bump), ball_index])
+    return points[order], colour[order].round()
+
+
+def models_info() -> dict:
+    """BOP `models_info.json` entry, millimetres."""
+    low, high = -BALL_RADIUS * 1e3, EXTENT * 1e3
+    ball = BALL_RADIUS * 1e3
+    return {
+        str(OBJ_ID): {
+            "diameter": DIAMETER * 1e3,
+            "min_x": low, "min_y": low, "min_z": low,
+            "size_x": high - low, "size_y": high - low, "size_z": 2 * ball,
+        }
+    }  # fmt: skip
+
+
+def bounding_points(n: int = 600) -> np.ndarray:
+    """Points [m, 3] whose projections' extent is the amodal box, metres."""
+    return surface_points(n, seed=1)[0]

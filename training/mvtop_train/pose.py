@@ -1,0 +1,49 @@
+"""Rotations from six numbers, pose errors and losses. Counterpart of `mvtop-core/src/pose.rs`."""
+
+import torch
+import torch.nn.functional as F
+
+EPS = 1e-8
+
+
+def rotation_from_6d(six: torch.Tensor) -> torch.Tensor:
+    """Gram-Schmidt: rotation [..., 3, 3] with columns x, y, z from [..., 6].
+
+    Zhou et al. 2019 in PoET's order: x = norm(a), z = norm(x x b), y = z x x.
+    """
+    x = F.normalize(six[..., :3], dim=-1, eps=EPS)
+    z = F.normalize(torch.linalg.cross(x, six[..., 3:]), dim=-1, eps=EPS)
+    return torch.stack([x, torch.linalg.cross(z, x), z], -1)
+
+
+def rotation_angle(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+    """Angle between rotations [..., 3, 3], radians, with finite gradients at 0 and 180 degrees.
+
+    2 atan2(|a - b|, sqrt(8 - |a - b|^2)) equals arccos((tr(a b^T) - 1) / 2) of the paper.
+    """
+    square = ((a - b) ** 2).sum((-2, -1))
+    return 2 * torch.atan2((square + EPS).sqrt(), (8 - square).clamp_min(EPS).sqrt())
+
+
+def translation_error(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+    """Distance [...] between translations [..., 3], metres, with a finite gradient at 0."""
+    return (((a - b) ** 2).sum(-1) + EPS**2).sqrt()
+
+
+def add_error(points, rotation_a, t_a, rotation_b, t_b):
+    """ADD (Hinterstoisser et al. 2012): mean distance of the model points under two poses."""
+    a = points @ rotation_a.transpose(-1, -2) + t_a[..., None, :]
+    b = points @ rotation_b.transpose(-1, -2) + t_b[..., None, :]
+    return (a - b).norm(dim=-1).mean(-1)
+
+
+def uncertainty_loss(sigma, rotation_error_deg, t_error):
+    """Negative log likelihoods that make `sigma` [..., 2] the expected errors.
+
+    Rotation: exponential distribution, minimal where sigma is the mean error. Translation:
+    isotropic Gaussian, minimal where 3 sigma^2 is the mean squared distance.
+    """
+    rot, t = sigma.unbind(-1)
+    rot_nll = rot.log() + rotation_error_deg.detach() / rot
+    t_nll = 3 * t.log() + t_error.detach() ** 2 / (2 * t**2)
+    return rot_nll + t_nll

@@ -1,0 +1,68 @@
+"""MuJoCo rendering through exact OpenCV cameras: RGB with depth in one pass, and segmentation."""
+
+import mujoco
+import numpy as np
+
+NEAR, FAR = 0.05, 20.0  # m
+
+
+class Renderer:
+    """Off-screen renderer of one compiled model at a fixed image size."""
+
+    def __init__(self, model: mujoco.MjModel, width: int, height: int, gl: mujoco.GLContext):
+        self.model, self.width, self.height = model, width, height
+        gl.make_current()
+        self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+        self._scene = mujoco.MjvScene(model, maxgeom=1000)
+        self._option = mujoco.MjvOption()
+        self._rect = mujoco.MjrRect(0, 0, width, height)
+
+    def close(self):
+        self._context.free()
+
+    def aim(self, data: mujoco.MjData, k: np.ndarray, cam_from_world: np.ndarray):
+        """Set the camera; `k` [3, 3] with fx = fy and pixel centres at integers."""
+        mujoco.mjv_updateScene(
+            self.model, data, self._option, None, mujoco.MjvCamera(),
+            mujoco.mjtCatBit.mjCAT_ALL.value, self._scene,
+        )  # fmt: skip
+        f, cx, cy = k[0, 0], k[0, 2] + 0.5, k[1, 2] + 0.5
+        rotation = cam_from_world[:3, :3]
+        centre = -rotation.T @ cam_from_world[:3, 3]
+        for gl_camera in self._scene.camera:  # both eyes: mono rendering averages them
+            gl_camera.pos[:] = centre
+            gl_camera.forward[:] = rotation[2]
+            gl_camera.up[:] = -rotation[1]
+            gl_camera.frustum_near, gl_camera.frustum_far = NEAR, FAR
+            gl_camera.frustum_top = cy / f * NEAR
+            gl_camera.frustum_bottom = -(self.height - cy) / f * NEAR
+            # Left and right follow from the aspect ratio, which makes the pixels square.
+            gl_camera.frustum_center = (self.width / 2 - cx) / f * NEAR
+            gl_camera.orthographic = 0
+
+    def rgb_depth(self) -> tuple[np.ndarray, np.ndarray]:
+        """RGB [H, W, 3] uint8 and depth along the optical axis [H, W] in metres."""
+        rgb = np.empty((self.height, self.width, 3), np.uint8)
+        z = np.empty((self.height, self.width), np.float32)
+        mujoco.mjr_render(self._rect, self._scene, self._context)
+        mujoco.mjr_readPixels(rgb, z, self._rect, self._context)
+        if self._context.readDepthMap == mujoco.mjtDepthMap.mjDEPTH_ZEROFAR:
+            z = 1.0 - z
+        depth = NEAR * FAR / (FAR - z.astype(np.float64) * (FAR - NEAR))
+        return rgb[::-1], depth[::-1]
+
+    def geom_ids(self) -> np.ndarray:
+        """Geom id per pixel [H, W], -1 where there is none."""
+        flags = self._scene.flags
+        flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = True
+        image = np.empty((self.height, self.width, 3), np.uint8)
+        mujoco.mjr_render(self._rect, self._scene, self._context)
+        mujoco.mjr_readPixels(image, None, self._rect, self._context)
+        flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = False
+        index = image[::-1].astype(np.int32) @ np.array([1, 256, 65536], np.int32)
+        table = np.full(self._scene.ngeom + 1, -1, np.int32)
+        for geom in self._scene.geoms[: self._scene.ngeom]:
+            if geom.objtype == mujoco.mjtObj.mjOBJ_GEOM and geom.segid >= 0:
+                table[geom.segid + 1] = geom.objid
+        return table[np.minimum(index, self._scene.ngeom)]
