@@ -40,9 +40,7 @@ class Config:
     ffn: int
     los_encoding: str
     geometry: str
-    classes: tuple[ObjectClass, ...] = (
-        ObjectClass(mvball.OBJ_ID, mvball.NAME, mvball.DIAMETER),
-    )
+    classes: tuple[ObjectClass, ...] = (ObjectClass(mvball.OBJ_ID, mvball.NAME, mvball.DIAMETER),)
     mean: tuple[float, float, float] = (0.5, 0.5, 0.5)
     std: tuple[float, float, float] = (0.25, 0.25, 0.25)
 

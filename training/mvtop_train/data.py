@@ -19,11 +19,14 @@ COORDINATE_STRIDE = 4
 
 @dataclass
 class Augmentation:
-    """Ranges of the random virtual cameras and of the photometric changes."""
+    """Ranges of the random virtual cameras and of the photometric changes.
 
-    diameter_px: tuple[float, float] = (46, 125)  # of the object in the crop
-    zoom: tuple[float, float] = (0.45, 1.0)  # crop px per image px
-    photometric: bool = True
+    `scale` is that of inference, network px per image px; sizes vary around it.
+    """
+
+    scale: float
+    diameter_px: tuple[float, float] = (57, 156)  # of the object in the image, times `scale`
+    zoom: tuple[float, float] = (0.56, 1.25)  # crop px per image px, times `scale`
     jitter: float = 0.03  # of the box size, each of position and size
 
 
@@ -37,15 +40,17 @@ def load_index(root: Path, split: str = "train") -> list[list[bop.Image]]:
     return [bop.read_scene(folder) for folder in folders]
 
 
-def virtual_camera(image: bop.Image, size: int, rng: np.random.Generator, aug: Augmentation | None):
+def virtual_camera(
+    image: bop.Image, size: int, rng: np.random.Generator, aug: Augmentation, augment: bool
+):
     """A crop as a new camera: (crop_from_image [2, 3] in px, k [3, 3], new_from_old [3, 3])."""
     centre = (image.box[:2] + image.box[2:]) / 2
     diameter = (image.box[2:] - image.box[:2]).max()
-    if aug is None:
-        zoom, roll, target = 0.8, 0.0, np.array([size / 2, size / 2]) + rng.uniform(-8, 8, 2)
+    if not augment:
+        zoom, roll, target = aug.scale, 0.0, size / 2 + rng.uniform(-0.05, 0.05, 2) * size
     else:
-        low, high = np.log(aug.diameter_px[0]), np.log(aug.diameter_px[1])
-        zoom = np.clip(np.exp(rng.uniform(low, high)) / diameter, *aug.zoom)
+        wanted = np.exp(rng.uniform(*np.log(aug.diameter_px)))
+        zoom = aug.scale * np.clip(wanted / diameter, *aug.zoom)
         roll = rng.uniform(-np.pi, np.pi) if rng.random() < 0.3 else rng.normal(0, 0.4)
         room = max(size / 2 - 0.42 * diameter * zoom, 4)
         target = size / 2 + rng.uniform(-room, room, 2)
@@ -77,13 +82,13 @@ def photometric(rgb: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return x.clip(0, 255).astype(np.uint8)
 
 
-def make_view(image: bop.Image, size: int, rng: np.random.Generator, aug: Augmentation | None):
+def make_view(image: bop.Image, size: int, rng, aug: Augmentation, augment: bool = True):
     """One view as a dict of arrays; see `model.Views` and `collate`."""
     rgb = cv2.imread(str(image.path), cv2.IMREAD_COLOR)[:, :, ::-1]
-    a, k, turn = virtual_camera(image, size, rng, aug)
+    a, k, turn = virtual_camera(image, size, rng, aug, augment)
     grey = (127, 127, 127)
     crop = cv2.warpAffine(rgb, a, (size, size), flags=cv2.INTER_LINEAR, borderValue=grey)
-    if aug is not None and aug.photometric:
+    if augment:
         crop = photometric(crop, rng)
     new_from_old = np.eye(4)
     new_from_old[:3, :3] = turn

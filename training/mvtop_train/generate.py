@@ -62,6 +62,24 @@ def _work(job):
         queue.put(number)
 
 
+def run_workers(work, numbers, workers: int, job_of, bar: tqdm):
+    """Run `work(job_of(part of numbers, queue))` in processes; each puts a number when it is done.
+
+    Processes are spawned: a GL context does not survive a fork.
+    """
+    context = multiprocessing.get_context("spawn")
+    queue = context.Manager().Queue()
+    jobs = [job_of(list(numbers[i::workers]), queue) for i in range(workers)]
+    with context.Pool(workers) as pool, bar:
+        result = pool.map_async(work, jobs)
+        while not result.ready() or not queue.empty():
+            result.wait(0.2)
+            while not queue.empty():
+                queue.get()
+                bar.update()
+        result.get()  # raises what a worker raised
+
+
 def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -82,26 +100,14 @@ def main():
     from . import bop
 
     bop.write_models(Path(args.out) / "models")
-    numbers = list(range(shard, args.scenes, shards))
-    context = multiprocessing.get_context("spawn")
-    queue = context.Manager().Queue()
-    jobs = [
-        (args.out, args.seed, args.split, numbers[i :: args.workers], args.views, size, queue)
-        for i in range(args.workers)
-    ]
-    with context.Pool(args.workers) as pool:
-        result = pool.map_async(_work, jobs)
-        with tqdm(total=len(numbers), unit="scene", smoothing=0.05) as bar:
-            while bar.n < len(numbers):
-                if result.ready():
-                    result.get()  # raises what a worker raised
-                    if queue.empty():
-                        break
-                else:
-                    result.wait(0.5)
-                while not queue.empty():
-                    queue.get()
-                    bar.update()
+    numbers = range(shard, args.scenes, shards)
+    run_workers(
+        _work,
+        numbers,
+        args.workers,
+        lambda part, queue: (args.out, args.seed, args.split, part, args.views, size, queue),
+        tqdm(total=len(numbers), unit="scene", smoothing=0.05),
+    )
 
 
 if __name__ == "__main__":

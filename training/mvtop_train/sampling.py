@@ -93,17 +93,17 @@ class _ExportedSampling(torch.autograd.Function):
     """Traced into `mvtop::DeformableSampling` by the ONNX exporter."""
 
     @staticmethod
-    def forward(ctx, value, locations, weights, shapes):
+    def forward(ctx, value, locations, weights, shapes, channels):
         return sample_torch(value, locations, weights, shapes)
 
     @staticmethod
-    def symbolic(g, value, locations, weights, shapes):
-        sizes = value.type().sizes()
+    def symbolic(g, value, locations, weights, shapes, channels):
         out = g.op(
             "mvtop::DeformableSampling", value, locations, weights,
             level_shapes_i=[s for shape in shapes for s in shape],
         )  # fmt: skip
-        out.setType(value.type().with_sizes([None, None, sizes[2] * sizes[3]]))
+        # Providers that take the dense runs between the operators need the rank of its output.
+        out.setType(value.type().with_sizes([None, None, channels]))
         return out
 
 
@@ -118,8 +118,12 @@ def deformable_sampling(value, locations, weights, level_shapes):
     Source: Deformable DETR (Zhu et al. 2021), equation 3.
     """
     if torch.onnx.is_in_onnx_export() and not _portable:
-        return _ExportedSampling.apply(value, locations, weights, level_shapes)
-    rust = _library is not None and value.device.type == "cpu" and value.dtype == torch.float32
+        channels = int(value.shape[2] * value.shape[3])
+        return _ExportedSampling.apply(value, locations, weights, level_shapes, channels)
+    inputs = (value, locations, weights)
+    rust = _library is not None and all(
+        x.device.type == "cpu" and x.dtype == torch.float32 for x in inputs
+    )
     if rust and not torch.onnx.is_in_onnx_export():
         return _RustSampling.apply(value, locations, weights, level_shapes)
     return sample_torch(value, locations, weights, level_shapes)

@@ -214,9 +214,7 @@ def _rotation_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     cross, dot = np.cross(a, b), float(a @ b)
     if dot < -0.999999:
         return np.diag([1.0, -1.0, -1.0])
-    skew = np.array(
-        [[0, -cross[2], cross[1]], [cross[2], 0, -cross[0]], [-cross[1], cross[0], 0]]
-    )
+    skew = np.array([[0, -cross[2], cross[1]], [cross[2], 0, -cross[0]], [-cross[1], cross[0], 0]])
     return np.eye(3) + skew + skew @ skew / (1 + dot)
 
 
@@ -229,7 +227,9 @@ def cut_window(rng: np.random.Generator, k: np.ndarray, target: np.ndarray, size
     return k
 
 
-def find_view(rng, data, renderer: Renderer, shows: str, min_pixels: int, tries: int) -> View | None:
+def find_view(
+    rng, data, renderer: Renderer, shows: str, min_pixels: int, tries: int
+) -> View | None:
     """A camera in which only hemisphere `shows` is visible, with more than `min_pixels` pixels.
 
     If the renderer is smaller than the full image, the view is a window of it around the ball.
@@ -301,6 +301,9 @@ def object_coordinates(view: View) -> np.ndarray:
     z = view.depth[v, u]
     rays = np.stack([u, v, np.ones_like(u)], 1) @ np.linalg.inv(view.k).T
     obj_from_cam = np.linalg.inv(view.cam_from_obj)
+    points = (rays * z[:, None]) @ obj_from_cam[:3, :3].T + obj_from_cam[:3, 3]
+    # On outlines the antialiased depth is the background's: such points are off the object.
+    on_object = np.abs(np.linalg.norm(points, axis=1) - mvball.BALL_RADIUS) < mvball.BUMP_RADIUS
     coords = np.full((*view.mask.shape, 3), np.nan)
-    coords[v, u] = (rays * z[:, None]) @ obj_from_cam[:3, :3].T + obj_from_cam[:3, 3]
+    coords[v[on_object], u[on_object]] = points[on_object]
     return coords

@@ -76,7 +76,7 @@ def learning_rate(step: int, total: int, peak: float, warmup: int = 300) -> floa
 
 
 @torch.no_grad()
-def validate(model, scenes, config, size, device, views: int, per_scene: int = 2) -> dict:
+def validate(model, scenes, config, size, device, views: int, aug, per_scene: int = 2) -> dict:
     """Errors on held-out scenes with lightly jittered true boxes, without augmentation."""
     model.eval()
     rng = np.random.default_rng(0)
@@ -87,7 +87,7 @@ def validate(model, scenes, config, size, device, views: int, per_scene: int = 2
         red = [i for i in scene if i.shows == "red"]
         for n in range(min(per_scene, len(green), len(red))):
             chosen = [green[n], red[n], *green[n + 1 :], *red[n + 1 :]][:views]
-            items.append([make_view(image, size, rng, None) for image in chosen])
+            items.append([make_view(image, size, rng, aug, augment=False) for image in chosen])
     rot, t = [], []
     for start in range(0, len(items), 32):
         batch = collate(items[start : start + 32], boxes_of, 0.02, rng)
@@ -190,13 +190,15 @@ def train(args):
     scenes = load_index(Path(args.data))
     held_out = HELD_OUT_SCENES if len(scenes) > 2 * HELD_OUT_SCENES else len(scenes) // 5
     training, held = scenes[held_out:], scenes[:held_out]
+    aug = Augmentation(scale=config.width / 640)
     batches = Batches(
-        training, mvball.bounding_points(), args.crop, args.images, args.seed * 1000 + run.step,
-        Augmentation(),
-    )  # fmt: skip
+        training, mvball.bounding_points(), args.crop, args.images, args.seed * 1000 + run.step, aug
+    )
     loader = iter(
         torch.utils.data.DataLoader(
-            batches, batch_size=None, num_workers=args.workers,
+            batches,
+            batch_size=None,
+            num_workers=args.workers,
             prefetch_factor=4 if args.workers else None,
         )  # fmt: skip
     )
@@ -243,7 +245,7 @@ def train(args):
             run.save()
         if run.step % args.validate == 0 or run.step == args.steps:
             for n in (1, 2):
-                result = validate(run.average.module, held, config, args.crop, device, n)
+                result = validate(run.average.module, held, config, args.crop, device, n, aug)
                 run.log({"validation_views": n, **result})
                 bar.write(f"step {run.step}, {n} view(s): {json.dumps(result)}")
     bar.close()

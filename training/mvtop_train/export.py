@@ -1,0 +1,194 @@
+"""Export a trained network as a bundle: `model.json` beside two ONNX graphs.
+
+    python -m mvtop_train.export --weights runs/small/last.pt --out models/mvball
+
+`features.onnx` runs once on all views, `decoder.onnx` once per reference camera; between them
+Rust finds the boxes and computes the lines of sight. The deformable sampling is the custom
+operator `mvtop::DeformableSampling`; `--portable` writes standard operators instead.
+"""
+
+import argparse
+import copy
+import datetime
+import hashlib
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import onnx
+import torch
+from torch import nn
+
+from . import config as configs
+from . import mvball, sampling
+from .decoder import Boxes
+from .model import Mvtop
+from .train import load_weights
+
+OPSET = 17
+BUNDLE_POINTS = 1200
+
+
+class ExportedFeatures(nn.Module):
+    """images [V, 3, H, W], camera_rays [V, N, 3] -> memory, det_scores, det_boxes."""
+
+    def __init__(self, model: Mvtop):
+        super().__init__()
+        self.features = model.features
+
+    def forward(self, images, camera_rays):
+        memory, _, scores, boxes = self.features(images, camera_rays)
+        return memory, scores.sigmoid(), boxes
+
+
+class ExportedDecoder(nn.Module):
+    """One scene (no batch axis); see the inputs in `export_decoder`."""
+
+    def __init__(self, model: Mvtop):
+        super().__init__()
+        self.decoder, self.shapes = model.decoder, model.config.level_shapes()
+
+    def forward(self, memory, rays, centers, half_sizes, box_rays, valid, class_index):
+        inputs = (x[None] for x in (centers, half_sizes, box_rays, valid))
+        poses = self.decoder(
+            memory[None], rays[None], Boxes(*inputs), class_index[None], self.shapes
+        )
+        return tuple(x[0] for x in poses[-1])
+
+
+def _export(module, args, path: Path, inputs, outputs, axes):
+    torch.onnx.export(
+        module, args, str(path), input_names=inputs, output_names=outputs,
+        dynamic_axes=axes, opset_version=OPSET, dynamo=False, do_constant_folding=True,
+        custom_opsets={"mvtop": 1},
+    )  # fmt: skip
+    graph = onnx.load(str(path))
+    graph.producer_name, graph.doc_string = "mvtop", ""
+    onnx.save(graph, str(path))
+
+
+def export_features(model: Mvtop, path: Path, views: int = 2):
+    config = model.config
+    n = sum(rows * columns for rows, columns in config.level_shapes())
+    args = (torch.zeros(views, 3, config.height, config.width), torch.zeros(views, n, 3))
+    names = ["images", "camera_rays"]
+    outputs = ["memory", "det_scores", "det_boxes"]
+    axes = {name: {0: "views"} for name in names + outputs}
+    _export(ExportedFeatures(model).eval(), args, path, names, outputs, axes)
+
+
+def export_decoder(model: Mvtop, path: Path, views: int = 2, queries: int = 2):
+    config = model.config
+    n = sum(rows * columns for rows, columns in config.level_shapes())
+    v, q = views, queries
+    args = {
+        "memory": torch.randn(v, n, config.d_model),
+        "rays": torch.randn(v, n, config.los_channels),
+        "centers": torch.rand(v, q, 2),
+        "half_sizes": torch.rand(v, q, 2) * 0.2,
+        "box_rays": torch.randn(v, q, 12),
+        "valid": torch.ones(v, q),
+        "class_index": torch.zeros(q, dtype=torch.long),
+    }
+    outputs = ["rotation_6d", "translation", "sigma"]
+    axes = {name: {0: "views"} for name in ("memory", "rays")}
+    axes |= {n: {0: "views", 1: "objects"} for n in ("centers", "half_sizes", "box_rays", "valid")}
+    axes |= {name: {0: "objects"} for name in ("class_index", *outputs)}
+    _export(ExportedDecoder(model).eval(), tuple(args.values()), path, list(args), outputs, axes)
+
+
+def fold_batch_norm(model: Mvtop) -> Mvtop:
+    """A copy in which each batch normalisation is part of the convolution before it."""
+    model = copy.deepcopy(model).eval()
+    for module in model.modules():
+        if isinstance(module, nn.Sequential):
+            for i in range(len(module) - 1):
+                pair = module[i], module[i + 1]
+                if isinstance(pair[0], nn.Conv2d) and isinstance(pair[1], nn.BatchNorm2d):
+                    module[i] = nn.utils.fuse_conv_bn_eval(*pair)
+                    module[i + 1] = nn.Identity()
+    return model
+
+
+def _commit() -> str | None:
+    command = ["git", "rev-parse", "--short", "HEAD"]
+    result = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parent)
+    return result.stdout.strip() or None
+
+
+def _entry(path: Path) -> dict:
+    content = path.read_bytes()
+    return {"sha256": hashlib.sha256(content).hexdigest(), "bytes": len(content)}
+
+
+def write_bundle(model: Mvtop, out: Path, provenance: dict, portable: bool = False):
+    """Write every file of a bundle; `model.json` comes last."""
+    config = model.config
+    out.mkdir(parents=True, exist_ok=True)
+    model = fold_batch_norm(model)
+    if portable:
+        with sampling.portable_export():
+            export_features(model, out / "features.onnx")
+            export_decoder(model, out / "decoder.onnx")
+    else:
+        export_features(model, out / "features.onnx")
+        export_decoder(model, out / "decoder.onnx")
+    points, colours = mvball.surface_points(BUNDLE_POINTS)
+    rows = np.concatenate([points.round(6), colours.astype(int)], 1).tolist()
+    rows = [[*row[:3], *(int(c) for c in row[3:])] for row in rows]
+    points_file = f"{mvball.NAME}.points.json"
+    (out / points_file).write_text(json.dumps({"unit": "m", "points": rows}))
+    files = ["features.onnx", "decoder.onnx", points_file]
+    description = {
+        "format": "mvtop-model",
+        "version": 1,
+        "preset": config.preset,
+        "input": {
+            "width": config.width, "height": config.height,
+            "mean": list(config.mean), "std": list(config.std),
+        },
+        "strides": list(config.strides),
+        "los_encoding": config.los_encoding,
+        "classes": [
+            {"id": c.id, "name": c.name, "diameter_m": c.diameter_m, "points": points_file}
+            for c in config.classes
+        ],
+        "detector": {"score_threshold": 0.3, "nms_iou": 0.5},
+        "graphs": {"features": "features.onnx", "decoder": "decoder.onnx"},
+        "portable": portable,
+        "files": {name: _entry(out / name) for name in files},
+        "provenance": provenance,
+    }  # fmt: skip
+    (out / "model.json").write_text(json.dumps(description, indent=1) + "\n")
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument("--weights", type=Path, help="last.pt of a run")
+    source.add_argument("--untrained", choices=configs.PRESETS, help="random weights of a preset")
+    parser.add_argument("--out", type=Path, required=True, help="bundle folder")
+    parser.add_argument("--portable", action="store_true", help="standard operators only")
+    args = parser.parse_args()
+    if args.weights:
+        model, config, step = load_weights(args.weights)
+    else:
+        torch.manual_seed(0)
+        config, step = configs.preset(args.untrained), 0
+        model = Mvtop(config).eval()
+    provenance = {
+        "trained_steps": step,
+        "torch": torch.__version__,
+        "commit": _commit(),
+        "date": datetime.date.today().isoformat(),
+    }
+    write_bundle(model, args.out, provenance, args.portable)
+    size = sum(f.stat().st_size for f in args.out.iterdir()) / 1e6
+    print(f"{args.out}: {config.preset}, {step} steps, {size:.1f} MB")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,81 @@
+"""Scenes keep the rule of the paper, and what is written comes back."""
+
+import cv2
+import numpy as np
+import pytest
+
+from mvtop_train import bop, generate, mvball, scenes
+from mvtop_train.data import Augmentation, amodal_boxes, make_view
+
+
+@pytest.fixture(scope="module")
+def gl():
+    return generate.open_gl()
+
+
+@pytest.fixture(scope="module")
+def views(gl):
+    return generate.scene_views(gl, seed=11, split="hard", index=0, order=["green", "red"])
+
+
+def test_exactly_one_hemisphere_shows(views):
+    assert [view.shows for view in views] == ["green", "red"]
+    for view in views:
+        assert view.bump_pixels > 10
+        hidden = {"green": "red", "red": "green"}[view.shows]
+        coords = scenes.object_coordinates(view)[view.mask]
+        assert np.isnan(coords).any(1).mean() < 0.05
+        # No visible point lies on the other hemisphere (object coordinates from the depth map).
+        on_hidden = coords @ mvball.BUMPS[hidden] > mvball.BUMP_CENTRE + 0.3 * mvball.BUMP_RADIUS
+        assert not on_hidden.any()  # comparisons with NaN are false
+
+
+def test_a_scene_is_drawn_from_its_number_alone(gl, views):
+    again = generate.scene_views(gl, seed=11, split="hard", index=0, order=["green", "red"])
+    for a, b in zip(views, again, strict=True):
+        assert np.array_equal(a.rgb, b.rgb) and np.array_equal(a.cam_from_obj, b.cam_from_obj)
+    other = generate.scene_views(gl, seed=11, split="easy", index=0, order=["green", "red"])
+    assert not np.allclose(views[0].cam_from_obj, other[0].cam_from_obj)
+
+
+def test_the_camera_projects_the_ball_onto_its_mask(views):
+    for view in views:
+        box = scenes.amodal_box(view, mvball.bounding_points())
+        v, u = np.nonzero(view.mask)
+        assert box[0] <= u.min() + 1 and box[1] <= v.min() + 1
+        assert box[2] >= u.max() - 1 and box[3] >= v.max() - 1
+        radius = np.linalg.norm(scenes.object_coordinates(view)[view.mask], axis=1)
+        assert np.nanmedian(radius) == pytest.approx(mvball.BALL_RADIUS, abs=5e-4)
+
+
+def test_a_written_scene_reads_back(tmp_path, views):
+    bop.write_scene(tmp_path, views)
+    for image, view in zip(bop.read_scene(tmp_path), views, strict=True):
+        np.testing.assert_allclose(image.cam_from_obj, view.cam_from_obj, atol=1e-9)
+        np.testing.assert_allclose(image.k, view.k)
+        code = cv2.imread(str(image.coords_path))[:, :, ::-1]
+        coords, mask = bop.decode_coords(code)
+        x, y, w, h = image.visible_box
+        expected = scenes.object_coordinates(view)[y : y + h + 1, x : x + w + 1]
+        assert np.array_equal(mask, ~np.isnan(expected[..., 0]))
+        error = np.abs(coords[mask] * mvball.EXTENT - expected[mask]).max()
+        assert error < mvball.EXTENT / 120
+
+
+def test_a_crop_is_an_exact_camera(tmp_path, views):
+    """Object coordinates seen in a scaled, rolled, shifted crop project to where they are."""
+    bop.write_scene(tmp_path, views)
+    rng = np.random.default_rng(1)
+    for image in bop.read_scene(tmp_path):
+        for _ in range(5):
+            view = make_view(image, 160, rng, Augmentation(scale=0.8))
+            coords, mask = bop.decode_coords(view["coords"])
+            v, u = np.nonzero(mask)
+            points = coords[v, u] * mvball.EXTENT
+            pose = view["cam_from_obj"]
+            pixels = (points @ pose[:3, :3].T + pose[:3, 3]) @ view["k"].T
+            pixels = pixels[:, :2] / pixels[:, 2:]
+            seen = np.stack([u, v], 1) * 4 + 1.5  # centres of 4 x 4 blocks
+            assert np.median(np.linalg.norm(pixels - seen, axis=1)) < 1.0
+            box = amodal_boxes(mvball.bounding_points())(view["k"], pose)
+            assert (pixels >= box[:2] - 2).all() and (pixels <= box[2:] + 2).all()

@@ -1,0 +1,105 @@
+"""Exported graphs in ONNX Runtime give what PyTorch gives, for any number of views."""
+
+import json
+
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+import torch
+
+from mvtop_train import config, export
+from mvtop_train.model import Mvtop
+
+
+def run(session, inputs):
+    names = {i.name for i in session.get_inputs()}
+    return session.run(None, {n: x.numpy() for n, x in inputs.items() if n in names})
+
+
+def feature_inputs(c, views):
+    n = sum(rows * columns for rows, columns in c.level_shapes())
+    return {
+        "images": torch.randn(views, 3, c.height, c.width),
+        "camera_rays": torch.nn.functional.normalize(torch.randn(views, n, 3), dim=-1),
+    }
+
+
+def decoder_inputs(c, views, queries):
+    n = sum(rows * columns for rows, columns in c.level_shapes())
+    valid = torch.ones(views, queries)
+    if views > 2:
+        valid[2, 0] = 0
+    return {
+        "memory": torch.randn(views, n, c.d_model),
+        "rays": torch.randn(views, n, c.los_channels),
+        "centers": torch.rand(views, queries, 2),
+        "half_sizes": torch.rand(views, queries, 2) * 0.2,
+        "box_rays": torch.randn(views, queries, 12),
+        "valid": valid,
+        "class_index": torch.zeros(queries, dtype=torch.long),
+    }
+
+
+@pytest.fixture(scope="module")
+def portable(tiny, tmp_path_factory):
+    out = tmp_path_factory.mktemp("portable")
+    export.write_bundle(tiny, out, {}, portable=True)
+    return out
+
+
+@pytest.mark.parametrize("views, queries", [(1, 1), (2, 1), (3, 2), (4, 3)])
+def test_portable_graphs_match_torch(tiny, portable, views, queries):
+    torch.manual_seed(views)
+    c = tiny.config
+    for name, module, inputs in (
+        ("features", export.ExportedFeatures(tiny), feature_inputs(c, views)),
+        ("decoder", export.ExportedDecoder(tiny), decoder_inputs(c, views, queries)),
+    ):
+        session = onnxruntime.InferenceSession(portable / f"{name}.onnx")
+        with torch.no_grad():
+            expected = module(**inputs)
+        for ours, theirs in zip(run(session, inputs), expected, strict=True):
+            np.testing.assert_allclose(ours, theirs.numpy(), atol=2e-4, rtol=1e-3)
+
+
+def test_the_bundle_has_no_grid_sample_and_states_operator_shapes(tiny, tmp_path):
+    export.write_bundle(tiny, tmp_path, {})
+    count = 0
+    for name in ("features", "decoder"):
+        graph = onnx.load(tmp_path / f"{name}.onnx").graph
+        assert "GridSample" not in {node.op_type for node in graph.node}
+        known = {info.name: info.type.tensor_type.shape.dim for info in graph.value_info}
+        for node in graph.node:
+            if node.op_type == "DeformableSampling":
+                count += 1
+                assert node.domain == "mvtop"
+                assert len(known[node.output[0]]) == 3
+                assert known[node.output[0]][2].dim_value == tiny.config.d_model
+    # One per encoder layer, one at the box centres, one per decoder layer.
+    assert count == tiny.config.encoder_layers + 1 + tiny.config.decoder_layers
+
+
+def test_model_json_lists_every_file_with_its_checksum(tiny, tmp_path):
+    export.write_bundle(tiny, tmp_path, {"note": "test"})
+    description = json.loads((tmp_path / "model.json").read_text())
+    files = {p.name for p in tmp_path.iterdir()} - {"model.json"}
+    assert set(description["files"]) == files
+    for name, entry in description["files"].items():
+        assert entry == export._entry(tmp_path / name)
+
+
+def test_the_paper_preset_builds_exports_and_runs(tmp_path):
+    torch.manual_seed(0)
+    c = config.preset("paper")
+    model = Mvtop(c).eval()
+    assert (c.encoder_layers, c.decoder_layers, c.heads, c.d_model) == (5, 5, 16, 256)
+    export.write_bundle(model, tmp_path, {}, portable=True)
+    inputs = feature_inputs(c, 2)
+    features = onnxruntime.InferenceSession(tmp_path / "features.onnx")
+    memory = run(features, inputs)[0]
+    assert memory.shape == (2, 1600, 256)
+    inputs = decoder_inputs(c, 2, 2) | {"memory": torch.from_numpy(memory)}
+    decoder = onnxruntime.InferenceSession(tmp_path / "decoder.onnx")
+    rotation, translation, sigma = run(decoder, inputs)
+    assert rotation.shape == (2, 6) and translation.shape == (2, 3) and (sigma > 0).all()

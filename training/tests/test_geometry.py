@@ -1,0 +1,76 @@
+"""Lines of sight, rotations and losses: hand-worked cases and the places where they break."""
+
+import pytest
+import torch
+
+from mvtop_train import pose, rays
+from mvtop_train.config import LOS_CHANNELS
+
+K = torch.tensor([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]])
+
+
+def test_first_cell_of_a_stride_16_map_looks_from_its_centre():
+    pixel = rays.cell_centres([(30, 40)], [16])[0]
+    assert pixel.tolist() == [7.5, 7.5]
+    d = rays.unproject(K, pixel[None])[0]
+    assert d.tolist() == pytest.approx([-0.436855, -0.325020, 0.838761], abs=1e-5)
+
+
+def test_encodings_of_a_camera_behind_the_object():
+    ref_from_cam = torch.diag(torch.tensor([-1.0, 1, -1, 1]))
+    ref_from_cam[:3, 3] = torch.tensor([0.0, 0, 2])
+    d = rays.unproject(K, torch.tensor([[7.5, 7.5]]))
+    line = rays.encode(d, ref_from_cam, "plucker_origin")[0].tolist()
+    assert line[:3] == pytest.approx([0.436855, -0.325020, -0.838761], abs=1e-5)
+    assert line[3:6] == pytest.approx([-0.650040, -0.873709, 0], abs=1e-5)
+    assert line[6:] == [0, 0, 2]
+
+
+@pytest.mark.parametrize("encoding", LOS_CHANNELS)
+def test_a_cell_without_a_ray_is_zero_in_every_encoding(encoding):
+    camera_rays = torch.tensor([[0.0, 0, 1], [0, 0, 0]])
+    ref_from_cam = torch.eye(4)
+    ref_from_cam[:3, 3] = 1.0
+    line = rays.encode(camera_rays, ref_from_cam, encoding)
+    assert line.shape == (2, LOS_CHANNELS[encoding])
+    assert line[0].abs().sum() > 0 and line[1].abs().sum() == 0
+
+
+def test_rotation_from_6d_by_hand():
+    r = pose.rotation_from_6d(torch.tensor([1.0, 2, 2, 0, 3, 4]))
+    assert r[:, 0].tolist() == pytest.approx([1 / 3, 2 / 3, 2 / 3], abs=1e-6)
+    assert r[:, 1].tolist() == pytest.approx([-0.866578, -0.061898, 0.495188], abs=1e-5)
+    assert r[:, 2].tolist() == pytest.approx([0.371391, -0.742781, 0.557086], abs=1e-5)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 0.05, 90.0, 179.95, 180.0])
+def test_rotation_loss_and_its_gradient_are_finite(degrees):
+    angle = torch.deg2rad(torch.tensor(degrees))
+    zero, one = torch.zeros(()), torch.ones(())
+    c, s = angle.cos(), angle.sin()
+    r = torch.stack([c, -s, zero, s, c, zero, zero, zero, one]).reshape(3, 3).requires_grad_()
+    loss = pose.rotation_angle(r, torch.eye(3))
+    loss.backward()
+    assert torch.rad2deg(loss).item() == pytest.approx(degrees, abs=0.02)
+    assert torch.isfinite(r.grad).all()
+
+
+def test_uncertainty_loss_is_lowest_at_the_expected_errors():
+    rot = torch.tensor([2.0, 10.0, 30.0])
+    t = torch.tensor([0.01, 0.02, 0.03])
+
+    def loss(rot_sigma, t_sigma):
+        sigma = torch.tensor([rot_sigma, t_sigma]).expand(3, 2)
+        return pose.uncertainty_loss(sigma, rot, t).mean().item()
+
+    best = loss(rot.mean().item(), (t.square().mean() / 3).sqrt().item())
+    for factor in (0.8, 1.25):
+        assert loss(14 * factor, 0.0125) > best
+        assert loss(14, (t.square().mean() / 3).sqrt().item() * factor) > best
+
+
+def test_uncertainty_does_not_touch_the_pose():
+    sigma = torch.ones(1, 2, requires_grad=True)
+    error = torch.ones(1, requires_grad=True)
+    pose.uncertainty_loss(sigma, error, error).sum().backward()
+    assert sigma.grad is not None and error.grad is None

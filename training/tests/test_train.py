@@ -1,0 +1,59 @@
+"""Training resumes where it was killed, and learns."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+import torch
+
+from mvtop_train import bop, generate
+from mvtop_train.train import load_weights
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    root = tmp_path_factory.mktemp("mvball")
+    gl = generate.open_gl()
+    for index in range(6):
+        order = ["green", "red"] * 2
+        views = generate.scene_views(gl, 5, "train", index, order, (320, 320))
+        bop.write_scene(root / "train" / f"{index:06d}", views)
+    return root
+
+
+def train(dataset, run, steps):
+    command = [
+        sys.executable, "-m", "mvtop_train.train", "--data", str(dataset), "--preset", "tiny",
+        "--run", str(run), "--crop", "64", "--images", "16", "--workers", "0", "--log", "5",
+        "--save", "5", "--validate", "1000", "--steps", str(steps),
+    ]  # fmt: skip
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    return [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
+
+
+def test_a_run_resumes_from_its_last_step(dataset, tmp_path):
+    train(dataset, tmp_path / "run", 5)
+    before = torch.load(tmp_path / "run" / "last.pt", weights_only=True)
+    records = train(dataset, tmp_path / "run", 10)
+    assert before["step"] == 5
+    steps = [r["step"] for r in records if "loss" in r]
+    assert steps == [5, 10]
+    model, config, step = load_weights(tmp_path / "run" / "last.pt")
+    assert step == 10 and config.preset == "tiny"
+
+
+def test_the_loss_falls(dataset, tmp_path):
+    records = train(dataset, tmp_path / "run", 60)
+    losses = [r["loss"] for r in records if "loss" in r]
+    assert losses[-1] < 0.8 * losses[0]
+
+
+def test_no_data_is_one_clear_sentence(tmp_path):
+    (tmp_path / "train").mkdir()
+    command = [sys.executable, "-m", "mvtop_train.train", "--data", str(tmp_path)]
+    command += ["--run", str(tmp_path / "run")]
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert result.returncode != 0
+    assert "error: no scenes in" in result.stderr and "Traceback" not in result.stderr
