@@ -1,0 +1,72 @@
+# `make demo` and `make test` do everything from a clean clone; see README.md.
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+
+PY := .venv/bin/python
+CLI := target/release/mvtop-cli
+export PYTHONPATH := training
+export CARGO_TERM_PROGRESS_WHEN ?= auto
+
+SPLIT ?= hard
+SEED ?= 0
+PAIRS ?= 100
+VIEWS ?= 2
+MODEL ?= models/mvball
+SAMPLES = out/eval/$(SPLIT)-seed$(SEED)-views$(VIEWS)-$(PAIRS)
+
+.PHONY: help demo test test-rust test-python lint fixtures eval bench
+
+help:  ## this list
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
+
+demo: .venv/run.done $(CLI)  ## poses of the shipped two-view example, with overlay pictures
+	$(CLI) infer --rig examples/mvball/rig.json examples/mvball/*.png \
+	  --truth examples/mvball/truth.json --overlay out/demo --force
+
+test: lint test-rust test-python  ## every test, format and lint check
+
+test-rust: .venv/run.done
+	cargo test --release --workspace
+
+test-python: .venv/train.done
+	scripts/need-gl.sh
+	cargo build --release -p mvtop-ffi
+	$(PY) -m pytest -q training/tests
+	$(PY) -m mvtop_train.fixtures --check
+
+lint: .venv/train.done
+	cargo fmt --all --check
+	cargo clippy --release --workspace --all-targets -- -D warnings
+	$(PY) -m ruff check training
+	$(PY) -m ruff format --check training
+
+fixtures: .venv/train.done  ## write the parity fixtures anew
+	$(PY) -m mvtop_train.fixtures
+
+eval: .venv/data.done $(CLI)  ## held-out scenes: SPLIT=hard|easy SEED=n PAIRS=n VIEWS=n
+	scripts/need-gl.sh
+	$(PY) -m mvtop_train.samples --out $(SAMPLES) --split $(SPLIT) --seed $(SEED) \
+	  --count $(PAIRS) --views $(VIEWS)
+	$(CLI) eval --samples $(SAMPLES) --model $(MODEL)
+
+bench: .venv/run.done  ## criterion benches
+	cargo bench -p mvtop-benches
+
+# Always asked: cargo knows best what is stale.
+.PHONY: $(CLI)
+$(CLI):
+	cargo build --release -p mvtop-cli
+
+.venv/run.done: requirements.txt
+	python3 -m venv .venv
+	$(PY) -m pip install --quiet --disable-pip-version-check -r requirements.txt
+	touch $@
+
+.venv/data.done: .venv/run.done training/pyproject.toml
+	$(PY) -m pip install --quiet --disable-pip-version-check -e training
+	touch $@
+
+.venv/train.done: .venv/data.done
+	$(PY) -m pip install --quiet --disable-pip-version-check -e 'training[train,test]'
+	touch $@
