@@ -44,14 +44,13 @@ def letterbox(rgb: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np.
 
 
 @torch.no_grad()
-def predict(model: Mvtop, cameras: list[Camera], images, boxes, dtype=torch.float32) -> dict:
+def predict(model: Mvtop, cameras: list[Camera], images, boxes) -> dict:
     """Pose of one object, given its box in every view; the first camera is the reference.
 
     images  per camera [H, W, 3] uint8;  boxes  per camera [4] px
     returns every intermediate result by the name it has in the exported graphs
     """
     config = model.config
-    model = model.to(dtype)
     mean, std = np.array(config.mean), np.array(config.std)
     count = len(cameras)
     tensors = np.zeros((count, 3, config.height, config.width))
@@ -84,11 +83,11 @@ def predict(model: Mvtop, cameras: list[Camera], images, boxes, dtype=torch.floa
         "box_rays": rays.box_rays(k, b, ref_from_cam),
         "valid": torch.ones(count, 1),
     }
-    decoder_inputs = {name: x.to(dtype) for name, x in decoder_inputs.items()}
+    decoder_inputs = {name: x.float() for name, x in decoder_inputs.items()}
     decoder_inputs["class_index"] = torch.zeros(1, dtype=torch.long)
     features_inputs = {
-        "images": torch.tensor(tensors).to(dtype),
-        "camera_rays": camera_rays.to(dtype),
+        "images": torch.tensor(tensors).float(),
+        "camera_rays": camera_rays.float(),
     }
     names = ("memory", "det_scores", "det_boxes")
     features = dict(zip(names, ExportedFeatures(model)(**features_inputs), strict=True))
