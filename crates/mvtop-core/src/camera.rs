@@ -79,7 +79,8 @@ impl Lens {
             Distortion::BrownConrady(lens) => lens.undistort(&image)?.coords.push(1.0),
             Distortion::KannalaBrandt(lens) => lens.unproject(&image)?,
         };
-        Unit::try_new(ray, 0.0).filter(|ray| ray.iter().all(|c| c.is_finite()))
+        // The norm of a ray that overflowed is no longer 1.
+        Unit::try_new(ray, 0.0).filter(|ray| (ray.norm() - 1.0).abs() < 1e-9)
     }
 }
 

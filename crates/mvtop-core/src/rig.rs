@@ -56,7 +56,7 @@ impl Rig {
     /// checked, and nothing is guessed.
     pub fn from_json(text: &str) -> Result<Self> {
         parse::rig(text).map_err(|problem| Error::Rig {
-            origin: "rig.json".into(),
+            origin: "rig".into(),
             problem,
         })
     }

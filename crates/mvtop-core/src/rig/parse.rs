@@ -17,7 +17,7 @@ pub(super) fn rig(text: &str) -> Checked<Rig> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let value: Value = serde_json::from_str(text).map_err(|error| syntax(text, &error))?;
     let fields = Fields::new(
-        "rig".into(),
+        "top level".into(),
         &value,
         &["format", "version", "unit", "cameras"],
         &["reference"],
@@ -38,7 +38,7 @@ pub(super) fn rig(text: &str) -> Checked<Rig> {
     let list = fields.list("cameras")?;
     if list.is_empty() || list.len() > MOST_CAMERAS {
         return Err(format!(
-            "rig: `cameras` must list 1 to {MOST_CAMERAS} cameras, got {}",
+            "`cameras` must list 1 to {MOST_CAMERAS} cameras, got {}",
             list.len()
         ));
     }
@@ -47,7 +47,7 @@ pub(super) fn rig(text: &str) -> Checked<Rig> {
         let camera = camera(index, value, unit.metres())?;
         if cameras.iter().any(|other| other.id == camera.id) {
             return Err(format!(
-                "rig: two cameras have the id `{}`; ids must differ",
+                "two cameras have the id `{}`; ids must differ",
                 camera.id
             ));
         }
@@ -63,7 +63,7 @@ pub(super) fn rig(text: &str) -> Checked<Rig> {
                 .ok_or_else(|| {
                     let ids: Vec<_> = cameras.iter().map(|camera| camera.id.as_str()).collect();
                     format!(
-                        "rig: `reference` is `{}`, but the cameras are {}",
+                        "`reference` is `{}`, but the cameras are {}",
                         shorten(id),
                         shorten(&ids.join(", "))
                     )

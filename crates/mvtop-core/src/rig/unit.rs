@@ -64,7 +64,7 @@ impl Unit {
                 )
             });
         Err(format!(
-            "rig: with `unit` \"{name}\" the cameras farthest apart, `{}` and `{}`, are {apart:.3e} \
+            "with `unit` \"{name}\" the cameras farthest apart, `{}` and `{}`, are {apart:.4} \
              m apart, expected {} to {} m; {fix}",
             a.id,
             b.id,

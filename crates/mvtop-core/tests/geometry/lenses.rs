@@ -1,0 +1,243 @@
+use std::f64::consts::{FRAC_PI_4, PI};
+use std::path::Path;
+
+use mvtop_core::{Distortion, Lens};
+use nalgebra::{Point2, Point3};
+use proptest::prelude::*;
+use safetensors::SafeTensors;
+
+use super::{brown_conrady, kannala_brandt, lenses, pinhole};
+
+/// Focal length 1 px, principal point (0, 0).
+fn unit(distortion: Distortion) -> Lens {
+    Lens {
+        distortion,
+        ..pinhole(1.0, 0.0, 0.0)
+    }
+}
+
+fn project(lens: &Lens, x: f64, y: f64, z: f64) -> Option<[f64; 2]> {
+    lens.project(&Point3::new(x, y, z)).map(|p| [p.x, p.y])
+}
+
+fn unproject(lens: &Lens, u: f64, v: f64) -> Option<[f64; 3]> {
+    lens.unproject(&Point2::new(u, v))
+        .map(|ray| [ray.x, ray.y, ray.z])
+}
+
+fn assert_close<const N: usize>(got: Option<[f64; N]>, expected: [f64; N]) {
+    let got = got.expect("a point");
+    let far = got.iter().zip(expected).any(|(a, b)| (a - b).abs() > 1e-12);
+    assert!(!far, "{got:?} instead of {expected:?}");
+}
+
+#[test]
+fn pinhole_by_hand() {
+    let lens = pinhole(600.0, 320.0, 240.0);
+    assert_close(project(&lens, 1.0, 2.0, 4.0), [470.0, 540.0]);
+    assert_close(unproject(&lens, 770.0, 240.0), [0.6, 0.0, 0.8]);
+}
+
+#[test]
+fn brown_conrady_by_hand() {
+    let radial = unit(brown_conrady(&[0.1, 0.0, 0.0, 0.0]));
+    assert_close(project(&radial, 1.0, 0.0, 2.0), [0.5125, 0.0]);
+    let tangential = unit(brown_conrady(&[0.0, 0.0, 0.01, 0.0]));
+    assert_close(project(&tangential, 1.0, 0.5, 2.0), [0.5025, 0.254375]);
+    let rational = unit(brown_conrady(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]));
+    assert_close(
+        project(&rational, 0.5, 0.0, 1.0),
+        [0.5 / (1.0 + 1.0 / 64.0), 0.0],
+    );
+}
+
+#[test]
+fn kannala_brandt_by_hand() {
+    let lens = unit(kannala_brandt(&[0.1, 0.0, 0.0, 0.0]));
+    let radius = FRAC_PI_4 * (1.0 + 0.1 * FRAC_PI_4 * FRAC_PI_4);
+    assert_close(project(&lens, 0.0, 3.0, 3.0), [0.0, radius]);
+    assert_close(project(&lens, 0.0, 0.0, 1.0), [0.0, 0.0]);
+}
+
+#[test]
+fn fisheyes_see_behind_the_image_plane_and_pinholes_do_not() {
+    let fisheye = unit(kannala_brandt(&[0.0; 4]));
+    assert_close(project(&fisheye, 1.0, 0.0, -1.0), [3.0 * FRAC_PI_4, 0.0]);
+    assert_eq!(
+        project(&fisheye, 0.0, 0.0, -1.0),
+        None,
+        "all directions are alike there"
+    );
+    assert_eq!(unproject(&fisheye, PI + 0.01, 0.0), None);
+    for distortion in [Distortion::None, brown_conrady(&[0.1, 0.0, 0.0, 0.0])] {
+        let lens = unit(distortion);
+        assert_eq!(project(&lens, 1.0, 0.0, -1.0), None);
+        assert_eq!(project(&lens, 1.0, 0.0, 0.0), None);
+    }
+}
+
+#[test]
+fn nothing_is_imaged_past_the_fold() {
+    // r (1 - r²/2) rises up to r = √(2/3), where it is 0.5443.
+    let lens = unit(brown_conrady(&[-0.5, 0.0, 0.0, 0.0]));
+    assert_close(project(&lens, 0.8, 0.0, 1.0), [0.544, 0.0]);
+    assert_eq!(project(&lens, 0.83, 0.0, 1.0), None);
+    assert_eq!(project(&lens, 10.0, 0.0, 1.0), None);
+    assert!(unproject(&lens, 0.544, 0.0).is_some());
+    assert_eq!(unproject(&lens, 0.545, 0.0), None);
+    // r / (1 - r²) has its pole at r = 1; beyond it the image would be mirrored.
+    let lens = unit(brown_conrady(&[0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0]));
+    assert_close(project(&lens, 0.9, 0.0, 1.0), [0.9 / 0.19, 0.0]);
+    assert_eq!(project(&lens, 1.1, 0.0, 1.0), None);
+    // θ (1 - θ²/3) rises up to θ = 1, where it is 2/3.
+    let lens = unit(kannala_brandt(&[-1.0 / 3.0, 0.0, 0.0, 0.0]));
+    assert!(project(&lens, 0.99_f64.tan(), 0.0, 1.0).is_some());
+    assert_eq!(project(&lens, 1.01_f64.tan(), 0.0, 1.0), None);
+    assert!(unproject(&lens, 0.666, 0.0).is_some());
+    assert_eq!(unproject(&lens, 0.667, 0.0), None);
+}
+
+#[test]
+fn every_lens_returns_to_its_pixel() {
+    for lens in lenses() {
+        for u in (0..640).step_by(13) {
+            for v in (0..480).step_by(13) {
+                let pixel = Point2::new(f64::from(u), f64::from(v));
+                let ray = lens
+                    .unproject(&pixel)
+                    .unwrap_or_else(|| panic!("{lens:?}: {pixel}"));
+                let back = lens
+                    .project(&Point3::from(ray.scale(2.5)))
+                    .expect("a pixel");
+                assert!(
+                    (back - pixel).norm() < 1e-8,
+                    "{lens:?}: {pixel} came back as {back}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn every_lens_agrees_with_opencv() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/lens.safetensors");
+    let bytes = std::fs::read(path).unwrap();
+    let fixture = SafeTensors::deserialize(&bytes).unwrap();
+    let numbers = |name: &str, field: &str| -> Vec<f64> {
+        let tensor = fixture.tensor(&format!("{name}.{field}")).unwrap();
+        let chunks = tensor.data().chunks_exact(8);
+        chunks
+            .map(|bytes| f64::from_le_bytes(bytes.try_into().unwrap()))
+            .collect()
+    };
+    for name in [
+        "pinhole_0",
+        "pinhole_4",
+        "pinhole_5",
+        "pinhole_8",
+        "fisheye",
+    ] {
+        let params = numbers(name, "params");
+        let distortion = match name {
+            "fisheye" => kannala_brandt(&params),
+            _ => brown_conrady(&params),
+        };
+        let intrinsics = numbers(name, "intrinsics");
+        let lens = Lens {
+            fx: intrinsics[0],
+            fy: intrinsics[1],
+            cx: intrinsics[2],
+            cy: intrinsics[3],
+            distortion,
+        };
+        let (points, pixels) = (numbers(name, "points"), numbers(name, "pixels"));
+        assert_eq!(points.len() / 3, 64);
+        for (point, pixel) in points.chunks(3).zip(pixels.chunks(2)) {
+            let (point, pixel) = (Point3::from_slice(point), Point2::from_slice(pixel));
+            let got = lens
+                .project(&point)
+                .unwrap_or_else(|| panic!("{name}: {point}"));
+            assert!(
+                (got - pixel).norm() < 1e-8,
+                "{name}: {point} at {got}, not at {pixel}"
+            );
+            let ray = lens
+                .unproject(&pixel)
+                .unwrap_or_else(|| panic!("{name}: {pixel}"));
+            let angle = ray.angle(&point.coords);
+            // acos resolves no better than the root of f64's precision.
+            assert!(
+                angle < 1e-7,
+                "{name}: {pixel} looks {angle} rad past {point}"
+            );
+        }
+    }
+}
+
+fn any_distortion() -> impl Strategy<Value = Distortion> {
+    let k = -0.5..0.5f64;
+    let p = -0.005..0.005f64;
+    let rational = [
+        k.clone(),
+        k.clone(),
+        p.clone(),
+        p,
+        k.clone(),
+        k.clone(),
+        k.clone(),
+        k,
+    ];
+    prop_oneof![
+        Just(Distortion::None),
+        (
+            rational,
+            prop_oneof![Just(0), Just(4), Just(5), Just(8usize)]
+        )
+            .prop_map(|(params, count)| brown_conrady(&params[..count])),
+        [-0.1..0.1f64, -0.1..0.1, -0.1..0.1, -0.1..0.1].prop_map(|k| kannala_brandt(&k)),
+    ]
+}
+
+proptest! {
+    #[test]
+    fn every_imaged_point_is_found_again(
+        distortion in any_distortion(),
+        x in -1.5..1.5f64,
+        y in -1.5..1.5f64,
+        z in -0.5..1.5f64,
+    ) {
+        let lens = Lens { distortion, ..pinhole(500.0, 320.0, 240.0) };
+        let point = Point3::new(x, y, z);
+        if let Some(pixel) = lens.project(&point) {
+            let ray = lens.unproject(&pixel);
+            prop_assert!(ray.is_some(), "{pixel} has no ray");
+            let back = lens.project(&Point3::from(ray.unwrap().into_inner()));
+            let allowed = 1e-6 * (1.0 + pixel.coords.norm());
+            prop_assert!(back.is_some_and(|back| (back - pixel).norm() < allowed));
+        }
+    }
+
+    #[test]
+    fn no_number_makes_a_lens_panic(
+        params in prop::array::uniform8(any::<f64>()),
+        intrinsics in prop::array::uniform4(any::<f64>()),
+        point in prop::array::uniform3(any::<f64>()),
+    ) {
+        use mvtop_core::camera::{BrownConrady, KannalaBrandt};
+        let [fx, fy, cx, cy] = intrinsics;
+        let distortions = [
+            Some(Distortion::None),
+            BrownConrady::new(&params).ok().map(Distortion::BrownConrady),
+            KannalaBrandt::new(&params[..4]).ok().map(Distortion::KannalaBrandt),
+        ];
+        for distortion in distortions.into_iter().flatten() {
+            let lens = Lens { fx, fy, cx, cy, distortion };
+            if let Some(pixel) = lens.project(&Point3::from(point)) {
+                prop_assert!(pixel.iter().all(|c| c.is_finite()));
+            }
+            if let Some(ray) = lens.unproject(&Point2::new(point[0], point[1])) {
+                prop_assert!((ray.norm() - 1.0).abs() < 1e-9);
+            }
+        }
+    }
+}

@@ -1,0 +1,67 @@
+//! Rigs, lenses, images, lines of sight and poses.
+
+mod bad_rigs;
+mod images;
+mod lenses;
+mod poses;
+mod rays;
+mod rigs;
+
+use mvtop_core::camera::{BrownConrady, KannalaBrandt};
+use mvtop_core::{Camera, Distortion, Lens};
+use nalgebra::Isometry3;
+
+fn brown_conrady(params: &[f64]) -> Distortion {
+    Distortion::BrownConrady(BrownConrady::new(params).unwrap())
+}
+
+fn kannala_brandt(params: &[f64]) -> Distortion {
+    Distortion::KannalaBrandt(KannalaBrandt::new(params).unwrap())
+}
+
+/// One lens of each kind, for images of 640 x 480 px that they cover to the corners.
+fn lenses() -> Vec<Lens> {
+    [
+        (600.0, Distortion::None),
+        (600.0, brown_conrady(&[])),
+        (700.0, brown_conrady(&[-0.21, 0.07, 1.1e-3, -6e-4])),
+        (
+            600.0,
+            brown_conrady(&[0.0885, -0.226, -1.5e-4, 5.7e-4, 0.11]),
+        ),
+        (
+            500.0,
+            brown_conrady(&[0.62, -2.41, 7e-4, -2.3e-4, 1.39, 0.49, -2.22, 1.31]),
+        ),
+        (278.0, kannala_brandt(&[-0.006, 0.016, -0.024, 0.0155])),
+        (150.0, kannala_brandt(&[0.0; 4])), // its corners look behind the camera
+    ]
+    .map(|(focal, distortion)| Lens {
+        fx: focal,
+        fy: 1.01 * focal,
+        cx: 318.2,
+        cy: 243.9,
+        distortion,
+    })
+    .to_vec()
+}
+
+fn camera(lens: Lens, width: u32, height: u32) -> Camera {
+    Camera {
+        id: "left".into(),
+        width,
+        height,
+        lens,
+        world_from_cam: Isometry3::identity(),
+    }
+}
+
+fn pinhole(focal: f64, cx: f64, cy: f64) -> Lens {
+    Lens {
+        fx: focal,
+        fy: focal,
+        cx,
+        cy,
+        distortion: Distortion::None,
+    }
+}
