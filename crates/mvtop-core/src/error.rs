@@ -1,3 +1,4 @@
+use crate::onnx::Attempt;
 use std::io;
 use std::path::PathBuf;
 
@@ -39,9 +40,41 @@ pub enum Error {
         got: Vec<usize>,
     },
 
+    /// No ONNX Runtime library could be loaded.
+    #[error(
+        "no usable ONNX Runtime library ({}), install one with `pip install onnxruntime` or name \
+         its file in ORT_DYLIB_PATH",
+        list(attempts)
+    )]
+    RuntimeMissing { attempts: Vec<Attempt> },
+
+    /// An ONNX Runtime library that was asked for cannot be used.
+    #[error("ONNX Runtime library {}: {problem}", path.display())]
+    Runtime { path: PathBuf, problem: String },
+
+    /// An execution provider that the loaded library does not offer.
+    #[error("execution provider `{provider}`: {problem}")]
+    Provider { provider: String, problem: String },
+
+    /// A network that could not be loaded or run.
+    #[error("network {}: {problem}", path.display())]
+    Network { path: PathBuf, problem: String },
+
+    /// A model bundle that is refused; `path` is the file at fault.
+    #[error("model bundle {}: {problem}", path.display())]
+    Bundle { path: PathBuf, problem: String },
+
     /// Six numbers that span no rotation.
     #[error(
         "6D rotation {0:?}: its two columns must be finite, non-zero and not parallel to each other"
     )]
     Rotation6d([f64; 6]),
+}
+
+fn list(attempts: &[Attempt]) -> String {
+    if attempts.is_empty() {
+        return "none found in the usual places".into();
+    }
+    let attempts: Vec<_> = attempts.iter().map(Attempt::to_string).collect();
+    attempts.join("; ")
 }

@@ -12,6 +12,10 @@ pub mod rays;
 
 pub mod sampling;
 
+pub mod bundle;
+
+pub mod onnx;
+
 pub mod detect;
 
 pub mod associate;

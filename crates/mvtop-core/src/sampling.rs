@@ -18,8 +18,8 @@ use std::ops::Range;
 
 mod kernel;
 
-/// Queries of one parallel task: enough to hide the cost of scheduling it.
-const QUERIES_PER_TASK: usize = 64;
+/// Enough work to hide the cost of scheduling a block.
+const QUERIES_PER_BLOCK: usize = 64;
 
 /// Heights and widths of the feature levels, finest first, concatenated row-major into N cells.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -117,6 +117,14 @@ pub struct Gradients<'a> {
     pub weights: &'a mut [f32],
 }
 
+/// A run of queries of one batch, and where their output goes.
+#[derive(Debug)]
+pub struct Block<'o> {
+    batch: usize,
+    queries: Range<usize>,
+    out: &'o mut [f32],
+}
+
 impl<'a> Sampling<'a> {
     /// Checks that the arrays belong together.
     ///
@@ -170,33 +178,40 @@ impl<'a> Sampling<'a> {
     /// # Errors
     /// [`Error::Shape`] when `out` has another length.
     pub fn forward(&self, out: &mut [f32]) -> Result<()> {
-        self.check_output("output", out.len())?;
-        if out.is_empty() {
-            return Ok(());
-        }
-        let per_query = self.dims.heads * self.dims.head_dim;
-        out.par_chunks_mut(self.output_per_batch())
-            .enumerate()
-            .for_each(|(batch, out)| {
-                out.par_chunks_mut(QUERIES_PER_TASK * per_query)
-                    .enumerate()
-                    .for_each(|(task, out)| {
-                        let first = task * QUERIES_PER_TASK;
-                        self.forward_queries(batch, first..first + out.len() / per_query, out);
-                    });
-            });
+        self.blocks(out)?
+            .into_par_iter()
+            .for_each(|block| self.sample(block));
         Ok(())
     }
 
-    /// Samples some queries of one batch on the calling thread: the piece of work for a thread
-    /// pool other than rayon's.
+    /// Cuts the work into independent pieces, for a thread pool of the caller's choice.
     ///
-    /// - `out`: `[queries, H·D]`, overwritten
-    ///
-    /// # Panics
-    /// When `batch`, `queries` or the length of `out` are out of range.
-    pub fn forward_queries(&self, batch: usize, queries: Range<usize>, out: &mut [f32]) {
-        kernel::forward(&self.batch(batch, queries), out);
+    /// # Errors
+    /// [`Error::Shape`] when `out` is not `[B, Q, H·D]`.
+    pub fn blocks<'o>(&self, out: &'o mut [f32]) -> Result<Vec<Block<'o>>> {
+        self.check_output("output", out.len())?;
+        let per_query = self.dims.heads * self.dims.head_dim;
+        let mut blocks = Vec::new();
+        if out.is_empty() {
+            return Ok(blocks);
+        }
+        for (batch, out) in out.chunks_mut(self.output_per_batch()).enumerate() {
+            for (i, out) in out.chunks_mut(QUERIES_PER_BLOCK * per_query).enumerate() {
+                let first = i * QUERIES_PER_BLOCK;
+                let queries = first..first + out.len() / per_query;
+                blocks.push(Block {
+                    batch,
+                    queries,
+                    out,
+                });
+            }
+        }
+        Ok(blocks)
+    }
+
+    /// Fills one block, which [`Sampling::blocks`] of the same problem has made.
+    pub fn sample(&self, block: Block<'_>) {
+        kernel::forward(&self.batch(block.batch, block.queries), block.out);
     }
 
     /// Back-propagates `grad_out`, in parallel over batches.

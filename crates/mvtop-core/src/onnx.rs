@@ -1,0 +1,185 @@
+//! Networks in ONNX Runtime: the only module, with its children, that knows the `ort` crate.
+//!
+//! The ONNX Runtime library is loaded when the program runs, so that any recent one will do; it is
+//! loaded once and stays until the process ends.
+
+use crate::{Error, Result};
+use ndarray::{ArrayD, ArrayViewD, CowArray, Dimension, IxDyn};
+use ort::session::{Session, SessionInputValue};
+use ort::value::TensorRef;
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+mod locate;
+mod operator;
+mod provider;
+mod runtime;
+
+pub use locate::Attempt;
+pub use provider::Provider;
+pub use runtime::{Doctor, Runtime};
+
+/// How a network is run.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct SessionOptions {
+    pub provider: Provider,
+    /// Threads inside one operation; 0 leaves the number to ONNX Runtime (one per physical core).
+    pub threads: usize,
+}
+
+/// An input of a network: borrowed when contiguous, copied otherwise.
+#[derive(Debug, Clone)]
+pub enum Tensor<'a> {
+    F32(ArrayViewD<'a, f32>),
+    I64(ArrayViewD<'a, i64>),
+}
+
+impl<'a, D: Dimension> From<ndarray::ArrayView<'a, f32, D>> for Tensor<'a> {
+    fn from(array: ndarray::ArrayView<'a, f32, D>) -> Self {
+        Self::F32(array.into_dyn())
+    }
+}
+
+impl<'a, D: Dimension> From<ndarray::ArrayView<'a, i64, D>> for Tensor<'a> {
+    fn from(array: ndarray::ArrayView<'a, i64, D>) -> Self {
+        Self::I64(array.into_dyn())
+    }
+}
+
+/// One loaded graph.
+#[derive(Debug)]
+pub struct Network {
+    path: PathBuf,
+    inputs: Vec<String>,
+    outputs: Vec<String>,
+    // ONNX Runtime's `Run` is thread-safe but `ort` asks for `&mut`. Nothing runs on rayon while
+    // this is held, so a rayon task may wait for it.
+    session: Mutex<Session>,
+}
+
+impl Network {
+    fn new(path: &Path, session: Session) -> Self {
+        let names =
+            |outlets: &[ort::value::Outlet]| outlets.iter().map(|o| o.name().to_owned()).collect();
+        Self {
+            path: path.to_owned(),
+            inputs: names(session.inputs()),
+            outputs: names(session.outputs()),
+            session: Mutex::new(session),
+        }
+    }
+
+    /// Names of the inputs that the graph declares.
+    pub fn inputs(&self) -> &[String] {
+        &self.inputs
+    }
+
+    /// Names of the outputs that the graph declares.
+    pub fn outputs(&self) -> &[String] {
+        &self.outputs
+    }
+
+    /// Runs the graph; concurrent calls run one after the other.
+    ///
+    /// Tensors whose name the graph does not declare are left out, so that one caller can feed
+    /// graphs that use fewer inputs.
+    ///
+    /// # Errors
+    /// [`Error::Network`] when an input is missing, has a wrong type or shape, or a node fails.
+    pub fn run(&self, inputs: &[(&str, Tensor<'_>)]) -> Result<Outputs> {
+        if let Some(missing) = self
+            .inputs
+            .iter()
+            .find(|name| !inputs.iter().any(|(given, _)| given == name))
+        {
+            return Err(self.error(format!("input `{missing}` was not given")));
+        }
+        let contiguous: Vec<_> = inputs
+            .iter()
+            .filter(|(name, _)| self.inputs.iter().any(|declared| declared == name))
+            .map(|(name, tensor)| (*name, Contiguous::new(tensor)))
+            .collect();
+        let mut values = Vec::with_capacity(contiguous.len());
+        for (name, tensor) in &contiguous {
+            let value = tensor
+                .value()
+                .map_err(|e| self.error(format!("input `{name}`: {e}")))?;
+            values.push((Cow::Borrowed(*name), value));
+        }
+
+        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        let values = session.run(values).map_err(|e| self.error(e.to_string()))?;
+        let mut arrays = HashMap::new();
+        for (name, value) in values.iter() {
+            let array = value
+                .try_extract_array::<f32>()
+                .map_err(|e| self.error(format!("output `{name}`: {e}")))?;
+            arrays.insert(name.to_owned(), array.into_owned());
+        }
+        Ok(Outputs {
+            path: self.path.clone(),
+            arrays,
+        })
+    }
+
+    fn error(&self, problem: String) -> Error {
+        Error::Network {
+            path: self.path.clone(),
+            problem,
+        }
+    }
+}
+
+/// What a network has computed.
+#[derive(Debug, Clone)]
+pub struct Outputs {
+    path: PathBuf,
+    arrays: HashMap<String, ArrayD<f32>>,
+}
+
+impl Outputs {
+    /// Takes out the output `name`, which must have the dimension `D`, e.g. `take::<Ix3>("memory")`.
+    ///
+    /// # Errors
+    /// [`Error::Network`] when there is no such output or it has another number of axes.
+    pub fn take<D: Dimension>(&mut self, name: &str) -> Result<ndarray::Array<f32, D>> {
+        let error = |problem| Error::Network {
+            path: self.path.clone(),
+            problem,
+        };
+        let Some(array) = self.arrays.remove(name) else {
+            return Err(error(format!("the graph has no output `{name}`")));
+        };
+        let shape = array.shape().to_vec();
+        array.into_dimensionality().map_err(|_| {
+            let axes = D::NDIM.map_or("other".into(), |n| n.to_string());
+            error(format!(
+                "output `{name}`: expected {axes} axes, got shape {shape:?}"
+            ))
+        })
+    }
+}
+
+/// A tensor in the memory layout that ONNX Runtime reads.
+enum Contiguous<'a> {
+    F32(CowArray<'a, f32, IxDyn>),
+    I64(CowArray<'a, i64, IxDyn>),
+}
+
+impl<'a> Contiguous<'a> {
+    fn new(tensor: &'a Tensor<'_>) -> Self {
+        match tensor {
+            Tensor::F32(array) => Self::F32(array.as_standard_layout()),
+            Tensor::I64(array) => Self::I64(array.as_standard_layout()),
+        }
+    }
+
+    fn value(&self) -> ort::Result<SessionInputValue<'_>> {
+        Ok(match self {
+            Self::F32(array) => TensorRef::from_array_view(array)?.into(),
+            Self::I64(array) => TensorRef::from_array_view(array)?.into(),
+        })
+    }
+}

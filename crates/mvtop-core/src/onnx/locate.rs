@@ -1,0 +1,332 @@
+//! Where an ONNX Runtime library may be.
+
+use serde::Serialize;
+use std::ffi::OsString;
+use std::fmt;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// A library that may be loaded.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub(super) struct Candidate {
+    pub path: PathBuf,
+    /// The place of the search that it came from.
+    pub found_in: String,
+    /// Whether it was asked for, so that no other may take its place.
+    pub binding: bool,
+}
+
+/// A library that was found but could not be used.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Attempt {
+    #[serde(flatten)]
+    pub(super) candidate: Candidate,
+    pub(super) problem: String,
+}
+
+impl fmt::Display for Attempt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Candidate { path, found_in, .. } = &self.candidate;
+        write!(f, "{} (from {found_in}) {}", path.display(), self.problem)
+    }
+}
+
+/// What the search reads of the process it runs in.
+pub(super) struct Surroundings {
+    pub variable: fn(&str) -> Option<OsString>,
+    pub executable: Option<PathBuf>,
+    pub current_dir: Option<PathBuf>,
+    /// The interpreter that is asked for its packages.
+    pub python: &'static str,
+}
+
+impl Surroundings {
+    pub fn of_process() -> Self {
+        Self {
+            variable: |name| std::env::var_os(name),
+            executable: std::env::current_exe().ok(),
+            current_dir: std::env::current_dir().ok(),
+            python: if cfg!(windows) { "python" } else { "python3" },
+        }
+    }
+}
+
+/// What the loader finds in the system's own folders.
+const SYSTEM_LIBRARY: &str = if cfg!(windows) {
+    "onnxruntime.dll"
+} else if cfg!(target_os = "macos") {
+    "libonnxruntime.dylib"
+} else {
+    "libonnxruntime.so.1"
+};
+
+/// How long `python3` may take to start.
+const PYTHON_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// The libraries to try, in order. Later places are not looked at until they are reached.
+pub(super) fn candidates(
+    explicit: Option<&Path>,
+    around: Surroundings,
+) -> Box<dyn Iterator<Item = Candidate>> {
+    let variable = |name: &str| (around.variable)(name).filter(|value| !value.is_empty());
+    let named = |path: PathBuf, found_in: &str| -> Box<dyn Iterator<Item = Candidate>> {
+        // Made absolute because a bare name would be looked for in the system's folders.
+        let path = std::path::absolute(&path).unwrap_or(path);
+        Box::new(std::iter::once(Candidate {
+            path,
+            found_in: found_in.into(),
+            binding: true,
+        }))
+    };
+    if let Some(path) = explicit {
+        return named(path.to_owned(), "the path given");
+    }
+    if let Some(path) = variable("ORT_DYLIB_PATH") {
+        return named(path.into(), "ORT_DYLIB_PATH");
+    }
+
+    let beside = around
+        .executable
+        .as_deref()
+        .and_then(Path::parent)
+        .map(Path::to_owned);
+    let above: Vec<PathBuf> = around
+        .current_dir
+        .iter()
+        .flat_map(|dir| dir.ancestors())
+        .map(|d| d.join(".venv"))
+        .collect();
+    let environments = ["VIRTUAL_ENV", "CONDA_PREFIX"]
+        .into_iter()
+        .filter_map(|name| Some((PathBuf::from(variable(name)?), name)))
+        .collect::<Vec<_>>();
+
+    let found = |found_in: String, paths: Vec<PathBuf>| {
+        paths.into_iter().map(move |path| Candidate {
+            path,
+            found_in: found_in.clone(),
+            binding: false,
+        })
+    };
+    let beside = beside
+        .into_iter()
+        .flat_map(move |dir| found("the executable's folder".into(), libraries_in(&dir)));
+    let above = above
+        .into_iter()
+        .flat_map(move |venv| found(venv.display().to_string(), libraries_of(&venv)));
+    let environments = environments
+        .into_iter()
+        .flat_map(move |(prefix, name)| found(name.to_owned(), libraries_of(&prefix)));
+    let packages = std::iter::once_with(move || package_of(around.python, PYTHON_TIMEOUT))
+        .flatten()
+        .flat_map(move |package| found(around.python.into(), libraries_in(&package.join("capi"))));
+    let system = std::iter::once(Candidate {
+        path: SYSTEM_LIBRARY.into(),
+        found_in: "the system".into(),
+        binding: false,
+    });
+    Box::new(
+        beside
+            .chain(above)
+            .chain(environments)
+            .chain(packages)
+            .chain(system),
+    )
+}
+
+/// The ONNX Runtime libraries in a folder. Wheels hold one with its version in the name and none
+/// without.
+fn libraries_in(dir: &Path) -> Vec<PathBuf> {
+    let is_library = |name: &str| {
+        name == "onnxruntime.dll"
+            || name == "libonnxruntime.so"
+            || name.starts_with("libonnxruntime.so.")
+            || (name.ends_with(".dylib")
+                && (name == "libonnxruntime.dylib" || name.starts_with("libonnxruntime.1")))
+    };
+    sorted_entries(dir)
+        .into_iter()
+        .filter(|path| {
+            path.file_name()
+                .and_then(|name| name.to_str())
+                .is_some_and(is_library)
+        })
+        .collect()
+}
+
+/// The libraries of the `onnxruntime` package in a virtual or conda environment.
+fn libraries_of(prefix: &Path) -> Vec<PathBuf> {
+    let mut site_packages = vec![prefix.join("Lib/site-packages")]; // Windows
+    let lib = sorted_entries(&prefix.join("lib"));
+    site_packages.extend(lib.into_iter().map(|python| python.join("site-packages")));
+    site_packages
+        .iter()
+        .flat_map(|dir| libraries_in(&dir.join("onnxruntime/capi")))
+        .collect()
+}
+
+/// Sorted from last to first, so that the newest of several versions comes first.
+fn sorted_entries(dir: &Path) -> Vec<PathBuf> {
+    let Ok(entries) = std::fs::read_dir(dir) else {
+        return Vec::new();
+    };
+    let mut paths: Vec<_> = entries
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .collect();
+    paths.sort_by(|a, b| b.cmp(a));
+    paths
+}
+
+/// The folder of the `onnxruntime` package of a Python interpreter, which is not imported.
+fn package_of(python: &str, timeout: Duration) -> Option<PathBuf> {
+    // The current folder is taken off the path: it is no place to find code in.
+    const SCRIPT: &str = "import sys; sys.path.pop(0); import importlib.util as u; \
+                          print(u.find_spec('onnxruntime').submodule_search_locations[0])";
+    let mut child = Command::new(python)
+        .args(["-c", SCRIPT])
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .ok()?;
+    let deadline = Instant::now() + timeout;
+    let status = loop {
+        match child.try_wait() {
+            Ok(Some(status)) => break status,
+            Ok(None) if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(10)),
+            _ => {
+                // Best effort: the child may have ended in between.
+                let _ = child.kill();
+                let _ = child.wait();
+                return None;
+            }
+        }
+    };
+    let mut path = String::new();
+    child.stdout.take()?.read_to_string(&mut path).ok()?;
+    status.success().then(|| PathBuf::from(path.trim_end()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn nowhere() -> Surroundings {
+        Surroundings {
+            variable: |_| None,
+            executable: None,
+            current_dir: None,
+            python: "no-such-interpreter",
+        }
+    }
+
+    fn wheel(prefix: &Path, python: &str, library: &str) -> PathBuf {
+        let capi = prefix
+            .join("lib")
+            .join(python)
+            .join("site-packages/onnxruntime/capi");
+        std::fs::create_dir_all(&capi).unwrap();
+        std::fs::write(capi.join(library), "").unwrap();
+        std::fs::write(capi.join("libonnxruntime_providers_shared.so"), "").unwrap();
+        capi.join(library)
+    }
+
+    fn paths(candidates: impl Iterator<Item = Candidate>) -> Vec<PathBuf> {
+        candidates.map(|c| c.path).collect()
+    }
+
+    #[test]
+    fn a_path_given_is_the_only_candidate() {
+        let around = Surroundings {
+            variable: |_| Some("/other".into()),
+            ..nowhere()
+        };
+        let all: Vec<_> = candidates(Some(Path::new("/given.so")), around).collect();
+        assert_eq!(all.len(), 1);
+        assert_eq!(
+            (all[0].path.as_path(), all[0].binding),
+            (Path::new("/given.so"), true)
+        );
+    }
+
+    #[test]
+    fn the_variable_is_the_only_candidate_and_counts_only_when_it_is_not_empty() {
+        let variable = |name: &str| (name == "ORT_DYLIB_PATH").then(|| "/named.so".into());
+        let all: Vec<_> = candidates(
+            None,
+            Surroundings {
+                variable,
+                ..nowhere()
+            },
+        )
+        .collect();
+        assert_eq!(paths(all.into_iter()), [Path::new("/named.so")]);
+        let empty = |name: &str| (name == "ORT_DYLIB_PATH").then(OsString::new);
+        let all: Vec<_> = candidates(
+            None,
+            Surroundings {
+                variable: empty,
+                ..nowhere()
+            },
+        )
+        .collect();
+        assert_eq!(paths(all.into_iter()), [Path::new(SYSTEM_LIBRARY)]);
+    }
+
+    #[test]
+    fn the_executable_comes_before_the_nearest_venv_and_that_before_those_above() {
+        let root = tempfile::tempdir().unwrap();
+        let inner = root.path().join("project/src");
+        std::fs::create_dir_all(&inner).unwrap();
+        let far = wheel(
+            &root.path().join(".venv"),
+            "python3.12",
+            "libonnxruntime.so.1.30.0",
+        );
+        let near = wheel(
+            &root.path().join("project/.venv"),
+            "python3.11",
+            "libonnxruntime.so.1.31.1",
+        );
+        let beside = root.path().join("libonnxruntime.so");
+        std::fs::write(&beside, "").unwrap();
+        let around = Surroundings {
+            executable: Some(root.path().join("mvtop")),
+            current_dir: Some(inner),
+            ..nowhere()
+        };
+        let all = paths(candidates(None, around));
+        assert_eq!(all[..3], [beside, near, far]);
+        assert_eq!(all.last().unwrap(), Path::new(SYSTEM_LIBRARY));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn an_interpreter_that_hangs_is_given_up() {
+        use std::os::unix::fs::PermissionsExt;
+        let dir = tempfile::tempdir().unwrap();
+        let script = dir.path().join("python");
+        std::fs::write(&script, "#!/bin/sh\nexec sleep 60\n").unwrap();
+        std::fs::set_permissions(&script, std::fs::Permissions::from_mode(0o755)).unwrap();
+        let start = Instant::now();
+        assert_eq!(
+            package_of(script.to_str().unwrap(), Duration::from_millis(200)),
+            None
+        );
+        assert!(start.elapsed() < Duration::from_secs(20));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn the_interpreter_names_the_folder_of_the_package() {
+        use std::os::unix::fs::PermissionsExt;
+        let dir = tempfile::tempdir().unwrap();
+        let script = dir.path().join("python");
+        std::fs::write(&script, "#!/bin/sh\necho /packages/onnxruntime\n").unwrap();
+        std::fs::set_permissions(&script, std::fs::Permissions::from_mode(0o755)).unwrap();
+        let package = package_of(script.to_str().unwrap(), Duration::from_secs(20));
+        assert_eq!(package.unwrap(), Path::new("/packages/onnxruntime"));
+    }
+}

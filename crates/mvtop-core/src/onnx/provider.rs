@@ -1,0 +1,135 @@
+//! Execution providers: the parts of ONNX Runtime that run a graph on some hardware.
+
+use crate::{Error, Result};
+use ort::ep::{self, ArbitrarilyConfigurableExecutionProvider, ExecutionProvider};
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::str::FromStr;
+
+/// What runs the graphs. Nodes that a provider cannot take stay on the processor.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Provider {
+    /// ONNX Runtime's own kernels, in every library.
+    #[default]
+    Cpu,
+    /// NVIDIA GPUs (`pip install onnxruntime-gpu`).
+    Cuda,
+    /// NVIDIA GPUs by TensorRT (`pip install onnxruntime-gpu`).
+    Tensorrt,
+    /// Intel processors (`pip install onnxruntime-openvino`).
+    Openvino,
+    /// The same, computing in bfloat16: faster where the processor has it, and less exact.
+    OpenvinoBf16,
+    /// Apple processors, in the macOS library.
+    Coreml,
+    /// Arm and x86 processors, in libraries built with it.
+    Xnnpack,
+}
+
+impl Provider {
+    /// Every provider, the default first.
+    pub const ALL: [Self; 7] = [
+        Self::Cpu,
+        Self::Cuda,
+        Self::Tensorrt,
+        Self::Openvino,
+        Self::OpenvinoBf16,
+        Self::Coreml,
+        Self::Xnnpack,
+    ];
+
+    /// The name that [`FromStr`] reads.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cpu => "cpu",
+            Self::Cuda => "cuda",
+            Self::Tensorrt => "tensorrt",
+            Self::Openvino => "openvino",
+            Self::OpenvinoBf16 => "openvino-bf16",
+            Self::Coreml => "coreml",
+            Self::Xnnpack => "xnnpack",
+        }
+    }
+
+    /// Whether the loaded library was built with this provider. Its hardware or its own libraries
+    /// may still be missing, which only shows when a network is loaded.
+    pub(super) fn is_built_in(self) -> bool {
+        let available = match self {
+            Self::Cpu => return true,
+            Self::Cuda => ep::CUDA::is_available(),
+            Self::Tensorrt => ep::TensorRT::is_available(),
+            Self::Openvino | Self::OpenvinoBf16 => ep::OpenVINO::is_available(),
+            Self::Coreml => ep::CoreML::is_available(),
+            Self::Xnnpack => ep::XNNPACK::is_available(),
+        };
+        available.unwrap_or(false)
+    }
+
+    /// The registration for a session; none for the processor, which is always there.
+    pub(super) fn registration(self, threads: usize) -> Option<ep::ExecutionProviderDispatch> {
+        let registration = match self {
+            Self::Cpu => return None,
+            Self::Cuda => ep::CUDA::default().build(),
+            Self::Tensorrt => ep::TensorRT::default().build(),
+            Self::Openvino => openvino("f32", threads),
+            Self::OpenvinoBf16 => openvino("bf16", threads),
+            Self::Coreml => ep::CoreML::default().build(),
+            Self::Xnnpack => ep::XNNPACK::default().build(),
+        };
+        // Otherwise a provider that fails to start would leave everything to the processor.
+        Some(registration.error_on_failure())
+    }
+}
+
+fn openvino(precision: &str, threads: usize) -> ep::ExecutionProviderDispatch {
+    let mut settings = serde_json::json!({ "INFERENCE_PRECISION_HINT": precision });
+    if threads > 0 {
+        settings["INFERENCE_NUM_THREADS"] = threads.to_string().into();
+    }
+    ep::OpenVINO::default()
+        .with_device_type("CPU")
+        .with_arbitrary_config("load_config", serde_json::json!({ "CPU": settings }))
+        .build()
+}
+
+impl fmt::Display for Provider {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+impl FromStr for Provider {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        let found = Self::ALL.into_iter().find(|p| p.name() == name);
+        found.ok_or_else(|| Error::Provider {
+            provider: name.to_owned(),
+            problem: format!("expected one of {}", Self::ALL.map(Self::name).join(", ")),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_provider_is_read_back_from_its_name() {
+        for provider in Provider::ALL {
+            assert_eq!(provider.name().parse::<Provider>().unwrap(), provider);
+            let json = serde_json::to_string(&provider).unwrap();
+            assert_eq!(json, format!("\"{provider}\""));
+        }
+    }
+
+    #[test]
+    fn an_unknown_provider_is_refused_with_the_known_ones() {
+        let error = "gpu".parse::<Provider>().unwrap_err().to_string();
+        assert!(
+            error.contains("`gpu`") && error.contains("openvino-bf16"),
+            "{error}"
+        );
+    }
+}

@@ -1,0 +1,246 @@
+//! The loaded ONNX Runtime library.
+
+use super::locate::{self, Attempt, Candidate, Surroundings};
+use super::{Network, Provider, SessionOptions, operator};
+use crate::{Error, Result};
+use ort::environment::Environment;
+use ort::session::Session;
+use serde::Serialize;
+use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+/// The library of this process. Never dropped: ONNX Runtime allows one environment per process and
+/// some versions crash when theirs is torn down during exit.
+static LOADED: OnceLock<Loaded> = OnceLock::new();
+
+#[derive(Debug)]
+struct Loaded {
+    environment: Environment,
+    library: Candidate,
+    attempts: Vec<Attempt>,
+}
+
+/// ONNX Runtime, ready to load networks. All values share the one library of the process.
+#[derive(Debug, Clone, Copy)]
+pub struct Runtime {
+    loaded: &'static Loaded,
+}
+
+impl Runtime {
+    /// Finds and loads ONNX Runtime 1.20 or newer, or returns the one already loaded.
+    ///
+    /// Looked for in this order: `explicit`, `$ORT_DYLIB_PATH`, beside the executable, `.venv` in
+    /// the current folder and those above, `$VIRTUAL_ENV`, `$CONDA_PREFIX`, the `onnxruntime`
+    /// package of `python3`, the system's libraries. The first two are binding: if they do not
+    /// load, nothing else is tried.
+    ///
+    /// # Errors
+    /// [`Error::Runtime`] when a library that was asked for cannot be loaded, is too old, or
+    /// another one is loaded already; [`Error::RuntimeMissing`] when none is found.
+    pub fn locate(explicit: Option<&Path>) -> Result<Self> {
+        static LOADING: Mutex<()> = Mutex::new(());
+        let _one_at_a_time = LOADING.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(loaded) = LOADED.get() {
+            return match explicit {
+                Some(path) if !same_file(path, &loaded.library.path) => Err(Error::Runtime {
+                    path: path.to_owned(),
+                    problem: format!(
+                        "this process has already loaded {}, and one process can use only one",
+                        loaded.library.path.display()
+                    ),
+                }),
+                _ => Ok(Self { loaded }),
+            };
+        }
+
+        let mut attempts = Vec::new();
+        for candidate in locate::candidates(explicit, Surroundings::of_process()) {
+            match load(&candidate.path) {
+                Ok(environment) => {
+                    let loaded = Loaded {
+                        environment,
+                        library: candidate,
+                        attempts,
+                    };
+                    return Ok(Self {
+                        loaded: LOADED.get_or_init(|| loaded),
+                    });
+                }
+                Err(problem) if candidate.binding => {
+                    return Err(Error::Runtime {
+                        path: candidate.path,
+                        problem,
+                    });
+                }
+                Err(problem) => attempts.push(Attempt { candidate, problem }),
+            }
+        }
+        Err(Error::RuntimeMissing { attempts })
+    }
+
+    /// The file of the loaded library.
+    pub fn library(&self) -> &Path {
+        &self.loaded.library.path
+    }
+
+    /// Loads the ONNX file at `path`, with mvtop's own operators at hand.
+    ///
+    /// # Errors
+    /// [`Error::Provider`] when the library lacks the provider or it does not start;
+    /// [`Error::Network`] when the file is missing or is no graph that can be run.
+    pub fn session(&self, path: &Path, options: &SessionOptions) -> Result<Network> {
+        let provider = options.provider;
+        if !provider.is_built_in() {
+            return Err(Error::Provider {
+                provider: provider.to_string(),
+                problem: format!(
+                    "the ONNX Runtime library {} was built without it, use `cpu` or install a \
+                     build that has it",
+                    self.library().display()
+                ),
+            });
+        }
+        let network_error = |e: &dyn fmt::Display| Error::Network {
+            path: path.to_owned(),
+            problem: one_line(e),
+        };
+        let mut builder = Session::builder(&self.loaded.environment)
+            .and_then(|b| Ok(b.with_intra_threads(options.threads)?))
+            // Spinning saves little on an idle machine and starves everything else on a busy one.
+            .and_then(|b| Ok(b.with_intra_op_spinning(false)?))
+            .and_then(|b| Ok(b.with_operators(operator::domain()?)?))
+            .map_err(|e| network_error(&e))?;
+        if let Some(registration) = provider.registration(options.threads) {
+            builder = builder
+                .with_execution_providers([registration])
+                .map_err(|e| Error::Provider {
+                    provider: provider.to_string(),
+                    problem: one_line(&e),
+                })?;
+        }
+        if !path.is_file() {
+            return Err(network_error(&"no such file"));
+        }
+        let session = builder
+            .commit_from_file(path)
+            .map_err(|e| network_error(&e))?;
+        Ok(Network::new(path, session))
+    }
+}
+
+/// Loads a library and starts it, turning everything that can go wrong into a sentence.
+fn load(path: &Path) -> Result<Environment, String> {
+    use ort::LoadDynamicError as E;
+    let start = || {
+        let builder = ort::init_from(path).map_err(|e| match e {
+            E::Dlopen { error, .. } => match std::error::Error::source(&error) {
+                Some(reason) => format!("cannot be loaded, {}", one_line(reason)),
+                None => format!("cannot be loaded, {}", one_line(&error)),
+            },
+            E::MissingApi { .. } => "is not an ONNX Runtime library".to_owned(),
+            E::InvalidVersionString => "gives a version that cannot be read".to_owned(),
+            E::BadVersion { version_str, .. } => format!(
+                "is version {version_str}, expected 1.{} or newer, update it with `pip install -U \
+                 onnxruntime`",
+                ort::MINOR_VERSION
+            ),
+        })?;
+        builder.with_name("mvtop").build().map_err(|e| one_line(&e))
+    };
+    // A library that lies about itself makes `ort` panic.
+    catch_unwind(AssertUnwindSafe(start)).unwrap_or_else(|_| Err("does not start".to_owned()))
+}
+
+fn one_line(error: &(impl fmt::Display + ?Sized)) -> String {
+    error
+        .to_string()
+        .split_whitespace()
+        .collect::<Vec<_>>()
+        .join(" ")
+}
+
+fn same_file(a: &Path, b: &Path) -> bool {
+    let resolve = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    resolve(a) == resolve(b)
+}
+
+/// What there is to say about ONNX Runtime on this machine.
+#[derive(Debug, Clone, Serialize)]
+pub struct Doctor {
+    /// The loaded library; none when there is none.
+    pub library: Option<PathBuf>,
+    /// Where it was found.
+    pub found_in: Option<String>,
+    /// Its version, major and minor.
+    pub version: Option<String>,
+    /// What it says of how it was built.
+    pub build: Option<String>,
+    /// The providers that it was built with.
+    pub providers: Vec<Provider>,
+    /// Libraries that were found but could not be used.
+    pub attempts: Vec<Attempt>,
+    /// What is wrong and what to do; none when all is well.
+    pub problem: Option<String>,
+}
+
+impl Doctor {
+    /// Locates the library as [`Runtime::locate`] does and reports instead of failing.
+    pub fn examine(explicit: Option<&Path>) -> Self {
+        let (loaded, error) = match Runtime::locate(explicit) {
+            Ok(runtime) => (Some(runtime.loaded), None),
+            Err(error) => (LOADED.get(), Some(error)),
+        };
+        let library = loaded.map(|l| l.library.path.clone());
+        let attempts = match &error {
+            Some(Error::RuntimeMissing { attempts }) => attempts.clone(),
+            _ => loaded.map(|l| l.attempts.clone()).unwrap_or_default(),
+        };
+        Self {
+            found_in: loaded.map(|l| l.library.found_in.clone()),
+            version: library
+                .as_ref()
+                .and_then(ort::util::probe)
+                .map(|minor| format!("1.{minor}")),
+            build: loaded.map(|_| ort::info().to_owned()),
+            providers: match loaded {
+                Some(_) => Provider::ALL
+                    .into_iter()
+                    .filter(|p| p.is_built_in())
+                    .collect(),
+                None => Vec::new(),
+            },
+            library,
+            attempts,
+            problem: error.map(|e| e.to_string()),
+        }
+    }
+}
+
+impl fmt::Display for Doctor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.library {
+            Some(path) => writeln!(f, "ONNX Runtime  {}", path.display())?,
+            None => writeln!(f, "ONNX Runtime  not found")?,
+        }
+        let mut line = |name: &str, text: &Option<String>| match text {
+            Some(text) => writeln!(f, "  {name:<10}  {text}"),
+            None => Ok(()),
+        };
+        line("found in", &self.found_in)?;
+        line("version", &self.version)?;
+        line("build", &self.build)?;
+        if !self.providers.is_empty() {
+            let names: Vec<_> = self.providers.iter().map(|p| p.name()).collect();
+            line("providers", &Some(names.join(", ")))?;
+        }
+        for attempt in &self.attempts {
+            writeln!(f, "  passed over  {attempt}")?;
+        }
+        match &self.problem {
+            Some(problem) => write!(f, "problem: {problem}"),
+            None => write!(f, "all well"),
+        }
+    }
+}
