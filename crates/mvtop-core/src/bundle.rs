@@ -1,1 +1,374 @@
-//! A model bundle: a folder with `model.json`, the networks and what they need.
+//! A model bundle: a folder with `model.json`, the networks and the points of the objects.
+
+use crate::rays::LosEncoding;
+use crate::{Error, Result};
+use serde::Deserialize;
+use sha2::{Digest, Sha256};
+use std::collections::{BTreeMap, HashSet};
+use std::fs::File;
+use std::io::Read;
+use std::path::{Component, Path, PathBuf};
+
+/// The name and version in `model.json` that this crate reads.
+const FORMAT: &str = "mvtop-model";
+const VERSION: u32 = 1;
+
+/// Largest side of the network input and largest stride, px: a bundle cannot ask for more memory
+/// than a machine has.
+const MAX_SIDE: u32 = 16_384;
+
+/// A checked model bundle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Bundle {
+    /// The folder.
+    pub dir: PathBuf,
+    /// Name of the training preset.
+    pub preset: String,
+    pub input: Input,
+    /// Cell sizes of the feature levels, px of the network input, finest first.
+    pub strides: Vec<usize>,
+    pub los_encoding: LosEncoding,
+    /// The objects, in the order of the network's class index.
+    pub classes: Vec<Class>,
+    pub detector: Detector,
+    /// Absolute or relative to the current folder, like `dir`.
+    pub features: PathBuf,
+    /// Likewise.
+    pub decoder: PathBuf,
+    /// Whether the graphs use standard operators only.
+    pub portable: bool,
+    /// Where the bundle comes from, in free form.
+    pub provenance: serde_json::Value,
+}
+
+/// What the images are brought to.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct Input {
+    /// px
+    pub width: u32,
+    /// px
+    pub height: u32,
+    /// Of each channel R, G, B scaled to 0..1.
+    pub mean: [f32; 3],
+    /// Likewise.
+    pub std: [f32; 3],
+}
+
+/// One object class.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Class {
+    pub id: i64,
+    pub name: String,
+    /// Largest distance between two surface points, metres.
+    pub diameter_m: f64,
+    /// Points on the surface.
+    pub points: Vec<SurfacePoint>,
+}
+
+/// A coloured point on the surface of an object.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SurfacePoint {
+    /// Object frame, metres.
+    pub position: [f64; 3],
+    /// R, G, B.
+    pub color: [u8; 3],
+}
+
+/// Settings of the detector.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub struct Detector {
+    /// Least score of a detection.
+    pub score_threshold: f32,
+    /// Overlap (intersection over union) above which the weaker of two boxes is dropped.
+    pub nms_iou: f32,
+}
+
+/// `model.json` as written.
+#[derive(Deserialize)]
+struct Manifest {
+    preset: String,
+    input: Input,
+    strides: Vec<u32>,
+    los_encoding: LosEncoding,
+    classes: Vec<ManifestClass>,
+    detector: Detector,
+    graphs: Graphs,
+    portable: bool,
+    files: BTreeMap<String, FileRecord>,
+    #[serde(default)]
+    provenance: serde_json::Value,
+}
+
+/// Read before the rest, which may differ in another version.
+#[derive(Deserialize)]
+struct Header {
+    format: String,
+    version: u32,
+}
+
+#[derive(Deserialize)]
+struct ManifestClass {
+    id: i64,
+    name: String,
+    diameter_m: f64,
+    points: String,
+}
+
+#[derive(Deserialize)]
+struct Graphs {
+    features: String,
+    decoder: String,
+}
+
+#[derive(Deserialize)]
+struct FileRecord {
+    sha256: String,
+    bytes: u64,
+}
+
+#[derive(Deserialize)]
+struct PointsFile {
+    unit: String,
+    points: Vec<[f64; 6]>,
+}
+
+impl Bundle {
+    /// Loads the bundle in the folder `dir` and checks every file of it.
+    ///
+    /// # Errors
+    /// [`Error::Bundle`] when the folder is no bundle, is of another version, says something
+    /// impossible, or a file is missing or differs from its checksum.
+    pub fn load(dir: &Path) -> Result<Self> {
+        let path = dir.join("model.json");
+        let refuse = |problem: String| Error::Bundle {
+            path: path.clone(),
+            problem,
+        };
+        let text = std::fs::read_to_string(&path).map_err(|e| {
+            refuse(format!(
+                "cannot be read ({e}), expected a model bundle there"
+            ))
+        })?;
+        let header: Header = serde_json::from_str(&text)
+            .map_err(|e| refuse(format!("is not the description of a model bundle: {e}")))?;
+        if header.format != FORMAT || header.version != VERSION {
+            return Err(refuse(format!(
+                "is `{}` version {}, expected `{FORMAT}` version {VERSION}, get a bundle made for \
+                 this release",
+                header.format, header.version
+            )));
+        }
+        let manifest: Manifest =
+            serde_json::from_str(&text).map_err(|e| refuse(format!("is not valid: {e}")))?;
+        manifest.check().map_err(refuse)?;
+        for (name, record) in &manifest.files {
+            record.check(&dir.join(name))?;
+        }
+        let classes = manifest
+            .classes
+            .into_iter()
+            .map(|class| {
+                let points = read_points(&dir.join(&class.points))?;
+                let ManifestClass {
+                    id,
+                    name,
+                    diameter_m,
+                    ..
+                } = class;
+                Ok(Class {
+                    id,
+                    name,
+                    diameter_m,
+                    points,
+                })
+            })
+            .collect::<Result<_>>()?;
+        Ok(Self {
+            dir: dir.to_owned(),
+            preset: manifest.preset,
+            input: manifest.input,
+            strides: manifest.strides.iter().map(|&s| s as usize).collect(),
+            los_encoding: manifest.los_encoding,
+            classes,
+            detector: manifest.detector,
+            features: dir.join(manifest.graphs.features),
+            decoder: dir.join(manifest.graphs.decoder),
+            portable: manifest.portable,
+            provenance: manifest.provenance,
+        })
+    }
+
+    /// Index of the class `name`, as the network counts them.
+    pub fn class_index(&self, name: &str) -> Option<usize> {
+        self.classes.iter().position(|class| class.name == name)
+    }
+}
+
+impl Manifest {
+    /// What serde cannot check; the text is the problem.
+    fn check(&self) -> Result<(), String> {
+        let Input {
+            width,
+            height,
+            mean,
+            std,
+        } = &self.input;
+        if !(1..=MAX_SIDE).contains(width) || !(1..=MAX_SIDE).contains(height) {
+            return Err(format!(
+                "input is {width} x {height} px, expected 1 to {MAX_SIDE} a side"
+            ));
+        }
+        if !mean.iter().all(|m| m.is_finite()) || !std.iter().all(|s| s.is_finite() && *s > 0.0) {
+            return Err(format!(
+                "input has mean {mean:?} and std {std:?}, expected std above 0"
+            ));
+        }
+        if self.strides.is_empty() || !self.strides.is_sorted_by(|a, b| a < b) {
+            return Err(format!(
+                "strides are {:?}, expected them rising",
+                self.strides
+            ));
+        }
+        if let Some(stride) = self
+            .strides
+            .iter()
+            .find(|&&s| s == 0 || width % s != 0 || height % s != 0)
+        {
+            return Err(format!(
+                "stride {stride} does not divide the input {width} x {height}"
+            ));
+        }
+        let Detector {
+            score_threshold,
+            nms_iou,
+        } = self.detector;
+        if ![score_threshold, nms_iou]
+            .iter()
+            .all(|x| (0.0..=1.0).contains(x))
+        {
+            return Err(format!(
+                "detector has {:?}, expected numbers from 0 to 1",
+                self.detector
+            ));
+        }
+        if self.classes.is_empty() {
+            return Err("classes are empty, expected at least one".into());
+        }
+        let (mut ids, mut names) = (HashSet::new(), HashSet::new());
+        for class in &self.classes {
+            if !ids.insert(class.id) || !names.insert(&class.name) {
+                return Err(format!(
+                    "class `{}` with id {} comes twice",
+                    class.name, class.id
+                ));
+            }
+            if !(class.diameter_m.is_finite() && class.diameter_m > 0.0) {
+                return Err(format!(
+                    "class `{}` has the diameter {} m, expected it above 0",
+                    class.name, class.diameter_m
+                ));
+            }
+        }
+        for name in self.files.keys() {
+            let mut parts = Path::new(name).components();
+            if name.is_empty() || !parts.all(|part| matches!(part, Component::Normal(_))) {
+                return Err(format!("file `{name}` lies outside the bundle"));
+            }
+        }
+        let Graphs { features, decoder } = &self.graphs;
+        let points = self.classes.iter().map(|class| &class.points);
+        if let Some(name) = [features, decoder]
+            .into_iter()
+            .chain(points)
+            .find(|n| !self.files.contains_key(*n))
+        {
+            return Err(format!("file `{name}` is used but not listed in `files`"));
+        }
+        Ok(())
+    }
+}
+
+impl FileRecord {
+    fn check(&self, path: &Path) -> Result<()> {
+        let refuse = |problem: String| Error::Bundle {
+            path: path.to_owned(),
+            problem,
+        };
+        let (bytes, sha256) = digest(path).map_err(|e| refuse(format!("cannot be read: {e}")))?;
+        if bytes != self.bytes {
+            return Err(refuse(format!(
+                "has {bytes} bytes, expected {}; the bundle is incomplete or changed, get it again",
+                self.bytes
+            )));
+        }
+        if !sha256.eq_ignore_ascii_case(&self.sha256) {
+            return Err(refuse(format!(
+                "has sha256 {sha256}, expected {}; the bundle was changed, get it again",
+                self.sha256
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// Length and SHA-256 of a file, in hexadecimal.
+fn digest(path: &Path) -> std::io::Result<(u64, String)> {
+    let mut file = File::open(path)?;
+    let (mut hash, mut bytes) = (Sha256::new(), 0);
+    let mut buffer = vec![0; 1 << 16];
+    loop {
+        let read = file.read(&mut buffer)?;
+        if read == 0 {
+            break;
+        }
+        hash.update(&buffer[..read]);
+        bytes += read as u64;
+    }
+    let hex = hash
+        .finalize()
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect();
+    Ok((bytes, hex))
+}
+
+fn read_points(path: &Path) -> Result<Vec<SurfacePoint>> {
+    let refuse = |problem: String| Error::Bundle {
+        path: path.to_owned(),
+        problem,
+    };
+    let text = std::fs::read_to_string(path).map_err(|e| refuse(format!("cannot be read: {e}")))?;
+    let file: PointsFile =
+        serde_json::from_str(&text).map_err(|e| refuse(format!("is not a points file: {e}")))?;
+    if file.unit != "m" {
+        return Err(refuse(format!(
+            "is in `{}`, expected metres (`m`)",
+            file.unit
+        )));
+    }
+    if file.points.is_empty() {
+        return Err(refuse("holds no points".into()));
+    }
+    file.points
+        .iter()
+        .enumerate()
+        .map(|(i, &[x, y, z, r, g, b])| {
+            let color = [r, g, b];
+            let valid = [x, y, z].iter().all(|v| v.is_finite())
+                && color.iter().all(|c| (0.0..=255.0).contains(c));
+            // Rounded, since the file may hold averaged colours.
+            let point = SurfacePoint {
+                position: [x, y, z],
+                color: color.map(|c| c.round() as u8),
+            };
+            valid.then_some(point).ok_or_else(|| {
+                refuse(format!(
+                    "point {i}: expected finite x, y, z and r, g, b from 0 to 255"
+                ))
+            })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,166 @@
+use super::*;
+use serde_json::{Value, json};
+
+/// A bundle whose graphs are any bytes, with `change` made to its description.
+fn bundle(change: impl FnOnce(&mut Value)) -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let points = r#"{"unit":"m","points":[[0.01,0.02,0.03,255,127.6,0]]}"#;
+    let mut files = json!({});
+    for (name, text) in [
+        ("f.onnx", "features"),
+        ("d.onnx", "decoder"),
+        ("p.json", points),
+    ] {
+        std::fs::write(dir.path().join(name), text).unwrap();
+        let (bytes, sha256) = digest(&dir.path().join(name)).unwrap();
+        files[name] = json!({ "bytes": bytes, "sha256": sha256 });
+    }
+    let mut model = json!({
+        "format": "mvtop-model",
+        "version": 1,
+        "preset": "small",
+        "input": {"width": 640, "height": 480, "mean": [0.5, 0.5, 0.5], "std": [0.2, 0.2, 0.2]},
+        "strides": [8, 16, 32],
+        "los_encoding": "plucker_origin",
+        "classes": [{"id": 1, "name": "mvball", "diameter_m": 0.138, "points": "p.json"}],
+        "detector": {"score_threshold": 0.3, "nms_iou": 0.5},
+        "graphs": {"features": "f.onnx", "decoder": "d.onnx"},
+        "portable": false,
+        "files": files,
+        "provenance": {"seed": 1},
+    });
+    change(&mut model);
+    std::fs::write(dir.path().join("model.json"), model.to_string()).unwrap();
+    dir
+}
+
+fn refusal(change: impl FnOnce(&mut Value)) -> String {
+    Bundle::load(bundle(change).path()).unwrap_err().to_string()
+}
+
+#[test]
+fn the_sha256_is_that_of_the_standard() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("abc"), "abc").unwrap();
+    let expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+    assert_eq!(
+        digest(&dir.path().join("abc")).unwrap(),
+        (3, expected.to_owned())
+    );
+}
+
+#[test]
+fn a_bundle_is_read() {
+    let dir = bundle(|_| ());
+    let bundle = Bundle::load(dir.path()).unwrap();
+    assert_eq!(bundle.strides, [8, 16, 32]);
+    assert_eq!(bundle.los_encoding, LosEncoding::PluckerOrigin);
+    assert_eq!(bundle.features, dir.path().join("f.onnx"));
+    assert_eq!(bundle.class_index("mvball"), Some(0));
+    assert_eq!(bundle.class_index("cube"), None);
+    let point = SurfacePoint {
+        position: [0.01, 0.02, 0.03],
+        color: [255, 128, 0],
+    };
+    assert_eq!(bundle.classes[0].points, [point]);
+}
+
+#[test]
+fn a_folder_without_a_bundle_is_refused_by_name() {
+    let error = Bundle::load(Path::new("/no/such/bundle"))
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("/no/such/bundle/model.json"), "{error}");
+}
+
+#[test]
+fn another_format_or_version_is_refused_before_anything_else() {
+    let future = refusal(|m| *m = json!({ "format": "mvtop-model", "version": 2 }));
+    assert!(
+        future.contains("version 2, expected `mvtop-model` version 1"),
+        "{future}"
+    );
+    let other = refusal(|m| m["format"] = json!("other"));
+    assert!(other.contains("`other`"), "{other}");
+}
+
+#[test]
+fn a_changed_a_cut_and_a_missing_file_are_refused_by_name() {
+    for (contents, part) in [("Features", "sha256"), ("feat", "4 bytes, expected 8")] {
+        let dir = bundle(|_| ());
+        std::fs::write(dir.path().join("f.onnx"), contents).unwrap();
+        let error = Bundle::load(dir.path()).unwrap_err().to_string();
+        assert!(error.contains("f.onnx") && error.contains(part), "{error}");
+    }
+    let dir = bundle(|_| ());
+    std::fs::remove_file(dir.path().join("d.onnx")).unwrap();
+    let error = Bundle::load(dir.path()).unwrap_err().to_string();
+    assert!(
+        error.contains("d.onnx") && error.contains("cannot be read"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_file_that_no_checksum_covers_is_refused() {
+    for name in ["f.onnx", "d.onnx", "p.json"] {
+        let error = refusal(|m| {
+            m["files"].as_object_mut().unwrap().remove(name);
+        });
+        assert!(
+            error.contains(&format!("`{name}` is used but not listed")),
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn paths_that_leave_the_folder_are_refused() {
+    for name in ["../secret", "/etc/passwd", "a/../../b", ""] {
+        let error = refusal(|m| m["files"][name] = json!({ "bytes": 0, "sha256": "" }));
+        assert!(error.contains("outside the bundle"), "{name}: {error}");
+    }
+}
+
+#[test]
+fn impossible_numbers_are_refused() {
+    let cases: [(&str, Value, &str); 11] = [
+        ("/input/width", json!(0), "input is 0 x 480"),
+        ("/input/height", json!(4_000_000), "input is 640 x 4000000"),
+        ("/input/std", json!([0.2, 0.0, 0.2]), "std"),
+        ("/strides", json!([]), "strides"),
+        ("/strides", json!([16, 8]), "strides"),
+        ("/strides", json!([0, 8]), "stride 0"),
+        ("/strides", json!([7]), "stride 7 does not divide"),
+        ("/detector/nms_iou", json!(1.5), "from 0 to 1"),
+        ("/classes", json!([]), "classes are empty"),
+        ("/classes/0/diameter_m", json!(-1.0), "diameter"),
+        ("/los_encoding", json!("polar"), "polar"),
+    ];
+    for (place, value, part) in cases {
+        let error = refusal(|m| *m.pointer_mut(place).unwrap() = value.clone());
+        assert!(error.contains(part), "{place} = {value}: {error}");
+    }
+    let twice = refusal(|m| {
+        let class = m["classes"][0].clone();
+        m["classes"].as_array_mut().unwrap().push(class);
+    });
+    assert!(twice.contains("comes twice"), "{twice}");
+}
+
+#[test]
+fn points_that_are_none_are_refused() {
+    let cases = [
+        (r#"{"unit":"mm","points":[[0,0,0,0,0,0]]}"#, "metres"),
+        (r#"{"unit":"m","points":[]}"#, "no points"),
+        (r#"{"unit":"m","points":[[0,0,0,0,0,256]]}"#, "point 0"),
+        (r#"{"unit":"m","points":[[0,0,0]]}"#, "not a points file"),
+    ];
+    for (text, part) in cases {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("p.json");
+        std::fs::write(&path, text).unwrap();
+        let error = read_points(&path).unwrap_err().to_string();
+        assert!(error.contains(part) && error.contains("p.json"), "{error}");
+    }
+}
