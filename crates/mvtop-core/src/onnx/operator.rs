@@ -39,26 +39,10 @@ impl Operator for DeformableSampling {
     fn infer_shape(&self, context: &mut ShapeInferenceContext) -> ort::Result<()> {
         no_panic(|| {
             let inputs = context.inputs();
-            let [Some(value), Some(locations)] =
-                [0, 1].map(|i| rank_checked(inputs.get(i), 4 + 2 * i))
-            else {
-                return Ok(()); // Ranks are not known yet: nothing to say.
-            };
-            let channels = match (value[2], value[3]) {
-                (heads, dim) if heads >= 0 && dim >= 0 => heads.saturating_mul(dim),
-                _ => -1,
-            };
-            let shape = Shape::new([locations[0], locations[1], channels]);
-            let dimension_symbols = SymbolicDimensions::empty(shape.len());
-            let ty = TensorElementType::Float32;
-            context.set_output(
-                0,
-                &ValueType::Tensor {
-                    ty,
-                    shape,
-                    dimension_symbols,
-                },
-            )
+            match output_type(&inputs) {
+                Some(output) => context.set_output(0, &output),
+                None => Ok(()),
+            }
         })
     }
 
@@ -170,12 +154,31 @@ fn levels_of(sides: &[i64]) -> ort::Result<LevelShapes> {
     LevelShapes::new(&shapes).map_err(error)
 }
 
-/// The axes of a tensor of the expected rank.
-fn rank_checked(input: Option<&ValueType>, rank: usize) -> Option<&Shape> {
-    match input? {
-        ValueType::Tensor { shape, .. } if shape.len() == rank => Some(shape),
+/// The output's type where every axis is known, by number or by name: ONNX Runtime would take the
+/// -1 of an axis without a name for its length.
+fn output_type(inputs: &[ValueType]) -> Option<ValueType> {
+    let axis = |input: usize, axis: usize| match inputs.get(input)? {
+        ValueType::Tensor {
+            shape,
+            dimension_symbols,
+            ..
+        } => {
+            let (length, symbol) = (*shape.get(axis)?, dimension_symbols.get(axis)?.clone());
+            (length >= 0 || !symbol.is_empty()).then_some((length, symbol))
+        }
         _ => None,
+    };
+    let (heads, head_dim) = (axis(0, 2)?.0, axis(0, 3)?.0);
+    if heads < 0 || head_dim < 0 {
+        return None;
     }
+    let channels = (heads.checked_mul(head_dim)?, String::new());
+    let axes = [axis(1, 0)?, axis(1, 1)?, channels];
+    Some(ValueType::Tensor {
+        ty: TensorElementType::Float32,
+        shape: Shape::new(axes.iter().map(|axis| axis.0)),
+        dimension_symbols: SymbolicDimensions::new(axes.map(|axis| axis.1)),
+    })
 }
 
 /// ONNX Runtime calls this module through C, where a panic would end the process.
