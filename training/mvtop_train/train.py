@@ -106,6 +106,14 @@ def validate(model, scenes, config, size, device, views: int, aug, per_scene: in
     }
 
 
+def _moving_average(average, new, updates):
+    """Exponential moving average that forgets the first, untrained steps quickly."""
+    share = 1 - min(0.995, (1 + float(updates)) / (10 + float(updates)))
+    if not average.is_floating_point():
+        return new
+    return average + share * (new - average)
+
+
 class Run:
     """Model, its moving average and optimiser, saved to and restored from one file."""
 
@@ -131,9 +139,8 @@ class Run:
             lr=1e-3,
         )
         self.average = torch.optim.swa_utils.AveragedModel(
-            self.model, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(0.998),
-            use_buffers=True,
-        )  # fmt: skip
+            self.model, avg_fn=_moving_average, use_buffers=True
+        )
         if self.path.exists():
             state = torch.load(self.path, map_location=device, weights_only=True)
             self.model.load_state_dict(state["model"])

@@ -1,3 +1,5 @@
 //! Tests across modules, in one binary.
 
+mod fixtures;
 mod onnx;
+mod parity;
