@@ -60,6 +60,7 @@ impl LevelShapes {
             cells = height
                 .checked_mul(width)
                 .and_then(|n| n.checked_add(cells))
+                .filter(|&n| n <= 1 << 31) // kept in u32 by the kernel
                 .ok_or_else(|| shape_error("levels", "fewer cells", &[height, width]))?;
         }
         Ok(Self { levels, cells })

@@ -1,10 +1,15 @@
-//! The inner loops, for one batch on one thread.
+//! The inner loops, for some queries of one batch on one thread.
 //!
-//! The channels of a head are walked in blocks of 32, 16, 8 or 1 whose length is known at compile
-//! time, so that LLVM keeps a block in vector registers; on x86-64 the loops are compiled a second
-//! time for AVX2, chosen at run time.
+//! Both are written for the compiler's vectoriser: where to read is found for [`LANES`] taps at
+//! once, and channels are walked in blocks of 32, 16, 8 or 1 whose length is known at compile time
+//! and so stays in registers. On x86-64 all is compiled a second time for AVX2, chosen at run time.
 
 use super::{Gradients, Level};
+
+/// Taps that are looked up together.
+const LANES: usize = 8;
+
+type Lanes<T> = [T; LANES];
 
 /// Inputs of one batch and a run of its queries.
 pub(super) struct Job<'a> {
@@ -20,64 +25,132 @@ pub(super) struct Job<'a> {
     pub weights: &'a [f32],
 }
 
-/// The four cells around a location, in the order (y0,x0), (y0,x1), (y1,x0), (y1,x1).
-struct Corners {
-    cells: [usize; 4],
-    /// 1 inside the map, 0 outside, where `cells` holds the nearest inside cell instead.
-    inside: [f32; 4],
-    fx: f32,
-    fy: f32,
-}
-
-impl Corners {
-    /// None where no corner is inside the map, which includes locations that are not finite.
-    #[inline(always)]
-    fn at(level: &Level, x: f32, y: f32) -> Option<Self> {
-        let (width, height) = (level.width as f32, level.height as f32);
-        let (px, py) = (x * width - 0.5, y * height - 0.5);
-        // Written so that NaN fails.
-        if !(px > -1.0 && px < width && py > -1.0 && py < height) {
-            return None;
-        }
-        let (x0, y0) = (px.floor(), py.floor());
-        let (column, row) = (x0 as i32, y0 as i32);
-        let (last_column, last_row) = (level.width as i32 - 1, level.height as i32 - 1);
-        let (left, right) = (
-            column.max(0) as usize,
-            (column + 1).min(last_column) as usize,
-        );
-        let (top, bottom) = (row.max(0) as usize, (row + 1).min(last_row) as usize);
-        let one_if = |inside: bool| if inside { 1.0 } else { 0.0 };
-        let (in_left, in_right) = (one_if(column >= 0), one_if(column < last_column));
-        let (in_top, in_bottom) = (one_if(row >= 0), one_if(row < last_row));
-        let (top, bottom) = (
-            level.first_cell + top * level.width,
-            level.first_cell + bottom * level.width,
-        );
-        Some(Self {
-            cells: [top + left, top + right, bottom + left, bottom + right],
-            inside: [
-                in_top * in_left,
-                in_top * in_right,
-                in_bottom * in_left,
-                in_bottom * in_right,
-            ],
-            fx: px - x0,
-            fy: py - y0,
-        })
+impl Job<'_> {
+    /// Taps of one query and head.
+    fn taps(&self) -> usize {
+        self.levels.len() * self.points
     }
 
-    /// Bilinear weight of each corner, zero outside the map.
+    /// The levels that the taps of a query and head read, in groups of lanes; the last group is
+    /// filled up with taps of a 1 x 1 level.
+    fn groups(&self) -> Vec<Group> {
+        let mut groups = vec![Group::default(); self.taps().div_ceil(LANES)];
+        let levels = self
+            .levels
+            .iter()
+            .flat_map(|level| std::iter::repeat_n(level, self.points));
+        for (tap, level) in levels.enumerate() {
+            let (group, lane) = (&mut groups[tap / LANES], tap % LANES);
+            group.width[lane] = level.width as f32;
+            group.height[lane] = level.height as f32;
+            group.row[lane] = level.width as u32;
+            group.first_cell[lane] = level.first_cell as u32;
+            group.taps = lane + 1;
+        }
+        groups
+    }
+}
+
+/// The levels that a group of taps reads.
+#[derive(Clone)]
+struct Group {
+    taps: usize,
+    width: Lanes<f32>,
+    height: Lanes<f32>,
+    /// Cells from one row to the next: the width again.
+    row: Lanes<u32>,
+    first_cell: Lanes<u32>,
+}
+
+impl Default for Group {
+    fn default() -> Self {
+        Self {
+            taps: 0,
+            width: [1.0; LANES],
+            height: [1.0; LANES],
+            row: [1; LANES],
+            first_cell: [0; LANES],
+        }
+    }
+}
+
+/// Linear interpolation along one axis: the two nearest cells, and for each its share and how fast
+/// that grows with the location. Both are 0 for a cell outside the map, whose place the nearest
+/// inside cell takes, and for locations that are not finite.
+#[derive(Default)]
+struct Axis {
+    cells: [Lanes<u32>; 2],
+    shares: [Lanes<f32>; 2],
+    slopes: [Lanes<f32>; 2],
+}
+
+impl Axis {
+    /// - `locations`: 0 to 1 over the axis
+    /// - `lengths`: of the axis, in cells
     #[inline(always)]
-    fn shares(&self) -> [f32; 4] {
-        let (fx, fy) = (self.fx, self.fy);
-        let shares = [
-            (1.0 - fy) * (1.0 - fx),
-            (1.0 - fy) * fx,
-            fy * (1.0 - fx),
-            fy * fx,
-        ];
-        std::array::from_fn(|i| self.inside[i] * shares[i])
+    fn at(locations: &Lanes<f32>, lengths: &Lanes<f32>) -> Self {
+        let mut axis = Self::default();
+        for i in 0..LANES {
+            let length = lengths[i];
+            let last = length - 1.0;
+            let place = locations[i] * length - 0.5;
+            let cell = place.floor();
+            let part = place - cell;
+            // Comparisons with NaN are false: such a location ends up outside, at cell 0.
+            let inside = [cell >= 0.0 && cell <= last, cell >= -1.0 && cell < last];
+            let clamp = |cell: f32| {
+                let cell = if cell > 0.0 { cell } else { 0.0 };
+                let cell = if cell < last { cell } else { last };
+                // SAFETY: from 0 to `last`, which is below 2^24.
+                unsafe { cell.to_int_unchecked::<i32>() as u32 }
+            };
+            axis.cells[0][i] = clamp(cell);
+            axis.cells[1][i] = clamp(cell + 1.0);
+            axis.shares[0][i] = if inside[0] { 1.0 - part } else { 0.0 };
+            axis.shares[1][i] = if inside[1] { part } else { 0.0 };
+            axis.slopes[0][i] = if inside[0] { -length } else { 0.0 };
+            axis.slopes[1][i] = if inside[1] { length } else { 0.0 };
+        }
+        axis
+    }
+}
+
+/// Where a group of taps reads, in the order (y0, x0), (y0, x1), (y1, x0), (y1, x1).
+struct Footprints {
+    x: Axis,
+    y: Axis,
+    cells: [Lanes<u32>; 4],
+}
+
+impl Footprints {
+    /// - `locations`: `[taps, 2]`, at most [`LANES`]
+    #[inline(always)]
+    fn new(group: &Group, locations: &[f32]) -> Self {
+        let (mut x, mut y) = ([0.0; LANES], [0.0; LANES]);
+        for (i, location) in locations.chunks_exact(2).take(LANES).enumerate() {
+            (x[i], y[i]) = (location[0], location[1]);
+        }
+        let (x, y) = (Axis::at(&x, &group.width), Axis::at(&y, &group.height));
+        let mut cells = [[0; LANES]; 4];
+        for (corner, cells) in cells.iter_mut().enumerate() {
+            let (rows, columns) = (&y.cells[corner / 2], &x.cells[corner % 2]);
+            for (i, cell) in cells.iter_mut().enumerate() {
+                *cell = group.first_cell[i] + rows[i] * group.row[i] + columns[i];
+            }
+        }
+        Self { x, y, cells }
+    }
+
+    /// `along_y` times `along_x`, for each corner.
+    #[inline(always)]
+    fn product(along_y: &[Lanes<f32>; 2], along_x: &[Lanes<f32>; 2]) -> [Lanes<f32>; 4] {
+        let mut product = [[0.0; LANES]; 4];
+        for (corner, product) in product.iter_mut().enumerate() {
+            for i in 0..LANES {
+                product[i] = along_y[corner / 2][i] * along_x[corner % 2][i];
+            }
+        }
+        product
     }
 }
 
@@ -115,56 +188,60 @@ dispatch!(
 
 #[inline(always)]
 fn forward_portable(job: &Job<'_>, out: &mut [f32]) {
+    out.fill(0.0);
     if job.head_dim == 0 {
         return;
     }
-    let taps = job.levels.len() * job.points;
+    let groups = job.groups();
     for (row, out) in out.chunks_exact_mut(job.head_dim).enumerate() {
-        let weights = &job.weights[row * taps..(row + 1) * taps];
-        let locations = &job.locations[2 * row * taps..2 * (row + 1) * taps];
         let head = (row % job.heads) * job.head_dim;
-        let mut done = 0;
-        while done < job.head_dim {
-            let out = &mut out[done..];
-            done += match out.len() {
-                32.. => forward_block::<32>(job, head + done, weights, locations, out),
-                16.. => forward_block::<16>(job, head + done, weights, locations, out),
-                8.. => forward_block::<8>(job, head + done, weights, locations, out),
-                _ => forward_block::<1>(job, head + done, weights, locations, out),
+        let mut first = row * job.taps();
+        for group in &groups {
+            let weights = &job.weights[first..first + group.taps];
+            let locations = &job.locations[2 * first..2 * (first + group.taps)];
+            first += group.taps;
+            let at = Footprints::new(group, locations);
+            let shares = Footprints::product(&at.y.shares, &at.x.shares);
+            let mut done = 0;
+            while done < job.head_dim {
+                let (channel, out) = (head + done, &mut out[done..]);
+                done += match out.len() {
+                    32.. => read::<32>(job, channel, weights, &at.cells, &shares, out),
+                    16.. => read::<16>(job, channel, weights, &at.cells, &shares, out),
+                    8.. => read::<8>(job, channel, weights, &at.cells, &shares, out),
+                    _ => read::<1>(job, channel, weights, &at.cells, &shares, out),
+                }
             }
         }
     }
 }
 
-/// Fills the first `W` channels of `out`; `channel` is their place in a row of H·D. Returns `W`.
+/// Adds what some taps read to the first `W` channels of `out`; `channel` is their place in a row
+/// of H·D. Returns `W`.
 #[inline(always)]
-fn forward_block<const W: usize>(
+fn read<const W: usize>(
     job: &Job<'_>,
     channel: usize,
     weights: &[f32],
-    locations: &[f32],
+    cells: &[Lanes<u32>; 4],
+    shares: &[Lanes<f32>; 4],
     out: &mut [f32],
 ) -> usize {
     let stride = job.heads * job.head_dim;
     let mut sum = [0.0f32; W];
-    for (l, level) in job.levels.iter().enumerate() {
-        for tap in l * job.points..(l + 1) * job.points {
-            let weight = weights[tap];
-            if weight == 0.0 {
-                continue;
-            }
-            let (x, y) = (locations[2 * tap], locations[2 * tap + 1]);
-            let Some(corners) = Corners::at(level, x, y) else {
-                continue;
-            };
-            let shares = corners.shares();
-            for (cell, share) in corners.cells.into_iter().zip(shares) {
-                let share = weight * share;
-                let value = &job.value[cell * stride + channel..][..W];
-                for i in 0..W {
-                    sum[i] += share * value[i];
-                }
-            }
+    sum.copy_from_slice(&out[..W]);
+    for (tap, &weight) in weights.iter().enumerate().take(LANES) {
+        if weight == 0.0 {
+            continue;
+        }
+        let value =
+            |corner: usize| &job.value[cells[corner][tap] as usize * stride + channel..][..W];
+        let (a, b, c, d) = (value(0), value(1), value(2), value(3));
+        let share = |corner: usize| weight * shares[corner][tap];
+        let (sa, sb, sc, sd) = (share(0), share(1), share(2), share(3));
+        for i in 0..W {
+            // In pairs, so that the sums of one tap do not wait for each other.
+            sum[i] += (sa * a[i] + sb * b[i]) + (sc * c[i] + sd * d[i]);
         }
     }
     out[..W].copy_from_slice(&sum);
@@ -176,78 +253,82 @@ fn backward_portable(job: &Job<'_>, grad_out: &[f32], gradients: Gradients<'_>) 
     if job.head_dim == 0 {
         return;
     }
-    let taps = job.levels.len() * job.points;
+    let groups = job.groups();
     for (row, grad_out) in grad_out.chunks_exact(job.head_dim).enumerate() {
-        let weights = &job.weights[row * taps..(row + 1) * taps];
-        let locations = &job.locations[2 * row * taps..2 * (row + 1) * taps];
         let head = (row % job.heads) * job.head_dim;
-        let mut done = 0;
-        while done < job.head_dim {
-            let grad_out = &grad_out[done..];
-            let channel = head + done;
-            let gradients = Gradients {
-                value: &mut *gradients.value,
-                locations: &mut gradients.locations[2 * row * taps..2 * (row + 1) * taps],
-                weights: &mut gradients.weights[row * taps..(row + 1) * taps],
+        let mut first = row * job.taps();
+        for group in &groups {
+            let taps = first..first + group.taps;
+            let places = 2 * taps.start..2 * taps.end;
+            first += group.taps;
+            let at = Footprints::new(group, &job.locations[places.clone()]);
+            let shares = Footprints::product(&at.y.shares, &at.x.shares);
+            // What each corner of each tap would add to the loss if it were read with share 1.
+            let mut reads = [[0.0; LANES]; 4];
+            let weights = &job.weights[taps.clone()];
+            let grad_value = &mut *gradients.value;
+            let mut done = 0;
+            while done < job.head_dim {
+                let (c, grad) = (head + done, &grad_out[done..]);
+                let (w, s, v, r) = (weights, &shares, &mut *grad_value, &mut reads);
+                done += match grad.len() {
+                    32.. => scatter::<32>(job, c, w, &at.cells, s, grad, v, r),
+                    16.. => scatter::<16>(job, c, w, &at.cells, s, grad, v, r),
+                    8.. => scatter::<8>(job, c, w, &at.cells, s, grad, v, r),
+                    _ => scatter::<1>(job, c, w, &at.cells, s, grad, v, r),
+                };
+            }
+
+            let along_x = Footprints::product(&at.y.shares, &at.x.slopes);
+            let along_y = Footprints::product(&at.y.slopes, &at.x.shares);
+            let sum = |factors: &[Lanes<f32>; 4], i: usize| {
+                (0..4)
+                    .map(|corner| factors[corner][i] * reads[corner][i])
+                    .sum::<f32>()
             };
-            let (w, l) = (weights, locations);
-            done += match grad_out.len() {
-                32.. => backward_block::<32>(job, channel, w, l, grad_out, gradients),
-                16.. => backward_block::<16>(job, channel, w, l, grad_out, gradients),
-                8.. => backward_block::<8>(job, channel, w, l, grad_out, gradients),
-                _ => backward_block::<1>(job, channel, w, l, grad_out, gradients),
+            let grad_weights = &mut gradients.weights[taps];
+            let grad_locations = &mut gradients.locations[places];
+            for (i, &weight) in weights.iter().enumerate().take(LANES) {
+                grad_weights[i] += sum(&shares, i);
+                grad_locations[2 * i] += weight * sum(&along_x, i);
+                grad_locations[2 * i + 1] += weight * sum(&along_y, i);
             }
         }
     }
 }
 
-/// Adds what the first `W` channels of `grad_out` give to the gradients. Returns `W`.
+/// Adds what the first `W` channels of `grad` give to the gradient of the value and to `reads`.
+/// Returns `W`.
 #[inline(always)]
-fn backward_block<const W: usize>(
+#[allow(clippy::too_many_arguments)] // One struct for them would be used here only.
+fn scatter<const W: usize>(
     job: &Job<'_>,
     channel: usize,
     weights: &[f32],
-    locations: &[f32],
-    grad_out: &[f32],
-    gradients: Gradients<'_>,
+    cells: &[Lanes<u32>; 4],
+    shares: &[Lanes<f32>; 4],
+    grad: &[f32],
+    grad_value: &mut [f32],
+    reads: &mut [Lanes<f32>; 4],
 ) -> usize {
     let stride = job.heads * job.head_dim;
-    let mut grad = [0.0f32; W];
-    grad.copy_from_slice(&grad_out[..W]);
-    for (l, level) in job.levels.iter().enumerate() {
-        for tap in l * job.points..(l + 1) * job.points {
-            let (x, y) = (locations[2 * tap], locations[2 * tap + 1]);
-            let Some(corners) = Corners::at(level, x, y) else {
-                continue;
-            };
-            let shares = corners.shares();
-            let weight = weights[tap];
-            // What each corner would add to the loss if it were read with share one.
-            let mut reads = [0.0f32; 4];
-            for corner in 0..4 {
-                let from = corners.cells[corner] * stride + channel;
-                let value = &job.value[from..from + W];
-                reads[corner] = corners.inside[corner] * dot(&grad, value);
-                let share = weight * shares[corner];
-                let grad_value = &mut gradients.value[from..from + W];
-                for i in 0..W {
-                    grad_value[i] += share * grad[i];
-                }
+    let mut row = [0.0f32; W];
+    row.copy_from_slice(&grad[..W]);
+    for (tap, &weight) in weights.iter().enumerate().take(LANES) {
+        for corner in 0..4 {
+            let from = cells[corner][tap] as usize * stride + channel;
+            reads[corner][tap] += dot(&row, &job.value[from..from + W]);
+            let share = weight * shares[corner][tap];
+            let grad_value = &mut grad_value[from..from + W];
+            for i in 0..W {
+                grad_value[i] += share * row[i];
             }
-            let (fx, fy) = (corners.fx, corners.fy);
-            let [a, b, c, d] = reads;
-            let (width, height) = (level.width as f32, level.height as f32);
-            gradients.weights[tap] +=
-                (1.0 - fy) * ((1.0 - fx) * a + fx * b) + fy * ((1.0 - fx) * c + fx * d);
-            gradients.locations[2 * tap] += weight * width * ((1.0 - fy) * (b - a) + fy * (d - c));
-            gradients.locations[2 * tap + 1] +=
-                weight * height * ((1.0 - fx) * (c - a) + fx * (d - b));
         }
     }
     W
 }
 
-/// Dot product in the order of a vector register: LLVM may not reorder a plain sum of floats.
+/// Dot product in the order of a vector register: the compiler may not reorder a plain sum.
 #[inline(always)]
 fn dot<const W: usize>(a: &[f32; W], b: &[f32]) -> f32 {
     let mut products = [0.0f32; W];
