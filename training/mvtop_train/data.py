@@ -27,7 +27,7 @@ class Augmentation:
     scale: float
     diameter_px: tuple[float, float] = (57, 156)  # of the object in the image, times `scale`
     zoom: tuple[float, float] = (0.56, 1.25)  # crop px per image px, times `scale`
-    jitter: float = 0.03  # of the box size, each of position and size
+    jitter: float = 0.02  # of the box size, each of position and size
 
 
 def load_index(root: Path, split: str = "train") -> list[list[bop.Image]]:

@@ -74,3 +74,38 @@ def test_uncertainty_does_not_touch_the_pose():
     error = torch.ones(1, requires_grad=True)
     pose.uncertainty_loss(sigma, error, error).sum().backward()
     assert sigma.grad is not None and error.grad is None
+
+
+def test_boxes_alone_put_a_sphere_where_it_is():
+    """One view by the box's size, two views by triangulation; the correction is zero."""
+    from mvtop_train import config
+    from mvtop_train.decoder import Boxes, PoseHeads
+
+    heads = PoseHeads(config.preset("tiny"))
+    radius = heads.radii[0].item()
+    centre = torch.tensor([0.1, -0.05, 0.8])
+    side = torch.tensor([[0.0, 0, -1, 0.8], [0, 1, 0, 0], [1, 0, 0, 0.8], [0, 0, 0, 1]])
+    poses = torch.stack([torch.eye(4), side])  # the second camera looks along the first's -x
+    k = K.expand(2, 3, 3)
+    boxes = []
+    for pose_ in poses:
+        in_cam = pose_[:3, :3].T @ (centre - pose_[:3, 3])
+        u, v = (K @ in_cam)[:2] / in_cam[2]
+        half = 600 * radius / in_cam.norm()
+        boxes.append(torch.stack([u - half, v - half, u + half, v + half]))
+    lines = rays.box_rays(k, torch.stack(boxes)[:, None], poses)[None]
+    index = torch.zeros(1, 1, dtype=torch.long)
+    for valid, tolerance in (([1.0, 0.0], 0.02), ([1.0, 1.0], 0.003)):
+        given = Boxes(None, None, lines, torch.tensor(valid)[None, :, None])
+        t = heads._from_box_rays(torch.zeros(1, 1, 3), index, given)[0, 0]
+        assert (t - centre).norm() < tolerance
+
+
+def test_solve3_solves():
+    from mvtop_train.decoder import solve3
+
+    torch.manual_seed(0)
+    m = torch.randn(5, 3, 3, dtype=torch.float64)
+    a = m @ m.mT + 0.1 * torch.eye(3)
+    b = torch.randn(5, 3, dtype=torch.float64)
+    torch.testing.assert_close((a @ solve3(a, b)[..., None])[..., 0], b)
