@@ -64,6 +64,14 @@ pub enum Error {
     #[error("model bundle {}: {problem}", path.display())]
     Bundle { path: PathBuf, problem: String },
 
+    /// Arguments that do not fit each other: images and rig, boxes and model.
+    #[error("{0}")]
+    Input(String),
+
+    /// A pose that the network gives but that is none.
+    #[error("{0}; the model bundle is broken, restore it or export it again")]
+    Pose(String),
+
     /// Six numbers that span no rotation.
     #[error(
         "6D rotation {0:?}: its two columns must be finite, non-zero and not parallel to each other"

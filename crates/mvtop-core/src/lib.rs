@@ -1,10 +1,14 @@
 //! Multi-view 6-DoF object pose estimation from calibrated RGB cameras.
 //!
-//! Modules in the order of the flow from images to poses.
+//! Modules in the order of the flow from images to poses, which [`estimator`] spells out.
+
+pub mod estimator;
 
 pub mod rig;
 
 pub mod camera;
+
+pub mod known;
 
 pub mod image;
 
@@ -16,14 +20,24 @@ pub mod bundle;
 
 pub mod onnx;
 
+pub mod network;
+
 pub mod detect;
 
 pub mod associate;
 
 pub mod pose;
 
+pub mod prediction;
+
+pub mod report;
+
+pub mod overlay;
+
 mod error;
 
 pub use camera::{Camera, Distortion, Lens};
 pub use error::{Error, Result};
+pub use estimator::{Estimator, Options, PredictOptions};
+pub use prediction::Prediction;
 pub use rig::Rig;

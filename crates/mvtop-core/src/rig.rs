@@ -2,7 +2,7 @@
 
 mod fields;
 mod parse;
-mod transform;
+pub(crate) mod transform;
 mod unit;
 
 use std::fs::File;

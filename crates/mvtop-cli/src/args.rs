@@ -1,0 +1,134 @@
+//! The arguments of each command.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+use mvtop_core::Options;
+use mvtop_core::onnx::{Provider, SessionOptions};
+
+/// 6-DoF poses of objects seen by several calibrated cameras.
+#[derive(Parser)]
+#[command(name = "mvtop-cli", version, about)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Subcommand)]
+pub enum Command {
+    /// Find the objects in the images of a rig, and their poses
+    Infer(Infer),
+    /// Compare predictions with the truth over a folder of samples
+    Eval(Eval),
+    /// Say what was found of ONNX Runtime and the model, and what to do
+    Doctor(Network),
+}
+
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  All cameras of the rig, in its order:
+    mvtop-cli infer --rig rig.json left.png right.png
+  Some cameras, poses in the frame of one of them, with pictures:
+    mvtop-cli infer --rig rig.json left=a.png top=b.png --reference top --overlay out
+  For a program to read:
+    mvtop-cli infer --rig rig.json left.png right.png --json > poses.json")]
+pub struct Infer {
+    /// Rig file: the cameras, their lenses and where they are
+    #[arg(long, value_name = "FILE")]
+    pub rig: PathBuf,
+
+    /// PNG or JPEG images: one for each camera in the rig's order, or ID=PATH for some cameras
+    #[arg(required = true, value_name = "IMAGE")]
+    pub images: Vec<PathBuf>,
+
+    /// Camera in whose frame poses are given [default: the rig's]
+    #[arg(long, value_name = "ID")]
+    pub reference: Option<String>,
+
+    /// Use the boxes in this file instead of detecting objects
+    #[arg(long, value_name = "FILE")]
+    pub boxes: Option<PathBuf>,
+
+    /// Print JSON instead of a table
+    #[arg(long, conflicts_with = "truth")]
+    pub json: bool,
+
+    /// Print the known poses in this file (truth.json) beside the predicted ones
+    #[arg(long, value_name = "FILE")]
+    pub truth: Option<PathBuf>,
+
+    /// Draw the poses onto copies of the images, in this folder
+    #[arg(long, value_name = "DIR")]
+    pub overlay: Option<PathBuf>,
+
+    /// Overwrite pictures that exist
+    #[arg(long, requires = "overlay")]
+    pub force: bool,
+
+    #[command(flatten)]
+    pub network: Network,
+}
+
+#[derive(Args)]
+#[command(after_help = "\
+A sample is a folder with rig.json, truth.json and one image for each camera, <ID>.png or .jpg.
+The last line on stdout is one line of JSON; docs/output.md says what it holds.
+
+Example:
+  mvtop-cli eval --samples out/eval --out predictions.json")]
+pub struct Eval {
+    /// Folder of sample folders
+    #[arg(long, value_name = "DIR")]
+    pub samples: PathBuf,
+
+    /// Use the true boxes instead of detecting objects
+    #[arg(long)]
+    pub true_boxes: bool,
+
+    /// Use only the reference camera and those that follow it, this many [default: all]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub views: Option<u32>,
+
+    /// Write every prediction and its errors to this JSON file
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+
+    /// Overwrite the file if it exists
+    #[arg(long, requires = "out")]
+    pub force: bool,
+
+    #[command(flatten)]
+    pub network: Network,
+}
+
+#[derive(Args)]
+pub struct Network {
+    /// Model bundle [default: $MVTOP_MODEL, else models/mvball here or above the executable]
+    #[arg(long, value_name = "DIR")]
+    pub model: Option<PathBuf>,
+
+    /// ONNX Runtime's library [default: searched for, see `doctor`]
+    #[arg(long, value_name = "PATH")]
+    pub ort_lib: Option<PathBuf>,
+
+    /// What executes the network
+    #[arg(long, value_name = "NAME", default_value_t)]
+    pub provider: Provider,
+
+    /// Threads inside one operation of the network; 0: one per physical core
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub threads: usize,
+}
+
+impl Network {
+    pub fn options(&self) -> Options {
+        Options {
+            ort_lib: self.ort_lib.clone(),
+            session: SessionOptions {
+                provider: self.provider,
+                threads: self.threads,
+            },
+        }
+    }
+}

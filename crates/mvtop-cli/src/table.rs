@@ -1,0 +1,102 @@
+//! Poses as text for people.
+
+use mvtop_core::known::KnownPose;
+use mvtop_core::pose::{rotation_error_deg, translation_error, wxyz};
+use mvtop_core::prediction::ObjectPose;
+use mvtop_core::{Prediction, Rig};
+use nalgebra::Isometry3;
+
+/// The objects, one row each, then the timings.
+pub fn objects(prediction: &Prediction, rig: &Rig) -> String {
+    let reference = &rig.cameras[prediction.reference].id;
+    let mut lines = Vec::new();
+    if prediction.objects.is_empty() {
+        lines.push("no object detected".to_owned());
+    } else {
+        let classes = prediction
+            .objects
+            .iter()
+            .map(|object| object.class.chars().count());
+        let width = classes.max().unwrap_or(0).max("class".len());
+        lines.push(format!("poses in the frame of camera `{reference}`"));
+        lines.push(format!(
+            "{:width$}  score  {:24}  {:31}  {:16}  detected in",
+            "class", "t (m)", "q_wxyz", "expected error"
+        ));
+        for object in &prediction.objects {
+            lines.push(format!(
+                "{:width$}  {:5.2}  {}  {:5.1}° {:6.1} mm  {}",
+                object.class,
+                object.score,
+                pose(&object.ref_from_obj),
+                object.sigma.rot_deg,
+                object.sigma.t_m * 1e3,
+                detected_in(object, rig)
+            ));
+        }
+    }
+    let t = &prediction.timings;
+    lines.push(String::new());
+    lines.push(format!(
+        "prepare {:.1} ms, features {:.1} ms, detect {:.1} ms, decode {:.1} ms, total {:.1} ms on \
+         `{}`",
+        t.prepare, t.features, t.detect, t.decode, t.total, prediction.provider
+    ));
+    lines.join("\n")
+}
+
+/// Predicted poses beside the known ones.
+pub fn compared(prediction: &Prediction, truth: &[KnownPose], rig: &Rig) -> String {
+    let world_from_ref = rig.cameras[prediction.reference].world_from_cam;
+    let mut lines = Vec::new();
+    for known in truth {
+        let ref_from_obj = world_from_ref.inv_mul(&known.world_from_obj);
+        lines.push(format!("{}  {:24}  q_wxyz", known.seen.class, "t (m)"));
+        match nearest(known, prediction) {
+            Some(object) => {
+                let rotation =
+                    rotation_error_deg(&ref_from_obj.rotation, &object.ref_from_obj.rotation);
+                let translation = translation_error(&ref_from_obj, &object.ref_from_obj);
+                lines.push(format!("  predicted  {}", pose(&object.ref_from_obj)));
+                lines.push(format!("  known      {}", pose(&ref_from_obj)));
+                lines.push(format!(
+                    "  error      rotation {rotation:.2} deg, translation {:.1} mm",
+                    translation * 1e3
+                ));
+            }
+            None => {
+                lines.push("  predicted  not found".to_owned());
+                lines.push(format!("  known      {}", pose(&ref_from_obj)));
+            }
+        }
+    }
+    lines.join("\n")
+}
+
+/// The predicted object of the known one's class that is nearest to it.
+pub fn nearest<'a>(known: &KnownPose, prediction: &'a Prediction) -> Option<&'a ObjectPose> {
+    let off =
+        |object: &&ObjectPose| translation_error(&known.world_from_obj, &object.world_from_obj);
+    prediction
+        .objects
+        .iter()
+        .filter(|object| object.class == known.seen.class)
+        .min_by(|a, b| off(a).total_cmp(&off(b)))
+}
+
+fn pose(pose: &Isometry3<f64>) -> String {
+    let t = pose.translation.vector;
+    let [w, x, y, z] = wxyz(&pose.rotation);
+    format!(
+        "{:+8.4}{:+8.4}{:+8.4}  {w:+.4} {x:+.4} {y:+.4} {z:+.4}",
+        t.x, t.y, t.z
+    )
+}
+
+fn detected_in(object: &ObjectPose, rig: &Rig) -> String {
+    let seen = object.cameras.iter().filter(|seen| seen.bbox.is_some());
+    let ids: Vec<&str> = seen
+        .map(|seen| rig.cameras[seen.camera].id.as_str())
+        .collect();
+    ids.join(" ")
+}

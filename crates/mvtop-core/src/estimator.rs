@@ -1,0 +1,307 @@
+//! From images to poses: start reading at [`Estimator::predict`].
+
+mod sightings;
+mod view;
+
+use std::cmp::Reverse;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use image::RgbImage;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion};
+use ndarray::{Array2, Array3, Axis};
+
+use self::sightings::Sighting;
+use self::view::View;
+use crate::bundle::Bundle;
+use crate::known::KnownBoxes;
+use crate::network::{Decoded, Features, Network, OnnxNetwork, Queries};
+use crate::pose::rotation_from_6d;
+use crate::prediction::{CameraPose, ObjectPose, Prediction, Sigma, Timings};
+use crate::rays::{box_rays, encode};
+use crate::{Error, Result, Rig, onnx};
+
+/// How to run the network.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// ONNX Runtime's library; `None` searches for it, see [`onnx::Runtime::locate`].
+    pub ort_lib: Option<PathBuf>,
+    pub session: onnx::SessionOptions,
+}
+
+/// What to predict.
+#[derive(Debug, Clone, Default)]
+pub struct PredictOptions {
+    /// Id of the camera in whose frame poses are given (it needs no image); the rig's by default.
+    pub reference: Option<String>,
+    /// Boxes to use instead of detecting.
+    pub boxes: Option<Vec<KnownBoxes>>,
+}
+
+/// A loaded network, ready for any number of predictions with any rigs.
+pub struct Estimator {
+    bundle: Bundle,
+    network: Box<dyn Network>,
+}
+
+/// A pose as the decoder gives it, but in the world.
+struct Pose {
+    world_from_obj: Isometry3<f64>,
+    sigma: Sigma,
+}
+
+impl Estimator {
+    /// Loads ONNX Runtime and a model bundle.
+    ///
+    /// # Errors
+    /// Where the runtime is missing or too old, the bundle is incomplete, changed or of another
+    /// version, or the provider cannot be had.
+    pub fn load(bundle: &Path, options: &Options) -> Result<Self> {
+        let bundle = Bundle::load(bundle)?;
+        let runtime = onnx::Runtime::locate(options.ort_lib.as_deref())?;
+        let network = OnnxNetwork::load(&runtime, &bundle, &options.session)?;
+        Ok(Self::new(bundle, Box::new(network)))
+    }
+
+    /// An estimator with a network that something other than ONNX Runtime runs.
+    pub fn new(bundle: Bundle, network: Box<dyn Network>) -> Self {
+        Self { bundle, network }
+    }
+
+    /// What the network was made for.
+    pub fn bundle(&self) -> &Bundle {
+        &self.bundle
+    }
+
+    /// Finds the objects of the bundle's classes, and their poses.
+    ///
+    /// - `images`: with the index of the camera in the rig, in any order; at least one, at most one
+    ///   per camera, of the camera's size
+    ///
+    /// # Errors
+    /// [`Error::Input`] where the images, the reference or the given boxes do not fit the rig or
+    /// the bundle; [`Error::Shape`] and [`Error::Pose`] where the network does not do its part.
+    pub fn predict(
+        &self,
+        rig: &Rig,
+        images: &[(usize, RgbImage)],
+        options: &PredictOptions,
+    ) -> Result<Prediction> {
+        let mut clock = Clock::start();
+        let reference = reference(rig, options.reference.as_deref())?;
+        let views = view::gather(&self.bundle, rig, images)?;
+        let (tensor, rays) = view::stack(&self.bundle, &views)?;
+        let prepare = clock.lap();
+
+        let features = self.network.features(tensor, rays)?;
+        features.check(views.len(), self.bundle.classes.len())?;
+        let features_time = clock.lap();
+
+        let objects = match &options.boxes {
+            Some(boxes) => sightings::given(&self.bundle, rig, &views, boxes)?,
+            None => sightings::detected(&self.bundle, &rig.cameras[reference], &views, &features),
+        };
+        let detect = clock.lap();
+
+        let poses = self.poses(&views, reference, &features, &objects)?;
+        let decode = clock.lap();
+
+        let ref_from_world = rig.cameras[reference].world_from_cam.inverse();
+        Ok(Prediction {
+            reference,
+            objects: objects
+                .iter()
+                .zip(poses)
+                .map(|(object, pose)| self.object_pose(&views, &ref_from_world, object, pose))
+                .collect(),
+            timings: Timings {
+                prepare,
+                features: features_time,
+                detect,
+                decode,
+                total: clock.total(),
+            },
+            provider: self.network.provider().to_owned(),
+        })
+    }
+
+    /// Decodes the objects in groups that share an anchor: the reference camera where it sees the
+    /// object, else the first camera that does.
+    fn poses(
+        &self,
+        views: &[View],
+        reference: usize,
+        features: &Features,
+        objects: &[Sighting],
+    ) -> Result<Vec<Pose>> {
+        let reference_view = views.iter().position(|view| view.index == reference);
+        let mut groups: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for (i, object) in objects.iter().enumerate() {
+            let sees = |&v: &usize| object.boxes[v].is_some();
+            let anchor = reference_view
+                .filter(sees)
+                .or_else(|| (0..views.len()).find(sees));
+            groups.entry(anchor.unwrap_or(0)).or_default().push(i);
+        }
+
+        let mut poses: Vec<(usize, Pose)> = Vec::new();
+        for (anchor, members) in groups {
+            let mut order: Vec<usize> = (0..views.len()).collect();
+            order.sort_by_key(|&v| Reverse(v == anchor)); // stable: the others keep their order
+            let sightings: Vec<&Sighting> = members.iter().map(|&i| &objects[i]).collect();
+            let queries = self.queries(views, &order, &sightings);
+            let decoded = if anchor == 0 {
+                self.network.decode(features.memory.view(), &queries)?
+            } else {
+                self.network
+                    .decode(features.memory.select(Axis(0), &order).view(), &queries)?
+            };
+            decoded.check(members.len())?;
+            for (q, &i) in members.iter().enumerate() {
+                poses.push((i, pose(&views[anchor].camera.world_from_cam, &decoded, q)?));
+            }
+        }
+        poses.sort_by_key(|(i, _)| *i);
+        Ok(poses.into_iter().map(|(_, pose)| pose).collect())
+    }
+
+    /// The decoder's input for objects anchored in the first view of `order`.
+    fn queries(&self, views: &[View], order: &[usize], objects: &[&Sighting]) -> Queries {
+        let (v_len, q_len) = (order.len(), objects.len());
+        let encoding = self.bundle.los_encoding;
+        let cells = views[0].camera_rays.nrows();
+        let mut queries = Queries {
+            rays: Array3::zeros((v_len, cells, encoding.width())),
+            centers: Array3::from_elem((v_len, q_len, 2), 0.5),
+            half_sizes: Array3::zeros((v_len, q_len, 2)),
+            box_rays: Array3::zeros((v_len, q_len, 12)),
+            valid: Array2::zeros((v_len, q_len)),
+            class_index: objects.iter().map(|object| object.class as i64).collect(),
+        };
+        let world_from_anchor = views[order[0]].camera.world_from_cam;
+        for (row, &v) in order.iter().enumerate() {
+            let view = &views[v];
+            let anchor_from_cam = world_from_anchor.inv_mul(&view.camera.world_from_cam);
+            let rays = encode(view.camera_rays.view(), &anchor_from_cam, encoding);
+            queries.rays.index_axis_mut(Axis(0), row).assign(&rays);
+            for (q, object) in objects.iter().enumerate() {
+                let Some(bbox) = object.boxes[v] else {
+                    continue;
+                };
+                let Some(rays) = box_rays(view.camera, bbox, &anchor_from_cam) else {
+                    continue;
+                };
+                let (center, half_size) = view.net_box(bbox);
+                for axis in 0..2 {
+                    queries.centers[(row, q, axis)] = center[axis] as f32;
+                    queries.half_sizes[(row, q, axis)] = half_size[axis] as f32;
+                }
+                for (i, number) in rays.into_iter().enumerate() {
+                    queries.box_rays[(row, q, i)] = number;
+                }
+                queries.valid[(row, q)] = 1.0;
+            }
+        }
+        queries
+    }
+
+    fn object_pose(
+        &self,
+        views: &[View],
+        ref_from_world: &Isometry3<f64>,
+        object: &Sighting,
+        pose: Pose,
+    ) -> ObjectPose {
+        let class = &self.bundle.classes[object.class];
+        let cameras = views
+            .iter()
+            .zip(&object.boxes)
+            .map(|(view, bbox)| CameraPose {
+                camera: view.index,
+                cam_from_obj: view.camera.world_from_cam.inv_mul(&pose.world_from_obj),
+                bbox: *bbox,
+            });
+        ObjectPose {
+            class: class.name.clone(),
+            class_id: class.id,
+            score: object.score,
+            ref_from_obj: ref_from_world * pose.world_from_obj,
+            world_from_obj: pose.world_from_obj,
+            sigma: pose.sigma,
+            cameras: cameras.collect(),
+        }
+    }
+}
+
+fn reference(rig: &Rig, id: Option<&str>) -> Result<usize> {
+    let Some(id) = id else {
+        return Ok(rig.reference);
+    };
+    rig.index_of(id).ok_or_else(|| {
+        let known: Vec<&str> = rig
+            .cameras
+            .iter()
+            .map(|camera| camera.id.as_str())
+            .collect();
+        let known = known.join(", ");
+        Error::Input(format!(
+            "reference: no camera `{id}` in the rig, expected one of: {known}"
+        ))
+    })
+}
+
+/// The pose of query `q`, from the anchor's frame into the world.
+fn pose(world_from_anchor: &Isometry3<f64>, decoded: &Decoded, q: usize) -> Result<Pose> {
+    let number = |array: &Array2<f32>, i: usize| f64::from(array[(q, i)]);
+    let t = [0, 1, 2].map(|i| number(&decoded.translation, i));
+    let sigma = Sigma {
+        rot_deg: number(&decoded.sigma, 0),
+        t_m: number(&decoded.sigma, 1),
+    };
+    if !t
+        .iter()
+        .chain([&sigma.rot_deg, &sigma.t_m])
+        .all(|x| x.is_finite())
+    {
+        return Err(Error::Pose(format!(
+            "decoder: expected a finite pose, got translation {t:?} and {sigma:?}"
+        )));
+    }
+    let rotation = rotation_from_6d([0, 1, 2, 3, 4, 5].map(|i| number(&decoded.rotation_6d, i)))?;
+    let rotation = UnitQuaternion::from_rotation_matrix(&rotation);
+    let anchor_from_obj = Isometry3::from_parts(Translation3::from(t), rotation);
+    Ok(Pose {
+        world_from_obj: world_from_anchor * anchor_from_obj,
+        sigma,
+    })
+}
+
+/// Milliseconds since the last lap and since the start.
+struct Clock {
+    start: Instant,
+    lap: Instant,
+}
+
+impl Clock {
+    fn start() -> Self {
+        let now = Instant::now();
+        Self {
+            start: now,
+            lap: now,
+        }
+    }
+
+    fn lap(&mut self) -> f64 {
+        let lap = self.lap.elapsed();
+        self.lap = Instant::now();
+        lap.as_secs_f64() * 1e3
+    }
+
+    fn total(&self) -> f64 {
+        self.start.elapsed().as_secs_f64() * 1e3
+    }
+}
+
+#[cfg(test)]
+mod tests;

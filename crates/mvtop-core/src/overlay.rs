@@ -1,0 +1,279 @@
+//! Pictures of a prediction: each object's points and axes through the camera's true lens.
+
+mod canvas;
+mod font;
+
+use image::RgbImage;
+use image::imageops::{FilterType, replace, resize};
+use nalgebra::{Isometry3, Point2, Point3};
+
+use self::canvas::{Canvas, Colour};
+use crate::bundle::Class;
+use crate::prediction::{ObjectPose, Prediction};
+use crate::{Camera, Rig};
+
+/// One colour per object, in turn; none of them is one of the axes'.
+const OBJECT_COLOURS: [Colour; 4] = [[0, 229, 255], [255, 64, 208], [255, 196, 0], [178, 255, 89]];
+/// x, y and z.
+const AXIS_COLOURS: [Colour; 3] = [[255, 40, 40], [40, 220, 40], [60, 110, 255]];
+/// Straight lines of the scene are drawn in this many pieces, for lenses bend them.
+const AXIS_PIECES: usize = 16;
+/// As many of an object's points are drawn at most, evenly chosen.
+const MAX_POINTS: usize = 1500;
+/// Sizes are made for images of this height, px.
+const NOMINAL_HEIGHT: f64 = 480.0;
+/// Height of the views in a contact sheet, and the gap between them, px.
+const SHEET_HEIGHT: u32 = 480;
+const SHEET_GAP: u32 = 6;
+
+/// An object to draw.
+#[derive(Debug, Clone)]
+pub struct Drawn<'a> {
+    pub cam_from_obj: Isometry3<f64>,
+    /// On the object's surface, in its frame, metres.
+    pub points: &'a [Point3<f64>],
+    /// The object's diameter, metres; the axes are a little longer than its radius.
+    pub diameter_m: f64,
+    /// `[x0, y0, x1, y1]`, px.
+    pub bbox: Option<[f64; 4]>,
+    pub label: String,
+}
+
+/// A copy of a camera's image with the objects drawn onto it and the camera's id in a corner.
+pub fn draw(image: &RgbImage, camera: &Camera, objects: &[Drawn]) -> RgbImage {
+    let mut canvas = Canvas {
+        image: image.clone(),
+    };
+    let unit = f64::from(image.height()) / NOMINAL_HEIGHT;
+    let text_scale = unit.round().clamp(1.0, 16.0) as u32 * 2;
+    let coloured = || objects.iter().zip(OBJECT_COLOURS.iter().cycle());
+    for (object, &colour) in coloured() {
+        draw_points(&mut canvas, camera, object, unit, colour);
+    }
+    for (object, &colour) in coloured() {
+        if let Some([x0, y0, x1, y1]) = object.bbox {
+            let corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)];
+            let corners = corners.map(|(x, y)| Point2::new(x, y));
+            canvas.polyline(&corners, 1.5 * unit, colour, 0.9);
+        }
+        draw_axes(&mut canvas, camera, object, unit);
+    }
+    for (object, &colour) in coloured() {
+        let corner = object
+            .bbox
+            .map(|bbox| Point2::new(bbox[0], bbox[1]))
+            .or_else(|| {
+                let reach = object.diameter_m / 2.0;
+                let centre = Point3::from(object.cam_from_obj.translation.vector);
+                camera
+                    .lens
+                    .project(&Point3::new(centre.x - reach, centre.y - reach, centre.z))
+            });
+        if let Some(corner) = corner {
+            let (_, height) = canvas::text_size(&object.label, text_scale);
+            let above = corner.y - f64::from(height) - 2.0 * unit;
+            canvas.text(&object.label, corner.x, above, text_scale, colour);
+        }
+    }
+    canvas.text(&camera.id, 0.0, 0.0, text_scale, [255; 3]);
+    canvas.image
+}
+
+/// [`draw`] for every image, with the objects as predicted.
+///
+/// - `classes`: of the bundle that the prediction was made with
+/// - `images`: those that the prediction was made from, each with the index of its camera
+/// - returns: in the order of `images`
+pub fn draw_prediction(
+    prediction: &Prediction,
+    classes: &[Class],
+    rig: &Rig,
+    images: &[(usize, RgbImage)],
+) -> Vec<RgbImage> {
+    let points: Vec<Vec<Point3<f64>>> = classes
+        .iter()
+        .map(|class| class.points.iter().map(|p| p.position.into()).collect())
+        .collect();
+    let drawn = |(index, image): &(usize, RgbImage)| {
+        let in_camera = |object: &ObjectPose| {
+            let class = classes
+                .iter()
+                .position(|class| class.name == object.class)?;
+            let seen = object.cameras.iter().find(|seen| seen.camera == *index)?;
+            Some(Drawn {
+                cam_from_obj: seen.cam_from_obj,
+                points: &points[class],
+                diameter_m: classes[class].diameter_m,
+                bbox: seen.bbox,
+                label: format!("{} {:.2}", object.class, object.score),
+            })
+        };
+        let objects: Vec<Drawn> = prediction.objects.iter().filter_map(in_camera).collect();
+        rig.cameras
+            .get(*index)
+            .map_or_else(|| image.clone(), |camera| draw(image, camera, &objects))
+    };
+    images.iter().map(drawn).collect()
+}
+
+/// The images side by side, at one height; empty without images.
+pub fn contact_sheet(images: &[RgbImage]) -> RgbImage {
+    let width = |image: &RgbImage| {
+        let (width, height) = (u64::from(image.width()), u64::from(image.height().max(1)));
+        // No view may be wider than sixteen times its height.
+        (width * u64::from(SHEET_HEIGHT) / height).clamp(1, 16 * u64::from(SHEET_HEIGHT)) as u32
+    };
+    if images.is_empty() {
+        return RgbImage::new(0, 0);
+    }
+    let gaps = SHEET_GAP * (images.len() as u32 - 1);
+    let mut sheet = RgbImage::new(images.iter().map(width).sum::<u32>() + gaps, SHEET_HEIGHT);
+    let mut left = 0;
+    for image in images {
+        let view = resize(image, width(image), SHEET_HEIGHT, FilterType::Triangle);
+        replace(&mut sheet, &view, i64::from(left), 0);
+        left += view.width() + SHEET_GAP;
+    }
+    sheet
+}
+
+/// Dots where the camera sees the object's surface.
+fn draw_points(canvas: &mut Canvas, camera: &Camera, object: &Drawn, unit: f64, colour: Colour) {
+    let in_camera: Vec<(Point3<f64>, Point2<f64>)> = object
+        .points
+        .iter()
+        .step_by(object.points.len().div_ceil(MAX_POINTS).max(1))
+        .map(|point| object.cam_from_obj * point)
+        .filter_map(|point| Some((point, camera.lens.project(&point)?)))
+        .collect();
+    for (point, pixel) in &in_camera {
+        // Hidden where a point nearby in the image lies clearly nearer to the camera.
+        let distance = point.coords.norm();
+        let nearby = 0.06 * object.diameter_m / distance;
+        let hidden = in_camera.iter().any(|(other, _)| {
+            distance - other.coords.norm() > 0.15 * object.diameter_m
+                && point.coords.angle(&other.coords) < nearby
+        });
+        if !hidden {
+            canvas.dot(*pixel, 1.3 * unit, colour, 0.6);
+        }
+    }
+}
+
+fn draw_axes(canvas: &mut Canvas, camera: &Camera, object: &Drawn, unit: f64) {
+    let length = 0.65 * object.diameter_m;
+    let mut axes: Vec<(f64, Vec<Point2<f64>>, Colour)> = Vec::new();
+    for (axis, colour) in AXIS_COLOURS.into_iter().enumerate() {
+        let at = |piece: usize| {
+            let mut point = Point3::origin();
+            point[axis] = length * piece as f64 / AXIS_PIECES as f64;
+            object.cam_from_obj * point
+        };
+        let pixels: Option<Vec<_>> = (0..=AXIS_PIECES)
+            .map(|piece| camera.lens.project(&at(piece)))
+            .collect();
+        if let Some(pixels) = pixels {
+            axes.push((at(AXIS_PIECES).z, pixels, colour));
+        }
+    }
+    // Far ones first, so that near ones cover them.
+    axes.sort_by(|a, b| b.0.total_cmp(&a.0));
+    for (_, pixels, colour) in axes {
+        canvas.polyline(&pixels, 5.5 * unit, [16, 16, 16], 0.6);
+        canvas.polyline(&pixels, 3.5 * unit, colour, 1.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Distortion, Lens};
+    use image::Rgb;
+
+    fn camera() -> Camera {
+        Camera {
+            id: "left".into(),
+            width: 640,
+            height: 480,
+            lens: Lens {
+                fx: 500.,
+                fy: 500.,
+                cx: 320.,
+                cy: 240.,
+                distortion: Distortion::None,
+            },
+            world_from_cam: Isometry3::identity(),
+        }
+    }
+
+    #[test]
+    fn axes_start_at_the_object_and_point_along_the_image_axes() {
+        let object = Drawn {
+            cam_from_obj: Isometry3::translation(0.0, 0.0, 1.0),
+            points: &[],
+            diameter_m: 0.2,
+            bbox: None,
+            label: "ball".into(),
+        };
+        let image = RgbImage::new(640, 480);
+        let drawn = draw(&image, &camera(), &[object]);
+        assert_eq!(drawn.dimensions(), (640, 480));
+        // 0.13 m at 1 m and 500 px: 65 px to the right and down.
+        assert_eq!(drawn.get_pixel(380, 240), &Rgb(AXIS_COLOURS[0]));
+        assert_eq!(drawn.get_pixel(320, 300), &Rgb(AXIS_COLOURS[1]));
+        assert_eq!(drawn.get_pixel(390, 240), &Rgb([0; 3]));
+    }
+
+    #[test]
+    fn points_behind_the_surface_are_not_drawn() {
+        let points = [Point3::new(0.0, 0.0, -0.1), Point3::new(0.0, 0.0, 0.1)];
+        let shown = |pose: Isometry3<f64>, points: &[Point3<f64>]| {
+            let object = Drawn {
+                cam_from_obj: pose,
+                points,
+                diameter_m: 0.2,
+                bbox: None,
+                label: "".into(),
+            };
+            let mut canvas = Canvas {
+                image: RgbImage::new(640, 480),
+            };
+            draw_points(&mut canvas, &camera(), &object, 1.0, [100; 3]);
+            canvas.image.get_pixel(320, 240).0[0]
+        };
+        let ahead = Isometry3::translation(0.0, 0.0, 1.0);
+        assert_eq!(shown(ahead, &points), 60, "one dot, not two on each other");
+        assert_eq!(
+            shown(ahead, &points[1..]),
+            60,
+            "the far point, alone, is seen"
+        );
+        assert_eq!(
+            shown(Isometry3::translation(0.0, 0.0, -1.0), &points),
+            0,
+            "behind the camera"
+        );
+    }
+
+    #[test]
+    fn sheet_has_all_views_at_one_height() {
+        let sheet = contact_sheet(&[RgbImage::new(640, 480), RgbImage::new(960, 960)]);
+        assert_eq!(sheet.dimensions(), (640 + SHEET_GAP + 480, 480));
+        assert_eq!(contact_sheet(&[]).dimensions(), (0, 0));
+    }
+
+    #[test]
+    fn wild_poses_and_tiny_images_do_not_panic() {
+        let points = [Point3::new(f64::NAN, 0.0, 0.0), Point3::new(0.0, 0.1, 0.0)];
+        for z in [0.0, 1e-9, 1e12, f64::NAN] {
+            let object = Drawn {
+                cam_from_obj: Isometry3::translation(1.0, -3.0, z),
+                points: &points,
+                diameter_m: 0.2,
+                bbox: Some([f64::NAN, -1e9, 1e9, 3.0]),
+                label: "ball".into(),
+            };
+            draw(&RgbImage::new(2, 1), &camera(), &[object]);
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! What the estimator answers. [`crate::report`] writes it as JSON.
+
+use nalgebra::Isometry3;
+use serde::Serialize;
+
+/// Poses of all objects, and how long each stage took.
+#[derive(Debug, Clone)]
+pub struct Prediction {
+    /// Index of the reference camera in the rig.
+    pub reference: usize,
+    /// Best score first, or in the order of the given boxes; empty where nothing was detected.
+    pub objects: Vec<ObjectPose>,
+    pub timings: Timings,
+    /// What executed the dense layers, for example `cpu`.
+    pub provider: String,
+}
+
+/// One object.
+#[derive(Debug, Clone)]
+pub struct ObjectPose {
+    pub class: String,
+    pub class_id: i64,
+    /// Mean of the detector's scores over the views that detected the object; 1 for given boxes.
+    pub score: f64,
+    /// Object frame to the reference camera's frame, metres.
+    pub ref_from_obj: Isometry3<f64>,
+    /// Object frame to the world frame, metres.
+    pub world_from_obj: Isometry3<f64>,
+    pub sigma: Sigma,
+    /// Every camera that gave an image, in the rig's order.
+    pub cameras: Vec<CameraPose>,
+}
+
+/// The error that the network expects of its own pose.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Sigma {
+    /// Expected angle between the true and the predicted rotation, degrees.
+    pub rot_deg: f64,
+    /// Standard deviation of the translation, metres.
+    pub t_m: f64,
+}
+
+/// One object as one camera sees it.
+#[derive(Debug, Clone)]
+pub struct CameraPose {
+    /// Index of the camera in the rig.
+    pub camera: usize,
+    /// Object frame to camera frame, metres.
+    pub cam_from_obj: Isometry3<f64>,
+    /// `[x0, y0, x1, y1]`, px of the camera's image; `None` where the object was not detected.
+    pub bbox: Option<[f64; 4]>,
+}
+
+/// Wall time of each stage, milliseconds.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Timings {
+    /// Images resized and normalised, lines of sight of the cells computed.
+    pub prepare: f64,
+    /// Backbone, encoder and detector.
+    pub features: f64,
+    /// Boxes read off the detector's maps and associated across views.
+    pub detect: f64,
+    /// Pose decoder.
+    pub decode: f64,
+    pub total: f64,
+}

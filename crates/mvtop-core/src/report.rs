@@ -1,0 +1,193 @@
+//! A prediction as JSON. `docs/output.md` describes it.
+
+use nalgebra::Isometry3;
+use serde::Serialize;
+
+use crate::pose::wxyz;
+use crate::prediction::{CameraPose, ObjectPose, Prediction, Sigma, Timings};
+use crate::{Camera, Rig};
+
+/// Raised when a key changes its meaning or goes away; new keys leave it as it is.
+pub const SCHEMA_VERSION: u32 = 1;
+
+/// The whole document.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    pub schema_version: u32,
+    /// Id of the reference camera.
+    pub reference: String,
+    pub objects: Vec<Object>,
+    pub timings_ms: Timings,
+    /// What executed the dense layers.
+    pub provider: String,
+}
+
+/// One object.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Object {
+    pub class: String,
+    pub class_id: i64,
+    pub score: f64,
+    /// Object frame to reference camera frame: rows of the homogeneous matrix, metres.
+    #[serde(rename = "T_ref_obj")]
+    pub t_ref_obj: [[f64; 4]; 4],
+    /// Object frame to world frame.
+    #[serde(rename = "T_world_obj")]
+    pub t_world_obj: [[f64; 4]; 4],
+    /// Translation of `T_ref_obj`, metres.
+    pub t_m: [f64; 3],
+    /// Rotation of `T_ref_obj` as a unit quaternion, `w >= 0`.
+    pub q_wxyz: [f64; 4],
+    pub sigma: Sigma,
+    /// Every camera that gave an image.
+    pub cameras: Vec<ObjectInCamera>,
+}
+
+/// One object as one camera sees it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ObjectInCamera {
+    pub id: String,
+    /// Object frame to camera frame.
+    #[serde(rename = "T_cam_obj")]
+    pub t_cam_obj: [[f64; 4]; 4],
+    /// `[x0, y0, x1, y1]`, px.
+    #[serde(rename = "box")]
+    pub bbox: Option<[f64; 4]>,
+    pub detected: bool,
+}
+
+impl Report {
+    /// - `rig`: the one that the prediction was made with
+    pub fn new(prediction: &Prediction, rig: &Rig) -> Self {
+        let id = |camera: usize| {
+            rig.cameras
+                .get(camera)
+                .map_or("", |c: &Camera| &c.id)
+                .to_owned()
+        };
+        Self {
+            schema_version: SCHEMA_VERSION,
+            reference: id(prediction.reference),
+            objects: prediction
+                .objects
+                .iter()
+                .map(|object| Object::new(object, id))
+                .collect(),
+            timings_ms: prediction.timings,
+            provider: prediction.provider.clone(),
+        }
+    }
+}
+
+impl Object {
+    fn new(object: &ObjectPose, id: impl Fn(usize) -> String) -> Self {
+        let in_camera = |seen: &CameraPose| ObjectInCamera {
+            id: id(seen.camera),
+            t_cam_obj: rows(&seen.cam_from_obj),
+            bbox: seen.bbox,
+            detected: seen.bbox.is_some(),
+        };
+        Self {
+            class: object.class.clone(),
+            class_id: object.class_id,
+            score: object.score,
+            t_ref_obj: rows(&object.ref_from_obj),
+            t_world_obj: rows(&object.world_from_obj),
+            t_m: object.ref_from_obj.translation.vector.into(),
+            q_wxyz: wxyz(&object.ref_from_obj.rotation),
+            sigma: object.sigma,
+            cameras: object.cameras.iter().map(in_camera).collect(),
+        }
+    }
+}
+
+/// Rows of the homogeneous matrix.
+pub fn rows(pose: &Isometry3<f64>) -> [[f64; 4]; 4] {
+    let matrix = pose.to_homogeneous();
+    std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Distortion, Lens};
+    use nalgebra::{Translation3, UnitQuaternion, Vector3};
+
+    #[test]
+    fn quarter_turn_seen_by_two_cameras_is_written_as_documented() {
+        let camera = |id: &str| Camera {
+            id: id.into(),
+            width: 8,
+            height: 6,
+            lens: Lens {
+                fx: 9.,
+                fy: 9.,
+                cx: 4.,
+                cy: 3.,
+                distortion: Distortion::None,
+            },
+            world_from_cam: Isometry3::identity(),
+        };
+        let rig = Rig {
+            cameras: vec![camera("left"), camera("right")],
+            reference: 0,
+        };
+        let quarter_turn =
+            UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::FRAC_PI_2);
+        let pose = Isometry3::from_parts(Translation3::new(1., 2., 3.), quarter_turn);
+        let seen = |camera, bbox| CameraPose {
+            camera,
+            cam_from_obj: pose,
+            bbox,
+        };
+        let prediction = Prediction {
+            reference: 1,
+            objects: vec![ObjectPose {
+                class: "mvball".into(),
+                class_id: 1,
+                score: 0.5,
+                ref_from_obj: pose,
+                world_from_obj: Isometry3::identity(),
+                sigma: Sigma {
+                    rot_deg: 4.0,
+                    t_m: 0.01,
+                },
+                cameras: vec![seen(0, Some([1., 2., 3., 4.])), seen(1, None)],
+            }],
+            timings: Timings {
+                total: 7.0,
+                ..Timings::default()
+            },
+            provider: "cpu".into(),
+        };
+        let json = serde_json::to_value(Report::new(&prediction, &rig)).unwrap();
+
+        assert_eq!(json["schema_version"], 1);
+        assert_eq!(json["reference"], "right");
+        assert_eq!(json["timings_ms"]["total"], 7.0);
+        assert_eq!(json["provider"], "cpu");
+        let object = &json["objects"][0];
+        assert_eq!(object["class"], "mvball");
+        assert_eq!(object["t_m"], serde_json::json!([1.0, 2.0, 3.0]));
+        assert_eq!(
+            object["T_world_obj"][0],
+            serde_json::json!([1.0, 0.0, 0.0, 0.0])
+        );
+        // Rows: the object's x axis points along y, its y axis along -x.
+        let number = |row: usize, column: usize| object["T_ref_obj"][row][column].as_f64().unwrap();
+        assert!((number(1, 0) - 1.0).abs() < 1e-12 && (number(0, 1) + 1.0).abs() < 1e-12);
+        assert_eq!([number(0, 3), number(1, 3), number(2, 3)], [1.0, 2.0, 3.0]);
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        for (i, expected) in [half, 0.0, 0.0, half].into_iter().enumerate() {
+            assert!((object["q_wxyz"][i].as_f64().unwrap() - expected).abs() < 1e-12);
+        }
+        assert_eq!(
+            object["cameras"][0]["box"],
+            serde_json::json!([1.0, 2.0, 3.0, 4.0])
+        );
+        assert_eq!(object["cameras"][0]["detected"], true);
+        assert_eq!(object["cameras"][1]["id"], "right");
+        assert_eq!(object["cameras"][1]["box"], serde_json::Value::Null);
+        assert_eq!(object["cameras"][1]["detected"], false);
+    }
+}
