@@ -1,0 +1,43 @@
+//! The whole way from images to poses, with `models/mvball`.
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use mvtop_benches::repository;
+use mvtop_core::estimator::{Estimator, Options, PredictOptions};
+use mvtop_core::{Rig, image};
+
+fn estimator(c: &mut Criterion) {
+    let model = repository("models/mvball");
+    let estimator = match Estimator::load(&model, &Options::default()) {
+        Ok(estimator) => estimator,
+        Err(error) => return eprintln!("no benchmark of the estimator: {error}"),
+    };
+    let folder = repository("examples/mvball");
+    let example = Rig::load(&folder.join("rig.json")).expect("the example's rig");
+    let mut group = c.benchmark_group("estimator");
+    for views in [1, 2, 4, 8] {
+        // The example has two views; more repeat them under other names.
+        let mut rig = example.clone();
+        rig.cameras.clear();
+        let mut images = Vec::new();
+        for (view, camera) in example.cameras.iter().cycle().take(views).enumerate() {
+            let file = folder.join(format!("{}.png", camera.id));
+            images.push((
+                view,
+                image::load(&file, camera).expect("an image of the example"),
+            ));
+            let mut camera = camera.clone();
+            camera.id = format!("view{view}");
+            rig.cameras.push(camera);
+        }
+        group.bench_function(format!("{views} views"), |b| {
+            b.iter(|| {
+                estimator
+                    .predict(&rig, &images, &PredictOptions::default())
+                    .expect("a prediction")
+            })
+        });
+    }
+}
+
+criterion_group!(benches, estimator);
+criterion_main!(benches);
