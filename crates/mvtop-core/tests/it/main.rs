@@ -1,5 +1,6 @@
 //! Tests across modules, in one binary.
 
+mod estimator;
 mod fixtures;
 mod onnx;
 mod parity;

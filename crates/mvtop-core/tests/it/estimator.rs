@@ -1,0 +1,189 @@
+//! From files to poses, against PyTorch, and what must not change a pose.
+
+use crate::fixtures::{Fixture, fixture_path, sample_boxes, sample_rig};
+use image::RgbImage;
+use mvtop_core::estimator::{Estimator, Options, PredictOptions};
+use mvtop_core::known::KnownBoxes;
+use mvtop_core::{Rig, image as images};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use rstest::rstest;
+
+fn estimator(bundle: &str) -> Estimator {
+    Estimator::load(&fixture_path(bundle), &Options::default()).unwrap()
+}
+
+/// The images of the given cameras of a rig.
+fn load(rig: &Rig, cameras: &[usize]) -> Vec<(usize, RgbImage)> {
+    let load = |&i: &usize| {
+        let camera = &rig.cameras[i];
+        let path = fixture_path("tiny/sample").join(format!("{}.png", camera.id));
+        (i, images::load(&path, camera).unwrap())
+    };
+    cameras.iter().map(load).collect()
+}
+
+/// The true boxes of the sample's object in the given cameras.
+fn boxes(rig: &Rig, cameras: &[usize]) -> PredictOptions {
+    let all = sample_boxes();
+    let of = |&i: &usize| {
+        let id = &rig.cameras[i].id;
+        (id.clone(), all[id])
+    };
+    let known = KnownBoxes {
+        class: "mvball".into(),
+        boxes: cameras.iter().map(of).collect(),
+    };
+    PredictOptions {
+        boxes: Some(vec![known]),
+        ..PredictOptions::default()
+    }
+}
+
+fn pose(estimator: &Estimator, rig: &Rig, given: &[usize], boxed: &[usize]) -> Isometry3<f64> {
+    let prediction = estimator
+        .predict(rig, &load(rig, given), &boxes(rig, boxed))
+        .unwrap();
+    assert_eq!(prediction.objects.len(), 1);
+    prediction.objects[0].ref_from_obj
+}
+
+/// Largest difference of two poses' matrices: rotation entries, and translation in metres.
+fn gap(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
+    (a.to_homogeneous() - b.to_homogeneous()).amax()
+}
+
+#[rstest]
+fn poses_from_files_match_pytorch(
+    #[values("tiny", "tiny/portable")] bundle: &str,
+    #[values(1, 2, 3, 4)] views: usize,
+) {
+    let fixture = Fixture::load("network.safetensors");
+    let rotation = fixture.f64(&format!("rotation.{views}"));
+    let translation = fixture.f64(&format!("translation.{views}"));
+    let sigma = fixture.f64(&format!("sigma.{views}"));
+    let rig = sample_rig();
+    let cameras: Vec<usize> = (0..views).collect();
+    let prediction = estimator(bundle)
+        .predict(&rig, &load(&rig, &cameras), &boxes(&rig, &cameras))
+        .unwrap();
+    let object = &prediction.objects[0];
+    let ours = object.ref_from_obj.to_homogeneous();
+    for row in 0..3 {
+        assert!((ours[(row, 3)] - translation[[0, row]]).abs() < 1e-4);
+        for column in 0..3 {
+            let gap = (ours[(row, column)] - rotation[[0, row, column]]).abs();
+            assert!(gap < 1e-4, "{bundle}, {views} views: {gap:.1e}");
+        }
+    }
+    assert!((object.sigma.rot_deg / sigma[[0, 0]] - 1.0).abs() < 1e-3);
+    assert!((object.sigma.t_m / sigma[[0, 1]] - 1.0).abs() < 1e-3);
+}
+
+#[test]
+fn another_world_frame_changes_no_pose_in_the_reference_frame() {
+    let rig = sample_rig();
+    let mut moved = rig.clone();
+    let new_from_old = Isometry3::from_parts(
+        Translation3::new(12.0, -7.0, 3.0),
+        UnitQuaternion::from_scaled_axis(Vector3::new(0.7, -1.9, 0.4)),
+    );
+    for camera in &mut moved.cameras {
+        camera.world_from_cam = new_from_old * camera.world_from_cam;
+    }
+    let estimator = estimator("tiny");
+    let all = [0, 1, 2, 3];
+    let gap = gap(
+        &pose(&estimator, &rig, &all, &all),
+        &pose(&estimator, &moved, &all, &all),
+    );
+    assert!(gap < 1e-5, "{gap:.1e}");
+}
+
+#[test]
+fn the_order_of_the_other_cameras_changes_nothing() {
+    let rig = sample_rig();
+    let mut shuffled = rig.clone();
+    shuffled.cameras = [2, 3, 0, 1].map(|i| rig.cameras[i].clone()).to_vec();
+    shuffled.reference = 2;
+    let estimator = estimator("tiny");
+    let all = [0, 1, 2, 3];
+    let expected = pose(&estimator, &rig, &all, &all);
+    let gap = gap(&pose(&estimator, &shuffled, &all, &all), &expected);
+    assert!(gap < 1e-5, "{gap:.1e}");
+    // So does the order in which the images are given.
+    let other_order = pose(&estimator, &rig, &[3, 1, 0, 2], &all);
+    assert!(self::gap(&other_order, &expected) < 1e-5);
+}
+
+#[test]
+fn a_view_that_does_not_see_the_object_changes_nothing() {
+    let rig = sample_rig();
+    let estimator = estimator("tiny");
+    let expected = pose(&estimator, &rig, &[0, 1], &[0, 1]);
+    let masked = pose(&estimator, &rig, &[0, 1, 2, 3], &[0, 1]);
+    assert!(gap(&masked, &expected) < 1e-5);
+    // A view that sees it does.
+    let seen = pose(&estimator, &rig, &[0, 1, 2, 3], &[0, 1, 2]);
+    assert!(gap(&seen, &expected) > 1e-4);
+}
+
+#[test]
+fn an_object_that_the_reference_misses_is_posed_by_another_camera() {
+    let rig = sample_rig();
+    let estimator = estimator("tiny");
+    let all = [0, 1, 2, 3];
+    let ours = pose(&estimator, &rig, &all, &[1, 2]);
+    let mut other = rig.clone();
+    other.reference = 1;
+    let anchored = pose(&estimator, &other, &all, &[1, 2]);
+    let ref_from_anchor = rig.cameras[0].world_from_cam.inverse() * rig.cameras[1].world_from_cam;
+    assert!(gap(&ours, &(ref_from_anchor * anchored)) < 1e-9);
+}
+
+#[test]
+fn poses_in_all_frames_agree() {
+    let rig = sample_rig();
+    let all = [0, 1, 2, 3];
+    let prediction = estimator("tiny")
+        .predict(&rig, &load(&rig, &all), &boxes(&rig, &all))
+        .unwrap();
+    let object = &prediction.objects[0];
+    let reference = &rig.cameras[prediction.reference];
+    let in_world = reference.world_from_cam * object.ref_from_obj;
+    assert!(gap(&in_world, &object.world_from_obj) < 1e-12);
+    for view in &object.cameras {
+        let camera = &rig.cameras[view.camera];
+        assert!(
+            gap(
+                &(camera.world_from_cam * view.cam_from_obj),
+                &object.world_from_obj
+            ) < 1e-12
+        );
+    }
+}
+
+#[test]
+fn cameras_may_differ_in_resolution() {
+    // The same camera with twice as many pixels sees the same; only resampling differs.
+    let rig = sample_rig();
+    let mut mixed = rig.clone();
+    let camera = &mut mixed.cameras[1];
+    (camera.width, camera.height) = (camera.width * 2, camera.height * 2);
+    let lens = &mut camera.lens;
+    (lens.fx, lens.fy) = (lens.fx * 2.0, lens.fy * 2.0);
+    (lens.cx, lens.cy) = (lens.cx * 2.0 + 0.5, lens.cy * 2.0 + 0.5);
+    let mut given = load(&rig, &[0, 1]);
+    let small = &given[1].1;
+    given[1].1 = RgbImage::from_fn(small.width() * 2, small.height() * 2, |x, y| {
+        *small.get_pixel(x / 2, y / 2)
+    });
+    let mut options = boxes(&rig, &[0, 1]);
+    let known = &mut options.boxes.as_mut().unwrap()[0];
+    for x in known.boxes.get_mut("cam1").unwrap() {
+        *x = (*x + 0.5) * 2.0 - 0.5;
+    }
+    let estimator = estimator("tiny");
+    let expected = pose(&estimator, &rig, &[0, 1], &[0, 1]);
+    let mixed = estimator.predict(&mixed, &given, &options).unwrap().objects[0].ref_from_obj;
+    assert!(gap(&mixed, &expected) < 0.03, "{}", gap(&mixed, &expected));
+}
