@@ -6,7 +6,7 @@ import torch.nn.functional as F
 from . import pose
 from .features import detection_loss
 
-ROTATION, TRANSLATION, DETECTION, COORDINATES, UNCERTAINTY = 1.0, 10.0, 1.0, 6.0, 0.02
+ROTATION, TRANSLATION, DETECTION, COORDINATES, UNCERTAINTY = 1.0, 10.0, 2.0, 6.0, 0.02
 
 
 def pose_errors(prediction, cam_from_obj):

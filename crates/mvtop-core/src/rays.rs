@@ -1,6 +1,7 @@
 //! Lines of sight: where each cell of the network's feature maps looks.
 
-use nalgebra::{Isometry3, Point2, Vector3};
+use glam::{Mat3, Vec3};
+use nalgebra::{Isometry3, Point2};
 use ndarray::{Array2, ArrayView2};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -79,26 +80,25 @@ pub fn encode(
     ref_from_cam: &Isometry3<f64>,
     encoding: LosEncoding,
 ) -> Array2<f32> {
-    let o = ref_from_cam.translation.vector;
-    let rotation = ref_from_cam.rotation.to_rotation_matrix();
+    let rotation = ref_from_cam.rotation.to_rotation_matrix().cast::<f32>();
+    let rotation = Mat3::from_cols_slice(rotation.matrix().as_slice());
+    let o = Vec3::from_array(ref_from_cam.translation.vector.cast::<f32>().into());
     let mut lines = Array2::zeros((camera_rays.nrows(), encoding.width()));
     for (ray, mut line) in camera_rays.rows().into_iter().zip(lines.rows_mut()) {
-        let ray = Vector3::new(ray[0], ray[1], ray[2]).cast::<f64>();
-        if ray == Vector3::zeros() {
+        let ray = Vec3::new(ray[0], ray[1], ray[2]);
+        if ray == Vec3::ZERO {
             continue;
         }
         let d = rotation * ray;
-        let m = d.cross(&o);
+        let m = d.cross(o);
         let parts = match encoding {
             LosEncoding::Direction => &[d][..],
             LosEncoding::OriginDirection => &[o, d],
             LosEncoding::Plucker => &[d, m],
             LosEncoding::PluckerOrigin => &[d, m, o],
         };
-        let numbers = parts.iter().flat_map(|part| part.iter());
-        line.iter_mut()
-            .zip(numbers)
-            .for_each(|(out, &x)| *out = x as f32);
+        let numbers = parts.iter().flat_map(|part| part.to_array());
+        line.iter_mut().zip(numbers).for_each(|(out, x)| *out = x);
     }
     lines
 }
