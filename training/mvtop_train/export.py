@@ -122,7 +122,9 @@ def _entry(path: Path) -> dict:
     return {"sha256": hashlib.sha256(content).hexdigest(), "bytes": len(content)}
 
 
-def write_bundle(model: Mvtop, out: Path, provenance: dict, portable: bool = False):
+def write_bundle(
+    model: Mvtop, out: Path, provenance: dict, portable: bool = False, score_threshold: float = 0.3
+):
     """Write every file of a bundle; `model.json` comes last."""
     config = model.config
     out.mkdir(parents=True, exist_ok=True)
@@ -154,7 +156,7 @@ def write_bundle(model: Mvtop, out: Path, provenance: dict, portable: bool = Fal
             {"id": c.id, "name": c.name, "diameter_m": c.diameter_m, "points": points_file}
             for c in config.classes
         ],
-        "detector": {"score_threshold": 0.3, "nms_iou": 0.5},
+        "detector": {"score_threshold": score_threshold, "nms_iou": 0.5},
         "graphs": {"features": "features.onnx", "decoder": "decoder.onnx"},
         "portable": portable,
         "files": {name: _entry(out / name) for name in files},
@@ -172,6 +174,9 @@ def main():
     source.add_argument("--untrained", choices=configs.PRESETS, help="random weights of a preset")
     parser.add_argument("--out", type=Path, required=True, help="bundle folder")
     parser.add_argument("--portable", action="store_true", help="standard operators only")
+    parser.add_argument(
+        "--score-threshold", type=float, default=0.3, help="least score of a detection"
+    )
     args = parser.parse_args()
     if args.weights:
         model, config, step = load_weights(args.weights)
@@ -185,7 +190,7 @@ def main():
         "commit": _commit(),
         "date": datetime.date.today().isoformat(),
     }
-    write_bundle(model, args.out, provenance, args.portable)
+    write_bundle(model, args.out, provenance, args.portable, args.score_threshold)
     size = sum(f.stat().st_size for f in args.out.iterdir()) / 1e6
     print(f"{args.out}: {config.preset}, {step} steps, {size:.1f} MB")
 
