@@ -29,7 +29,7 @@ class Graph:
 
     def node(self, kind, inputs, output=None, **attributes):
         output = output or f"{kind}_{len(self.nodes)}"
-        self.nodes.append(helper.make_node(kind, inputs, [output], **attributes))
+        self.nodes.append(helper.make_node(kind, inputs, [output], name=output, **attributes))
         return output
 
     def constant(self, value, kind=TensorProto.INT64):

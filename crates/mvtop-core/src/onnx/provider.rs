@@ -17,7 +17,8 @@ pub enum Provider {
     Cuda,
     /// NVIDIA GPUs by TensorRT (`pip install onnxruntime-gpu`).
     Tensorrt,
-    /// Intel processors (`pip install onnxruntime-openvino`).
+    /// Intel processors (`pip install onnxruntime-openvino`). Wants a portable bundle: 1.24 does not
+    /// take a decoder that mvtop's operator cuts in pieces.
     Openvino,
     /// The same, computing in bfloat16: faster where the processor has it, and less exact.
     OpenvinoBf16,

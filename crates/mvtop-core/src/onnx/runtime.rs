@@ -106,6 +106,10 @@ impl Runtime {
             path: path.to_owned(),
             problem: one_line(e),
         };
+        // ONNX Runtime registers the operators' domain per session but keeps it per process, and
+        // fails when two sessions do so at the same time (seen in 1.20.1).
+        static LOADING: Mutex<()> = Mutex::new(());
+        let _one_at_a_time = LOADING.lock().unwrap_or_else(PoisonError::into_inner);
         let mut builder = Session::builder(&self.loaded.environment)
             .and_then(|b| Ok(b.with_intra_threads(options.threads)?))
             // Spinning saves little on an idle machine and starves everything else on a busy one.

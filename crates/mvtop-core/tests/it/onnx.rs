@@ -104,6 +104,18 @@ fn a_network_run_from_many_rayon_tasks_at_once_ends() {
 }
 
 #[test]
+fn networks_can_be_loaded_at_the_same_time() {
+    // ONNX Runtime 1.20 fails in some of these if left alone.
+    std::thread::scope(|scope| {
+        let load = || scope.spawn(|| network("deformable_sampling.onnx"));
+        let loading: Vec<_> = (0..16).map(|_| load()).collect();
+        for thread in loading {
+            assert_eq!(thread.join().unwrap().outputs(), ["out"]);
+        }
+    });
+}
+
+#[test]
 fn inputs_that_are_not_contiguous_are_copied() {
     let network = network("deformable_sampling.onnx");
     let mut inputs = inputs(5);
