@@ -15,7 +15,7 @@ VIEWS ?= 2
 MODEL ?= models/mvball
 SAMPLES = out/eval/$(SPLIT)-seed$(SEED)-views$(VIEWS)-$(PAIRS)
 
-.PHONY: help demo test test-rust test-python lint fixtures eval bench
+.PHONY: help demo test build-tests test-rust test-python lint fixtures eval bench
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -26,12 +26,16 @@ demo: .venv/run.done $(CLI)  ## poses of the shipped two-view example, with over
 
 test: lint test-rust test-python  ## every test, format and lint check
 
-test-rust: .venv/run.done
+# One selection of targets for both, so that dependencies are built once. `cargo test` alone does
+# not make the shared library that the training calls.
+build-tests:
+	cargo build --release --workspace --lib --bins --tests
+
+test-rust: .venv/run.done build-tests
 	cargo test --release --workspace
 
-test-python: .venv/train.done
+test-python: .venv/train.done build-tests
 	scripts/need-gl.sh
-	cargo build --release -p mvtop-ffi
 	$(PY) -m pytest -q training/tests
 	$(PY) -m mvtop_train.fixtures --check
 

@@ -7,8 +7,10 @@ into shards and resumed without changing the data. Scenes that are whole are lef
 """
 
 import argparse
+import contextlib
 import multiprocessing
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +27,11 @@ MIN_PIXELS = {"train": 10, "easy": 300, "hard": 10}  # visible pixels of the hem
 
 def open_gl():
     """One GL context per process; says what to install where there is none."""
+    if "torch" in sys.modules:
+        # Software GL and Triton, which torch loads when it likes, each bring an LLVM; the process
+        # crashes if Triton's comes second.
+        with contextlib.suppress(ImportError):
+            import triton  # noqa: F401
     try:
         import mujoco
 
