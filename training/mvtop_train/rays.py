@@ -10,13 +10,19 @@ BOX_RAY_GAIN = 10.0  # half extents are angles of a few degrees: brought to the 
 
 
 def cell_centres(level_shapes, strides, device=None) -> torch.Tensor:
-    """Pixel (u, v) of every cell's centre, all levels one after the other [N, 2]."""
+    """Pixel (u, v) of every cell's centre, all levels one after the other [N, 2].
+
+    The cells of a level share the whole input evenly, whose size the finest level gives: 480 rows
+    of pixels at stride 64 are 8 rows of cells, 60 px apart.
+    """
+    height, width = (cells * strides[0] for cells in level_shapes[0])
     centres = []
-    for (rows, columns), stride in zip(level_shapes, strides, strict=True):
+    for rows, columns in level_shapes:
         v, u = torch.meshgrid(
             torch.arange(rows, device=device), torch.arange(columns, device=device), indexing="ij"
         )
-        centres.append((torch.stack([u, v], -1).reshape(-1, 2) + 0.5) * stride - 0.5)
+        cell = torch.tensor([width / columns, height / rows], device=device)
+        centres.append((torch.stack([u, v], -1).reshape(-1, 2) + 0.5) * cell - 0.5)
     return torch.cat(centres)
 
 

@@ -16,6 +16,12 @@ def test_first_cell_of_a_stride_16_map_looks_from_its_centre():
     assert d.tolist() == pytest.approx([-0.436855, -0.325020, 0.838761], abs=1e-5)
 
 
+def test_cells_of_a_level_share_the_whole_input():
+    centres = rays.cell_centres([(30, 40), (8, 10)], [16, 64])
+    assert centres[1200].tolist() == [31.5, 29.5]  # 64 x 60 px cells
+    assert centres[-1].tolist() == [640 - 32.5, 480 - 30.5]
+
+
 def test_encodings_of_a_camera_behind_the_object():
     ref_from_cam = torch.diag(torch.tensor([-1.0, 1, -1, 1]))
     ref_from_cam[:3, 3] = torch.tensor([0.0, 0, 2])

@@ -48,17 +48,29 @@ impl LosEncoding {
 
 /// Direction in which each feature cell looks, in the camera's own frame.
 ///
-/// - `strides`: of the levels, network pixels per cell; a level has `net_height / stride` rows
+/// - `strides`: of the levels, network pixels per cell; a level has `net_height / stride` rows,
+///   rounded up, which share the whole height evenly
 /// - returns: `[N, 3]`, unit vectors through the true lens, levels in the order of `strides`, each
 ///   row by row; 0 for cells whose centre lies in the padding or that no ray meets
 pub fn camera_rays(camera: &Camera, letterbox: &Letterbox, strides: &[usize]) -> Array2<f32> {
     let mut rays = Vec::new();
     for &stride in strides {
-        let cells = |size: u32| (size as usize).checked_div(stride).unwrap_or(0);
-        let (rows, columns) = (cells(letterbox.net_height), cells(letterbox.net_width));
-        let centre = |cell: usize| (cell as f64 + 0.5) * stride as f64 - 0.5;
+        let size = [letterbox.net_width, letterbox.net_height].map(|size| size as usize);
+        let [columns, rows] = size.map(|size| {
+            if stride == 0 {
+                0
+            } else {
+                size.div_ceil(stride)
+            }
+        });
+        let centre = |cell: usize, size: usize, cells: usize| {
+            (cell as f64 + 0.5) * size as f64 / cells as f64 - 0.5
+        };
         rays.par_extend((0..rows * columns).into_par_iter().map(|cell| {
-            let net = [centre(cell % columns), centre(cell / columns)];
+            let net = [
+                centre(cell % columns, size[0], columns),
+                centre(cell / columns, size[1], rows),
+            ];
             let [u, v] = letterbox.image_from_net(net);
             let inside = u <= f64::from(camera.width) - 0.5 && v <= f64::from(camera.height) - 0.5;
             let ray = inside
