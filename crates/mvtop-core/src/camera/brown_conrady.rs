@@ -72,13 +72,22 @@ impl BrownConrady {
         let start =
             radial::invert(|r| self.profile(r), radius, self.fold).unwrap_or(0.99 * self.fold);
         let mut point = image * if radius > 0.0 { start / radius } else { 1.0 };
+        let (at, mut jacobian) = self.map(&point);
+        let mut error = at - image;
         for _ in 0..50 {
-            let (at, jacobian) = self.map(&point);
-            let error = at - image;
             if error.norm() <= SETTLED * (1.0 + radius) {
                 return self.in_range(&point, &jacobian).then_some(point);
             }
-            point -= jacobian.try_inverse()? * error;
+            let step = jacobian.try_inverse()? * error;
+            // A whole step may leap over the fold, or away from the solution where the lens bends
+            // strongly: it is halved until it helps.
+            (point, error, jacobian) = (0..30).find_map(|halvings| {
+                let next = point - step * 0.5f64.powi(halvings);
+                let (at, jacobian) = self.map(&next);
+                let left = at - image;
+                let helps = left.norm() < error.norm() && self.in_range(&next, &jacobian);
+                helps.then_some((next, left, jacobian))
+            })?;
         }
         None
     }
@@ -146,4 +155,6 @@ fn fold([k1, k2, _, _, k3, k4, k5, k6]: &[f64; 8]) -> f64 {
         .filter_map(|p| radial::sign_changes(p, WIDEST * WIDEST).first().copied())
         .fold(WIDEST * WIDEST, f64::min)
         .sqrt()
+        // A hair inside: rounding must not put the end of the range on the far side of a pole.
+        * (1.0 - SETTLED)
 }

@@ -198,6 +198,25 @@ fn any_distortion() -> impl Strategy<Value = Distortion> {
     ]
 }
 
+/// A rational lens whose factor has a pole at the fold: a search that starts there never comes back.
+#[test]
+fn a_point_far_outside_the_image_is_found_again_under_a_lens_with_a_pole() {
+    let (k1, k4, k6) = (
+        0.37170297771149613,
+        -0.3494232821645114,
+        -0.031174266543974614,
+    );
+    let lens = Lens {
+        distortion: brown_conrady(&[k1, 0.0, 0.0, 0.0, 0.0, k4, 0.0, k6]),
+        ..pinhole(500.0, 320.0, 240.0)
+    };
+    let point = Point3::new(0.0, -1.0164053241369115, 1.086220529326746);
+    let pixel = lens.project(&point).expect("imaged");
+    assert!((pixel.y + 681.28).abs() < 0.01, "{pixel}");
+    let ray = lens.unproject(&pixel).expect("has a ray");
+    assert!(ray.angle(&point.coords) < 1e-7);
+}
+
 proptest! {
     #[test]
     fn every_imaged_point_is_found_again(
