@@ -191,14 +191,17 @@ fn resize(image: &RgbImage, letterbox: &Letterbox) -> Result<Vec<u8>, ()> {
     if image.dimensions() == (width, height) {
         return Ok(image.as_raw().clone());
     }
-    let pixels = fir::PixelType::U8x3;
-    let from = fir::images::ImageRef::new(image.width(), image.height(), image.as_raw(), pixels)
+    use fir::images::{TypedImage, TypedImageRef};
+    let mut resized = vec![0; width as usize * height as usize * 3];
+    // Typed, because the untyped call compiles the resizer for every pixel type there is: a minute.
+    type Rgb = fir::pixels::U8x3;
+    let from = TypedImageRef::<Rgb>::from_buffer(image.width(), image.height(), image.as_raw())
         .map_err(drop)?;
-    let mut to = fir::images::Image::new(width, height, pixels);
+    let mut to = TypedImage::<Rgb>::from_buffer(width, height, &mut resized).map_err(drop)?;
     let bilinear = fir::ResizeOptions::new()
         .resize_alg(fir::ResizeAlg::Convolution(fir::FilterType::Bilinear));
     fir::Resizer::new()
-        .resize(&from, &mut to, &bilinear)
+        .resize_typed(&from, &mut to, &bilinear)
         .map_err(drop)?;
-    Ok(to.into_vec())
+    Ok(resized)
 }
