@@ -28,6 +28,7 @@ class Augmentation:
     diameter_px: tuple[float, float] = (57, 156)  # of the object in the image, times `scale`
     zoom: tuple[float, float] = (0.56, 1.25)  # crop px per image px, times `scale`
     jitter: float = 0.02  # of the box size, each of position and size
+    negative_zoom: tuple[float, float] = (0.75, 1.6)  # of crops without the object, as `zoom`
 
 
 def load_index(root: Path, split: str = "train") -> list[list[bop.Image]]:
@@ -82,12 +83,60 @@ def photometric(rgb: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return x.clip(0, 255).astype(np.uint8)
 
 
+def read_rgb(path: Path) -> np.ndarray:
+    return cv2.imread(str(path), cv2.IMREAD_COLOR)[:, :, ::-1]
+
+
+def warp(rgb: np.ndarray, crop_from_image: np.ndarray, size: int) -> np.ndarray:
+    grey = (127, 127, 127)  # never seen: `train.to_views` sets what is off the image to 0
+    return cv2.warpAffine(
+        rgb, crop_from_image, (size, size), flags=cv2.INTER_LINEAR, borderValue=grey
+    )
+
+
+def negative_camera(image: bop.Image, shape, size: int, rng, aug: Augmentation, tries: int = 30):
+    """crop_from_image [2, 3] of a random crop that does not touch the object's box.
+
+    At least a third of it lies on the image (`shape`: height, width). None where there is no room.
+    """
+    extent = np.array(shape[::-1])
+    x0, y0, x1, y1 = image.box
+    corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+    grid = (np.stack(np.meshgrid(*[np.arange(8)] * 2), -1).reshape(-1, 2) + 0.5) * size / 8 - 0.5
+    for _ in range(tries):
+        zoom = aug.scale * np.exp(rng.uniform(*np.log(aug.negative_zoom)))
+        roll = rng.normal(0, 0.4)
+        cos, sin = np.cos(roll), np.sin(roll)
+        a = np.zeros((2, 3))
+        a[:, :2] = zoom * np.array([[cos, -sin], [sin, cos]])
+        a[:, 2] = (size - 1) / 2 - a[:, :2] @ rng.uniform(-0.5, extent - 0.5)
+        box = corners @ a[:, :2].T + a[:, 2]
+        apart = (box.max(0) < -0.5).any() or (box.min(0) > size - 0.5).any()
+        source = (grid - a[:, 2]) @ np.linalg.inv(a[:, :2]).T
+        inside = ((source >= -0.5) & (source <= extent - 0.5)).all(1).mean()
+        if apart and inside >= 1 / 3:
+            return a
+    return None
+
+
+def make_negative(scenes, size: int, rng, aug: Augmentation) -> dict | None:
+    """A crop without the object, for the detector alone; None where 20 images have no room."""
+    for _ in range(20):
+        scene = scenes[rng.integers(len(scenes))]
+        image = scene[rng.integers(len(scene))]
+        rgb = read_rgb(image.path)
+        a = negative_camera(image, rgb.shape[:2], size, rng, aug)
+        if a is not None:
+            crop = photometric(warp(rgb, a, size), rng)
+            return {"image": crop, "crop_from_image": a, "image_size": np.array(rgb.shape[1::-1])}
+    return None
+
+
 def make_view(image: bop.Image, size: int, rng, aug: Augmentation, augment: bool = True):
     """One view as a dict of arrays; see `model.Views` and `collate`."""
-    rgb = cv2.imread(str(image.path), cv2.IMREAD_COLOR)[:, :, ::-1]
+    rgb = read_rgb(image.path)
     a, k, turn = virtual_camera(image, size, rng, aug, augment)
-    grey = (127, 127, 127)
-    crop = cv2.warpAffine(rgb, a, (size, size), flags=cv2.INTER_LINEAR, borderValue=grey)
+    crop = warp(rgb, a, size)
     if augment:
         crop = photometric(crop, rng)
     new_from_old = np.eye(4)
@@ -127,7 +176,7 @@ def collate(items: list[list[dict]], boxes_of, jitter: float, rng: np.random.Gen
     """Scenes x views of `make_view` dicts to a dict of tensors.
 
     images [B, V, H, W, 3] uint8, k, ref_from_cam, cam_from_obj, boxes (true, clipped to the
-    crop), boxes_in (jittered, what the decoder is given), coords, inside.
+    crop), boxes_in (jittered, what the decoder is given), coords, crop_from_image, image_size.
     """
 
     def stack(key):
@@ -153,6 +202,19 @@ def collate(items: list[list[dict]], boxes_of, jitter: float, rng: np.random.Gen
     return tensors
 
 
+def collate_negatives(items: list[dict]) -> dict[str, torch.Tensor]:
+    """`make_negative` dicts to negatives [M, H, W, 3] uint8 and where they lie on their images."""
+    return {
+        "negatives": torch.from_numpy(np.stack([x["image"] for x in items])),
+        "negatives_crop_from_image": torch.from_numpy(
+            np.stack([x["crop_from_image"] for x in items]).astype(np.float32)
+        ),
+        "negatives_image_size": torch.from_numpy(
+            np.stack([x["image_size"] for x in items]).astype(np.float32)
+        ),
+    }
+
+
 def amodal_boxes(points: np.ndarray):
     """A function (k, cam_from_obj) -> boxes [..., 4] that project `points` [n, 3], metres."""
 
@@ -166,12 +228,18 @@ def amodal_boxes(points: np.ndarray):
 
 
 class Batches(torch.utils.data.IterableDataset):
-    """Endless random batches of `images_per_batch` views; each has one number of views."""
+    """Endless random batches of `images_per_batch` views; each has one number of views.
 
-    def __init__(self, scenes, points, size, images_per_batch, seed, aug: Augmentation):
+    `negatives`: crops without the object that come on top, as a share of the views.
+    """
+
+    def __init__(
+        self, scenes, points, size, images_per_batch, seed, aug: Augmentation, negatives=0.0
+    ):
         self.scenes, self.size, self.aug = scenes, size, aug
         self.boxes_of = amodal_boxes(points)
         self.images_per_batch, self.seed = images_per_batch, seed
+        self.negatives = round(negatives * images_per_batch)
 
     def __iter__(self):
         cv2.setNumThreads(1)
@@ -185,4 +253,9 @@ class Batches(torch.utils.data.IterableDataset):
                 scene = self.scenes[rng.integers(len(self.scenes))]
                 chosen = choose_views(scene, views, rng)
                 items.append([make_view(image, self.size, rng, self.aug) for image in chosen])
-            yield collate(items, self.boxes_of, self.aug.jitter, rng)
+            batch = collate(items, self.boxes_of, self.aug.jitter, rng)
+            absent = [
+                make_negative(self.scenes, self.size, rng, self.aug) for _ in range(self.negatives)
+            ]
+            absent = [crop for crop in absent if crop is not None]
+            yield batch | (collate_negatives(absent) if absent else {})

@@ -21,10 +21,12 @@ def total(prediction, batch, stride: int):
     """Loss and its parts. Every decoder layer counts alike (auxiliary losses, PoET)."""
     truth = batch["cam_from_obj"][:, :1]  # in the reference view; one object
     rot, t = pose_errors(prediction, truth)
+    boxes = batch["boxes"].flatten(0, 1)
+    absent = boxes.new_zeros(len(prediction.scores) - len(boxes), 4)  # the negatives' boxes
     detection = detection_loss(
         prediction.scores,
         prediction.boxes,
-        batch["boxes"].flatten(0, 1),
+        torch.cat([boxes, absent]),
         torch.zeros(len(prediction.scores), dtype=torch.long, device=rot.device),
         stride,
     )

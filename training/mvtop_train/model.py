@@ -17,7 +17,8 @@ class Views:
 
     images [B, V, 3, H, W] normalised; k [B, V, 3, 3] px; ref_from_cam [B, V, 4, 4] m, identity
     for view 0; boxes [B, V, Q, 4] px; valid [B, V, Q] 1.0 where detected; class_index [B, Q];
-    inside [B, V, N] 1.0 where a cell's centre lies on the image.
+    inside [B, V, N] 1.0 where a cell's centre lies on the image. Training only: negatives
+    [M, 3, H, W], images without the object, which only the detector is given.
     """
 
     images: torch.Tensor
@@ -27,6 +28,7 @@ class Views:
     valid: torch.Tensor
     class_index: torch.Tensor
     inside: torch.Tensor
+    negatives: torch.Tensor | None = None
 
 
 class Features(nn.Module):
@@ -41,18 +43,24 @@ class Features(nn.Module):
         # backbone to tell the object's parts; nothing of it is exported.
         self.coordinates = nn.Conv2d(config.d_model, 3 * 4, 1)
 
-    def forward(self, images, camera_rays):
-        """images [V, 3, H, W], camera_rays [V, N, 3] -> memory [V, N, C], levels, detections."""
-        levels = self.backbone(images)
+    def forward(self, images, camera_rays, negatives=None):
+        """images [V, 3, H, W], camera_rays [V, N, 3] -> memory [V, N, C], levels, detections.
+
+        The detections of `negatives` [M, 3, H, W] follow those of the images.
+        """
+        # In one pass, so that both are normalised by the same statistics.
+        levels = self.backbone(images if negatives is None else torch.cat([images, negatives]))
         scores, boxes = self.detector(levels[0])
+        if negatives is not None:
+            levels = [level[: len(images)] for level in levels]
         return self.encoder(levels, camera_rays), levels, scores, boxes
 
 
 @dataclass
 class Prediction:
     poses: list  # per decoder layer: rotation_6d, translation, sigma
-    scores: torch.Tensor  # [B * V, classes, h, w] logits
-    boxes: torch.Tensor  # [B * V, 4, h, w] px
+    scores: torch.Tensor  # [B * V + M, classes, h, w] logits; the M negatives come last
+    boxes: torch.Tensor  # [B * V + M, 4, h, w] px
     coordinates: torch.Tensor  # [B * V, 3, 2h, 2w] in units of the object's extent
 
 
@@ -72,7 +80,7 @@ class Mvtop(nn.Module):
             lines = rays.encode(camera_rays, views.ref_from_cam, self.config.los_encoding)
             boxes_in = decoder_boxes(views, height, width)
         memory, levels, scores, boxes = self.features(
-            views.images.flatten(0, 1), camera_rays.flatten(0, 1)
+            views.images.flatten(0, 1), camera_rays.flatten(0, 1), views.negatives
         )
         coordinates = self.features.coordinates(levels[0])
         coordinates = nn.functional.pixel_shuffle(coordinates, 2).float()

@@ -27,30 +27,43 @@ HELD_OUT_SCENES = 100
 def to_views(batch, config, device="cpu") -> Views:
     """A batch of `data.collate` as the network takes it."""
     batch = {name: x.to(device) for name, x in batch.items()}
-    images = batch["images"].permute(0, 1, 4, 2, 3).float() / 255
-    mean = torch.tensor(config.mean, device=device)[:, None, None]
-    std = torch.tensor(config.std, device=device)[:, None, None]
-    images = (images - mean) / std
-    height, width = images.shape[-2:]
+    height, width = batch["images"].shape[-3:-1]
     pixels = rays.cell_centres(config.level_shapes(height, width), config.strides, device)
     a = batch["crop_from_image"]
     source = (pixels - a[..., None, :, 2]) @ torch.linalg.inv(a[..., :2]).transpose(-1, -2)
     size = batch["image_size"][:, :, None]
     inside = ((source >= -0.5) & (source <= size - 0.5)).all(-1).float()
     shape = batch["boxes_in"].shape[:2]
+    negatives = None
+    if "negatives" in batch:
+        negatives = _normalised(
+            batch["negatives"],
+            batch["negatives_crop_from_image"],
+            batch["negatives_image_size"],
+            config,
+        )
     return Views(
-        images=images * _pixel_mask(a, batch["image_size"], height, width)[:, :, None],
+        images=_normalised(batch["images"], a, batch["image_size"], config),
         k=batch["k"],
         ref_from_cam=batch["ref_from_cam"],
         boxes=batch["boxes_in"][:, :, None],
         valid=torch.ones(*shape, 1, device=device),
         class_index=torch.zeros(shape[0], 1, dtype=torch.long, device=device),
         inside=inside,
+        negatives=negatives,
     )
 
 
+def _normalised(images, crop_from_image, image_size, config):
+    """Crops [..., H, W, 3] uint8 as [..., 3, H, W], 0 where they are off their source image."""
+    mean = torch.tensor(config.mean, device=images.device)[:, None, None]
+    std = torch.tensor(config.std, device=images.device)[:, None, None]
+    mask = _pixel_mask(crop_from_image, image_size, *images.shape[-3:-1])
+    return (images.movedim(-1, -3).float() / 255 - mean) / std * mask[..., None, :, :]
+
+
 def _pixel_mask(a, image_size, height, width):
-    """1.0 where a crop pixel lies on its source image [B, V, H, W]; the rest is exactly 0, as the
+    """1.0 where a crop pixel lies on its source image [..., H, W]; the rest is exactly 0, as the
     padding of inference."""
     inverse = torch.linalg.inv(a[..., :2])
     u = torch.arange(width, device=a.device, dtype=torch.float32)
@@ -198,8 +211,9 @@ def train(args):
     held_out = HELD_OUT_SCENES if len(scenes) > 2 * HELD_OUT_SCENES else len(scenes) // 5
     training, held = scenes[held_out:], scenes[:held_out]
     aug = Augmentation(scale=config.width / 640)
+    seed = args.seed * 1000 + run.step
     batches = Batches(
-        training, mvball.bounding_points(), args.crop, args.images, args.seed * 1000 + run.step, aug
+        training, mvball.bounding_points(), args.crop, args.images, seed, aug, args.negatives
     )
     loader = iter(
         torch.utils.data.DataLoader(
@@ -268,6 +282,9 @@ def main():
     parser.add_argument("--init", type=Path, help="start from the weights of another run's last.pt")
     parser.add_argument("--steps", type=int, default=12000)
     parser.add_argument("--images", type=int, default=64, help="images per batch")
+    parser.add_argument(
+        "--negatives", type=float, default=0.125, help="crops without the object, per image"
+    )
     parser.add_argument("--crop", type=int, default=160, help="side of the training crops, px")
     parser.add_argument("--lr", type=float, default=1e-3)
     parser.add_argument("--clip", type=float, default=5.0)

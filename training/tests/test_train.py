@@ -4,10 +4,13 @@ import json
 import subprocess
 import sys
 
+import cv2
+import numpy as np
 import pytest
 import torch
+from conftest import random_views
 
-from mvtop_train import bop, generate
+from mvtop_train import bop, data, generate, losses
 from mvtop_train.train import load_weights
 
 
@@ -57,3 +60,38 @@ def test_no_data_is_one_clear_sentence(tmp_path):
     result = subprocess.run(command, capture_output=True, text=True)
     assert result.returncode != 0
     assert "error: no scenes in" in result.stderr and "Traceback" not in result.stderr
+
+
+def test_crops_without_the_object_show_nothing_of_it(dataset):
+    rng = np.random.default_rng(0)
+    aug = data.Augmentation(scale=0.8)
+    for scene in data.load_index(dataset):
+        for image in scene:
+            a = data.negative_camera(image, (320, 320), 160, rng, aug)
+            if a is None:
+                continue
+            code = cv2.imread(str(image.coords_path))
+            shift = a.copy()
+            shift[:, 2] += a[:, :2] @ image.visible_box[:2]
+            assert code.any() and not cv2.warpAffine(code, shift, (160, 160)).any()
+    boxed_in = bop.Image(None, None, None, None, None, np.array([5, 5, 315, 315]), None, "green")
+    assert data.negative_camera(boxed_in, (320, 320), 160, rng, aug) is None
+
+
+def test_crops_without_the_object_teach_the_detector_and_nothing_else(tiny):
+    views = random_views(tiny.config, 2)
+    with torch.no_grad():
+        alone = tiny(views)
+        views.negatives = views.images[0, :1].flip(-1)
+        both = tiny(views)
+    for a, b in zip(alone.poses[-1], both.poses[-1], strict=True):
+        torch.testing.assert_close(a, b)
+    assert len(both.scores) == 3
+    pose = torch.eye(4).expand(1, 2, 4, 4)
+    batch = {"cam_from_obj": pose, "boxes": views.boxes[:, :, 0]}
+    batch["coords"] = torch.zeros(1, 2, *both.coordinates.shape[-2:], 3)
+    quiet = losses.total(both, batch, 8)[1]
+    both.scores[2] += 5
+    loud = losses.total(both, batch, 8)[1]
+    assert loud["detection"] > quiet["detection"] + 0.1
+    assert loud["coordinates"] == quiet["coordinates"]
