@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from . import mvball
 
-LOS_CHANNELS = {"direction": 3, "origin_direction": 6, "plucker": 6, "plucker_origin": 9}
+# "none" is PoET's: for comparison, not exported.
+LOS_CHANNELS = {"none": 0, "direction": 3, "origin_direction": 6, "plucker": 6, "plucker_origin": 9}
 
 
 @dataclass(frozen=True)

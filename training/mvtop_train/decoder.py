@@ -166,7 +166,7 @@ class DecoderLayer(nn.Module):
 
     def forward(self, x, position, memory, at_centre, boxes, level_shapes):
         with torch.autocast(x.device.type, enabled=False):
-            x = self.norm1(x + self.self_attention(x, position, boxes.valid[:, 0]))
+            x = self.norm1(x + self.self_attention(x, position, boxes.attended))
         x = x + self.attention(x + position, memory, at_centre, boxes, level_shapes)
         with torch.autocast(x.device.type, enabled=False):
             x = self.norm2(x)
@@ -252,11 +252,13 @@ class Boxes:
     """Where the objects are: everything the decoder knows of the detections.
 
     centres, half_sizes [B, V, Q, 2] in 0..1 of the input; rays [B, V, Q, 12]; valid [B, V, Q]
-    1.0 where the object was detected, else all other entries are ignored.
+    1.0 where the object was detected, else all other entries are ignored; attended [B, Q] 1.0 for
+    queries that the others see (default: those with a box in the reference view).
     """
 
-    def __init__(self, centres, half_sizes, rays, valid):
+    def __init__(self, centres, half_sizes, rays, valid, attended=None):
         self.centres, self.half_sizes, self.rays, self.valid = centres, half_sizes, rays, valid
+        self.attended = valid[:, 0] if attended is None else attended
 
 
 class Decoder(nn.Module):

@@ -21,8 +21,10 @@ os.environ.setdefault("MUJOCO_GL", "egl")
 os.environ.setdefault("LP_NUM_THREADS", "1")  # software rendering: one core per process
 
 # Splits draw from different random streams: no test scene can be a training scene.
-SPLITS = {"train": 0, "easy": 1, "hard": 2}
-MIN_PIXELS = {"train": 10, "easy": 300, "hard": 10}  # visible pixels of the hemisphere, paper
+# Control splits show both hemispheres in every view: there, one view determines the pose.
+SPLITS = {"train": 0, "easy": 1, "hard": 2, "control": 3, "control_test": 4}
+# Visible pixels of the hemisphere, paper.
+MIN_PIXELS = {"train": 10, "easy": 300, "hard": 10, "control": 10, "control_test": 10}
 
 
 def open_gl():
@@ -41,6 +43,13 @@ def open_gl():
             f"error: no off-screen OpenGL ({type(error).__name__}: {error}); "
             "fix: apt-get install libegl1 libgl1-mesa-dri, or set MUJOCO_GL=osmesa"
         ) from None
+
+
+def hemispheres(split: str, index: int, views: int) -> list[str]:
+    """What each view of scene `index` shows."""
+    if split.startswith("control"):
+        return ["both"] * views
+    return [("green", "red")[(index + i) % 2] for i in range(views)]
 
 
 def scene_views(gl, seed: int, split: str, index: int, order: list[str], size=(640, 480)):
@@ -64,7 +73,7 @@ def _work(job):
     for number in numbers:
         folder = Path(out) / split / f"{number:06d}"
         if not bop.is_whole(folder):
-            order = [("green", "red")[(number + i) % 2] for i in range(views)]
+            order = hemispheres(split, number, views)
             bop.write_scene(folder, scene_views(gl, seed, split, number, order, size))
         queue.put(number)
 

@@ -232,11 +232,15 @@ def find_view(
 ) -> View | None:
     """A camera in which only hemisphere `shows` is visible, with more than `min_pixels` pixels.
 
+    `shows` "both": each of them is, so that one view determines the pose.
     If the renderer is smaller than the full image, the view is a window of it around the ball.
     """
     world_from_obj = world_from_ball(data)
-    hidden = next(name for name in mvball.BUMPS if name != shows)
-    towards = -world_from_obj[:3, :3] @ mvball.BUMPS[hidden]
+    wanted = list(mvball.BUMPS) if shows == "both" else [shows]
+    hidden = [name for name in mvball.BUMPS if name not in wanted]
+    # Opposite the hidden one, or between the two.
+    axis = -mvball.BUMPS[hidden[0]] if hidden else sum(mvball.BUMPS.values()) / np.sqrt(2)
+    towards = world_from_obj[:3, :3] @ axis
     ids = {name: renderer.model.geom(name).id for name in ("ball", "green", "red")}
     for _ in range(tries):
         camera = random_camera(rng, world_from_obj[:3, 3], towards)
@@ -247,8 +251,8 @@ def find_view(
         k = cut_window(rng, k, pixel[:2] / pixel[2], (renderer.width, renderer.height))
         renderer.aim(data, k, cam_from_world)
         seg = renderer.geom_ids()
-        bump_pixels = int((seg == ids[shows]).sum())
-        if bump_pixels <= min_pixels or (seg == ids[hidden]).any():
+        bump_pixels = min(int((seg == ids[name]).sum()) for name in wanted)
+        if bump_pixels <= min_pixels or any((seg == ids[name]).any() for name in hidden):
             continue
         mask = np.isin(seg, list(ids.values()))
         depth = (cam_from_world @ world_from_obj)[2, 3]

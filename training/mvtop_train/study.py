@@ -1,0 +1,302 @@
+"""Methods and variants side by side: same frozen features, same data, same budget.
+
+    python -m mvtop_train.study --weights models/mvball.weights.pt --data data/mvball \
+        --test data/test --out out/study
+
+Trains the transformer and heads of each variant on cached canonical views (`canonical.py`) and
+tests it on scenes that no training used. Finished variants are kept, so it resumes.
+"""
+
+import argparse
+import dataclasses
+import json
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import nn
+from tqdm import tqdm
+
+from . import baselines, canonical, config, mvball, pose, rays
+from .data import load_index
+from .decoder import Boxes, Decoder
+from .encoder import Encoder
+from .losses import ROTATION, TRANSLATION
+from .train import load_weights
+
+BINS = 512  # 22 degrees apart
+IMAGES = 64  # per step
+
+
+@dataclasses.dataclass(frozen=True)
+class Variant:
+    """What differs from the paper's baseline."""
+
+    los_encoding: str = "origin_direction"
+    encoder_layers: int = 2
+    queries: int = 2
+    views: int = 2
+    heads: str = "pose"  # or "hypotheses"
+    data: str = "mvball"  # or "control": both hemispheres visible, so that one view suffices
+
+
+VARIANTS = {
+    "baseline": Variant(),
+    "direction": Variant(los_encoding="direction"),
+    "plucker": Variant(los_encoding="plucker"),
+    "plucker_origin": Variant(los_encoding="plucker_origin"),
+    "no_encoder": Variant(encoder_layers=0),
+    "queries_1": Variant(queries=1),
+    "queries_4": Variant(queries=4),
+    "queries_8": Variant(queries=8),
+    "one_view": Variant(views=1),
+    "single": Variant(los_encoding="none", views=1),
+    "hypotheses": Variant(los_encoding="none", views=1, heads="hypotheses"),
+    "single_control": Variant(los_encoding="none", views=1, data="control"),
+    "hypotheses_control": Variant(los_encoding="none", views=1, heads="hypotheses", data="control"),
+}
+
+
+class Transformer(nn.Module):
+    """The paper's encoder, FLoSE, decoder and heads on given features ("image" geometry)."""
+
+    def __init__(self, variant: Variant, strides, channels: int):
+        super().__init__()
+        self.config = config.preset(
+            "small", width=canonical.SIZE, height=canonical.SIZE, strides=strides,
+            geometry="image", los_encoding=variant.los_encoding,
+            encoder_layers=variant.encoder_layers,
+        )  # fmt: skip
+        d = self.config.d_model
+        self.dummies = variant.queries - 1
+        self.project = nn.ModuleList(
+            nn.Sequential(nn.Linear(channels, d), nn.LayerNorm(d)) for _ in strides
+        )
+        self.encoder, self.decoder = Encoder(self.config), Decoder(self.config)
+        if variant.heads == "hypotheses":
+            self.decoder.heads = nn.ModuleList(
+                baselines.HypothesisHeads(self.config, BINS)
+                for _ in range(self.config.decoder_layers)
+            )
+
+    def forward(self, features, ref_from_cam, boxes):
+        """features [B, V, N, C]; ref_from_cam [B, V, 4, 4] m; boxes [B, V, 4] px."""
+        b, v = features.shape[:2]
+        shapes = self.config.level_shapes()
+        k = torch.from_numpy(canonical.K).float().expand(b, v, 3, 3)
+        with torch.autocast("cpu", enabled=False):  # geometry stays in fp32
+            camera_rays = rays.unproject(k, rays.cell_centres(shapes, self.config.strides))
+            lines = rays.encode(camera_rays, ref_from_cam, self.config.los_encoding)
+        counts = [rows * columns for rows, columns in shapes]
+        tokens = features.flatten(0, 1).split(counts, 1)
+        levels = [
+            project(t).transpose(1, 2).unflatten(-1, shape)
+            for project, t, shape in zip(self.project, tokens, shapes, strict=True)
+        ]
+        memory = self.encoder(levels, camera_rays.flatten(0, 1)).unflatten(0, (b, v))
+        outputs = self.decoder(memory, lines, self._queries(boxes), self._classes(b), shapes)
+        return [tuple(part[:, :1] for part in output) for output in outputs]
+
+    def _queries(self, boxes) -> Boxes:
+        """The object's query, then PoET's dummies: boxes at -1, seen by self-attention."""
+        size = canonical.SIZE
+        low, high = (boxes[..., None, :2] + 0.5) / size, (boxes[..., None, 2:] + 0.5) / size
+        b, v = boxes.shape[:2]
+        dummies = torch.full((b, v, self.dummies, 2), -1.0)
+        valid = torch.cat([torch.ones(b, v, 1), torch.zeros(b, v, self.dummies)], -1)
+        queries = 1 + self.dummies
+        return Boxes(
+            torch.cat([(low + high) / 2, dummies], 2),
+            torch.cat([(high - low) / 2, 0.5 * dummies], 2),
+            torch.zeros(b, v, queries, 12),
+            valid,
+            attended=torch.ones(b, queries),
+        )
+
+    def _classes(self, b: int):
+        return torch.zeros(b, 1 + self.dummies, dtype=torch.long)
+
+
+def draw(cached: canonical.Cached, rng, views: int) -> np.ndarray:
+    """View numbers [views] of a random scene; two show different hemispheres, if they can."""
+    scene = cached.scenes[rng.integers(len(cached.scenes))]
+    first = rng.choice(scene)
+    if views == 1:
+        return np.array([first])
+    return np.array([first, rng.choice(scene[cached.shows[scene] != cached.shows[first]])])
+
+
+def batch_of(cached: canonical.Cached, numbers: np.ndarray, rng):
+    """Views `numbers` [B, V] as the inputs of a `Transformer`, and the poses [B, V, 4, 4]."""
+    cam_from_world = cached.cam_from_world[numbers]
+    ref_from_cam = cam_from_world[:, :1] @ np.linalg.inv(cam_from_world)
+    features = cached.features[torch.from_numpy(numbers)].float()
+    inputs = [torch.from_numpy(x).float() for x in (ref_from_cam, cached.boxes(numbers, rng))]
+    return (features, *inputs), torch.from_numpy(cached.cam_from_obj[numbers]).float()
+
+
+def loss_of(model, outputs, truth, variant: Variant):
+    truth = truth[:, :1]
+    if variant.heads == "hypotheses":
+        outputs = [
+            (*output, head.bins) for output, head in zip(outputs, model.decoder.heads, strict=True)
+        ]
+        return baselines.hypothesis_loss(outputs, truth)
+    total = 0.0
+    for six, translation, _ in outputs:
+        angle = pose.rotation_angle(pose.rotation_from_6d(six), truth[..., :3, :3])
+        distance = pose.translation_error(translation, truth[..., :3, 3])
+        total = total + ROTATION * angle.mean() + TRANSLATION * distance.mean()
+    return total
+
+
+def fit(variant: Variant, cached, strides, steps: int, seed: int, name: str) -> Transformer:
+    """Train one variant."""
+    torch.manual_seed(seed)
+    rng = np.random.default_rng(seed)
+    model = Transformer(variant, strides, cached.features.shape[-1])
+    optimizer = torch.optim.AdamW(model.parameters(), lr=1e-3, weight_decay=1e-4)
+    average = torch.optim.swa_utils.AveragedModel(
+        model, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(0.99)
+    )
+    bar = tqdm(range(steps), unit="step", desc=name)
+    for step in bar:
+        warm, progress = min((step + 1) / 100, 1), step / steps
+        for group in optimizer.param_groups:
+            group["lr"] = 1e-3 * warm * (0.02 + 0.49 * (1 + math.cos(math.pi * progress)))
+        numbers = np.stack(
+            [draw(cached, rng, variant.views) for _ in range(IMAGES // variant.views)]
+        )
+        inputs, truth = batch_of(cached, numbers, rng)
+        with torch.autocast("cpu", dtype=torch.bfloat16):
+            outputs = model(*inputs)
+        loss = loss_of(model, outputs, truth, variant)
+        optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        nn.utils.clip_grad_norm_(model.parameters(), 5.0)
+        optimizer.step()
+        average.update_parameters(model)
+        if step % 20 == 0:
+            bar.set_postfix_str(f"loss {loss.item():.2f}")
+    return average.module.eval()
+
+
+def poses_of(output) -> np.ndarray:
+    """The last layer's poses [B, 4, 4] of the object."""
+    six, translation, _ = output
+    poses = np.tile(np.eye(4), (len(six), 1, 1))
+    poses[:, :3, :3] = pose.rotation_from_6d(six[:, 0]).numpy()
+    poses[:, :3, 3] = translation[:, 0].numpy()
+    return poses
+
+
+def hypotheses_of(output, count: int) -> np.ndarray:
+    """The `count` most likely poses [B, count, 4, 4], best first."""
+    logits, rotations, translation = (part[:, 0] for part in output)
+    best = logits.topk(count, -1).indices
+    poses = np.tile(np.eye(4), (len(logits), count, 1, 1))
+    picked = rotations.gather(1, best[..., None, None].expand(-1, -1, 3, 3))
+    poses[..., :3, :3] = picked.numpy()
+    poses[..., :3, 3] = translation[:, None].numpy()
+    return poses
+
+
+def errors(estimates: np.ndarray, truth: np.ndarray) -> dict:
+    """Mean errors of poses [B, 4, 4], degrees and metres."""
+    a, b = torch.from_numpy(estimates).float(), torch.from_numpy(truth).float()
+    angle = torch.rad2deg(pose.rotation_angle(a[:, :3, :3], b[:, :3, :3]))
+    points = torch.from_numpy(mvball.bounding_points()).float()
+    add = pose.add_error(points, a[:, :3, :3], a[:, :3, 3], b[:, :3, :3], b[:, :3, 3])
+    return {
+        "pairs": len(a),
+        "rot_mean_deg": angle.mean().item(),
+        "rot_median_deg": angle.median().item(),
+        "share_over_30_deg": (angle > 30).float().mean().item(),
+        "add_mean_m": add.mean().item(),
+    }
+
+
+@torch.no_grad()
+def test(model: Transformer, variant: Variant, cached, seed=0) -> dict[str, dict]:
+    """Errors on the pairs of a test split, by how its views are put together."""
+    rng = np.random.default_rng(seed)
+    pairs = np.stack([scene[:2] for scene in cached.scenes])
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        if variant.views == 2:
+            inputs, truth = batch_of(cached, pairs, rng)
+            return {"two_views": errors(poses_of(model(*inputs)[-1]), truth[:, 0].numpy())}
+        inputs, truth = batch_of(cached, pairs.reshape(-1, 1), rng)
+        output = tuple(part.float() for part in model(*inputs)[-1])
+    truth = truth[:, 0].numpy().reshape(-1, 2, 4, 4)
+    world = cached.cam_from_world[pairs]
+    ref_from_cam = world[:, :1] @ np.linalg.inv(world)
+    points = mvball.bounding_points(200)
+    if variant.heads == "hypotheses":
+        results = {}
+        for count in (1, 5, 20, 60):
+            every = hypotheses_of(output, count).reshape(-1, 2, count, 4, 4)
+            voted = [baselines.vote(h, r, points) for h, r in zip(every, ref_from_cam, strict=True)]
+            results[f"voting_top_{count}"] = errors(np.stack(voted), truth[:, 0])
+        return results | {"one_view": errors(every[:, 0, 0], truth[:, 0])}
+    every = poses_of(output).reshape(-1, 2, 4, 4)
+    fused = [
+        baselines.late_fusion(c, r, canonical.K, points)
+        for c, r in zip(every, ref_from_cam, strict=True)
+    ]
+    late = errors(np.stack([f for f, _ in fused]), truth[:, 0])
+    late["share_agreeing"] = float(np.mean([views > 1 for _, views in fused]))
+    return {"one_view": errors(every[:, 0], truth[:, 0]), "late_fusion": late}
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--weights", type=Path, required=True, help="whose backbone is frozen")
+    parser.add_argument("--data", type=Path, required=True, help="training scenes")
+    parser.add_argument("--test", type=Path, required=True, help="test scenes: splits hard, easy")
+    parser.add_argument("--out", type=Path, required=True, help="results and cached features")
+    parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=list(VARIANTS))
+    parser.add_argument("--scenes", type=int, default=1500, help="training scenes to use")
+    parser.add_argument("--copies", type=int, default=2, help="augmented copies of each image")
+    parser.add_argument("--steps", type=int, default=1500)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--levels", type=int, nargs="+", default=[1, 2], help="pyramid levels")
+    args = parser.parse_args()
+    backbone, trained, _ = load_weights(args.weights)
+    strides = tuple(trained.strides[level] for level in args.levels)
+
+    def cached(root: Path, split: str, scenes: int | None, copies: int, augment: bool):
+        index = load_index(root, split)[:scenes]
+        name = f"{split}-{len(index)}x{copies}-levels{''.join(map(str, args.levels))}.pt"
+        return canonical.load_or_compute(
+            args.out / name, index, backbone, args.levels, copies, augment
+        )
+
+    for name in args.variants:
+        variant = VARIANTS[name]
+        path = args.out / f"{name}-seed{args.seed}.json"
+        if path.exists():
+            continue
+        control = variant.data == "control"
+        train_split, tests = (
+            ("control", ["control_test"]) if control else ("train", ["hard", "easy"])
+        )
+        data = cached(args.data, train_split, args.scenes, args.copies, True)
+        started = time.time()
+        model = fit(variant, data, strides, args.steps, args.seed, name)
+        result = {
+            "variant": dataclasses.asdict(variant) | {"name": name},
+            "steps": args.steps, "images_per_step": IMAGES, "seed": args.seed,
+            "scenes": len(data.scenes), "seconds": round(time.time() - started),
+        }  # fmt: skip
+        for split in tests:
+            result[split] = test(model, variant, cached(args.test, split, None, 1, False))
+        path.write_text(json.dumps(result, indent=1) + "\n")
+        tqdm.write(json.dumps({name: {split: result[split] for split in tests}}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,145 @@
+"""What ours is compared with: canonical views, late fusion, voting."""
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from conftest import random_pose
+
+from mvtop_train import baselines, bop, canonical, mvball, study
+from mvtop_train.baselines import late_fusion, rotation_bins, vote
+
+POINTS = mvball.bounding_points(100)
+
+
+def two_cameras():
+    """Poses of one object in two cameras that see it from directions 90 degrees apart."""
+    rng = np.random.default_rng(4)
+    ref_from_obj = random_pose(rng, [0.02, -0.01, 0.7])
+    ref_from_cam = np.stack([np.eye(4), np.eye(4)])
+    ref_from_cam[1] = [[0, 0, -1, 0.7], [0, 1, 0, 0], [1, 0, 0, 0.7], [0, 0, 0, 1]]
+    return ref_from_obj, ref_from_cam, np.linalg.inv(ref_from_cam) @ ref_from_obj
+
+
+def turned(pose, degrees):
+    turn = np.eye(4)
+    turn[:3, :3] = cv2.Rodrigues(np.deg2rad(degrees) * np.array([0.0, 0, 1]))[0]
+    return pose @ turn
+
+
+def distance(a, b):
+    return np.linalg.norm(a[:3, 3] - b[:3, 3])
+
+
+def test_late_fusion_mends_the_depth_of_each_view():
+    truth, ref_from_cam, candidates = two_cameras()
+    for view, error in ((0, 0.012), (1, -0.009)):  # along the line of sight: hardly seen there
+        candidates[view, 2, 3] += error
+    fused, views = late_fusion(candidates, ref_from_cam, canonical.K, POINTS)
+    assert views == 2
+    assert distance(fused, truth) < 0.003
+
+
+def test_late_fusion_of_candidates_that_disagree_is_the_references_own():
+    _, ref_from_cam, candidates = two_cameras()
+    candidates[1] = turned(candidates[1], 120)
+    fused, views = late_fusion(candidates, ref_from_cam, canonical.K, POINTS)
+    assert views == 1
+    np.testing.assert_array_equal(fused, candidates[0])
+
+
+@pytest.mark.parametrize("common", [(0, 0), (3, 1), (2, 3)])
+def test_the_vote_finds_the_pose_that_both_views_propose(common):
+    truth, ref_from_cam, right = two_cameras()
+    # Turns that no other view proposes: 40, 80, 120 and 20, 60, 100 degrees away from the truth.
+    wrong = [[turned(right[v], d + 40 * i) for i in range(3)] for v, d in ((0, 40), (1, 20))]
+    hypotheses = [list(w) for w in wrong]
+    for view in range(2):
+        hypotheses[view].insert(common[view], right[view])
+    won = vote(np.array(hypotheses), ref_from_cam, POINTS)
+    np.testing.assert_allclose(won, truth, atol=1e-9)
+
+
+def test_a_vote_without_support_is_the_references_best():
+    _, ref_from_cam, right = two_cameras()
+    hypotheses = np.array([[right[0]], [turned(right[1], 90)]])
+    np.testing.assert_allclose(vote(hypotheses, ref_from_cam, POINTS), right[0], atol=1e-12)
+
+
+def test_rotation_bins_are_rotations_and_leave_no_hole():
+    bins = rotation_bins(512)
+    np.testing.assert_allclose(bins @ bins.swapaxes(1, 2), np.broadcast_to(np.eye(3), bins.shape),
+                               atol=1e-12)  # fmt: skip
+    np.testing.assert_allclose(np.linalg.det(bins), 1)
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        trace = np.einsum("nij,ij->n", bins, random_pose(rng)[:3, :3]).max()
+        assert np.rad2deg(np.arccos(np.clip((trace - 1) / 2, -1, 1))) < 32
+
+
+def test_the_hypothesis_loss_is_least_at_the_truth():
+    bins = torch.from_numpy(rotation_bins(16)).float()
+    truth = torch.eye(4)[None, None].clone()
+    truth[..., :3, :3] = bins[5]
+
+    def loss(bin_number, rotations, shift):
+        logits = torch.full((1, 1, 16), -5.0)
+        logits[..., bin_number] = 5.0
+        translation = torch.full((1, 1, 3), shift)
+        return baselines.hypothesis_loss([(logits, rotations, translation, bins)], truth).item()
+
+    best = loss(5, bins[None, None], 0.0)
+    assert best < 0.01
+    assert loss(6, bins[None, None], 0.0) > best + 1
+    assert loss(5, bins.roll(1, 0)[None, None], 0.0) > best + 0.1
+    assert loss(5, bins[None, None], 0.1) > best + 0.5
+
+
+def test_a_canonical_view_shows_points_where_its_camera_says(tmp_path):
+    k = np.array([[600.0, 0, 315], [0, 600, 244], [0, 0, 1]])
+    cam_from_obj = random_pose(np.random.default_rng(1), [0.1, -0.06, 0.8])
+    centre = (k @ cam_from_obj[:3, 3] / cam_from_obj[2, 3])[:2]
+    rgb = np.zeros((480, 640, 3), np.uint8)
+    dot = np.round(centre + [12, -7]).astype(int)  # a pixel near the object's centre
+    rgb[dot[1], dot[0]] = 255
+    rgb = cv2.GaussianBlur(rgb, (0, 0), 2)
+    rgb = (rgb * (250 / rgb.max())).astype(np.uint8)
+    cv2.imwrite(str(tmp_path / "image.png"), rgb)
+    image = bop.Image(
+        tmp_path / "image.png", tmp_path, k, np.eye(4), cam_from_obj,
+        np.array([*(centre - 40), *(centre + 40)]), np.zeros(4), "green",
+    )  # fmt: skip
+    for augment in (False, True):
+        rng = np.random.default_rng(7)
+        crop, new_from_old = canonical.canonical_view(image, rng, augment)
+        ray = new_from_old[:3, :3] @ np.linalg.inv(k) @ [*dot, 1.0]
+        expected = (canonical.K @ ray / ray[2])[:2]
+        row, column = np.unravel_index(crop.mean(-1).argmax(), crop.shape[:2])
+        assert np.abs([column, row] - expected).max() < 1.5
+        middle = canonical.K @ (new_from_old @ cam_from_obj)[:3, 3]
+        assert np.linalg.norm(middle[:2] / middle[2] - 79.5) < 8  # jitter of the box
+
+
+@pytest.mark.parametrize("name", study.VARIANTS)
+def test_every_variant_trains_and_is_tested(name):
+    rng = np.random.default_rng(0)
+    world_from_obj = [random_pose(rng) for _ in range(3)]
+    cam_from_obj = np.stack([random_pose(rng, [0, 0, 0.7]) for _ in range(12)])
+    cam_from_world = np.stack(
+        [pose @ np.linalg.inv(world_from_obj[i // 4]) for i, pose in enumerate(cam_from_obj)]
+    )
+    cached = canonical.Cached(
+        torch.from_numpy(rng.normal(size=(12, 125, 8))).half(),
+        cam_from_world,
+        cam_from_obj,
+        np.array(["green", "red"] * 6),
+        [np.arange(4 * i, 4 * i + 4) for i in range(3)],
+    )
+    variant = study.VARIANTS[name]
+    model = study.fit(variant, cached, (16, 32), steps=2, seed=0, name=name)
+    results = study.test(model, variant, cached)
+    wanted = {"two_views"} if variant.views == 2 else {"one_view"}
+    assert wanted <= set(results)
+    for result in results.values():
+        assert result["pairs"] == 3
+        assert 0 <= result["rot_mean_deg"] <= 180 and np.isfinite(result["add_mean_m"])
