@@ -1,18 +1,19 @@
 """Reading and writing scenes in BOP layout (millimetres, OpenCV axes, integer pixel = centre).
 
 Beside BOP's own files a scene has `coords/IM.png`: the object-frame position of each visible
-object pixel, cut to `bbox_visib` and coded in 8 bits per axis; 0 means "not the object".
+object pixel, cut to `bbox_visib` and coded in 8 bits per axis; 0 means "not the object". Data sets
+of others lack it, and `scene_gt_info.json` at times: both may be absent. See docs/data.md.
 """
 
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from . import mvball
-from .scenes import View, amodal_box, object_coordinates
+from .objects import Object
 
 JPEG_QUALITY = 95
 
@@ -22,18 +23,18 @@ class Image:
     """One annotated image of one object."""
 
     path: Path
-    coords_path: Path
+    coords_path: Path | None  # None: no object coordinates are known
     k: np.ndarray  # [3, 3], px
     cam_from_world: np.ndarray  # [4, 4], m
     cam_from_obj: np.ndarray  # [4, 4], m
     box: np.ndarray  # amodal [x0, y0, x1, y1], px
-    visible_box: np.ndarray  # [x, y, w, h] of the coords file, px
-    shows: str
+    visible_box: np.ndarray | None  # [x, y, w, h] of the coords file, px
+    shows: str | None  # of MV-ball: the one hemisphere in sight
 
 
-def encode_coords(coords: np.ndarray) -> np.ndarray:
+def encode_coords(coords: np.ndarray, extent_m: float) -> np.ndarray:
     """Metres [.., 3] (NaN: none) to uint8, half the object's extent on either side of 128."""
-    code = np.round(128 + coords / mvball.EXTENT * 120)
+    code = np.round(128 + coords / extent_m * 120)
     return np.where(np.isnan(coords), 0, code).astype(np.uint8)
 
 
@@ -49,18 +50,19 @@ def pose_from_bop(rotation, translation_mm) -> np.ndarray:
     return pose
 
 
-def write_scene(folder: Path, views: list[View]):
+def write_scene(folder: Path, views: list, obj: Object):
     """Write one scene; the annotation comes last, so a folder that has it is whole."""
+    from .scenes import amodal_box, object_coordinates  # needs MuJoCo, which reading does not
+
     (folder / "rgb").mkdir(parents=True, exist_ok=True)
     (folder / "coords").mkdir(exist_ok=True)
     camera, gt, info = {}, {}, {}
-    points = mvball.bounding_points()
     for i, view in enumerate(views):
         jpeg = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
         cv2.imwrite(str(folder / "rgb" / f"{i:06d}.jpg"), view.rgb[:, :, ::-1], jpeg)
         v, u = np.nonzero(view.mask)
         x, y, w, h = u.min(), v.min(), u.max() - u.min(), v.max() - v.min()
-        code = encode_coords(object_coordinates(view)[y : y + h + 1, x : x + w + 1])
+        code = encode_coords(object_coordinates(view), obj.extent_m)[y : y + h + 1, x : x + w + 1]
         cv2.imwrite(str(folder / "coords" / f"{i:06d}.png"), code[:, :, ::-1])
         camera[i] = {
             "cam_K": view.k.ravel().tolist(),
@@ -73,64 +75,115 @@ def write_scene(folder: Path, views: list[View]):
             {
                 "cam_R_m2c": pose[:3, :3].ravel().tolist(),
                 "cam_t_m2c": (pose[:3, 3] * 1000).tolist(),
-                "obj_id": mvball.OBJ_ID,
+                "obj_id": obj.id,
             }
         ]
-        box = amodal_box(view, points)
-        info[i] = [
-            {
-                "bbox_obj": [*box[:2].tolist(), *(box[2:] - box[:2]).tolist()],
-                "bbox_visib": [int(x), int(y), int(w), int(h)],
-                "px_count_visib": int(view.mask.sum()),
-                "px_count_hemisphere": view.bump_pixels,
-                "hemisphere": view.shows,
-            }
-        ]
+        box = amodal_box(view, obj.bounds)
+        visible = int(view.mask.sum())
+        about = {
+            "bbox_obj": [*box[:2].tolist(), *(box[2:] - box[:2]).tolist()],
+            "bbox_visib": [int(x), int(y), int(w), int(h)],
+            "px_count_all": view.full_pixels,
+            "px_count_visib": visible,
+            "visib_fract": visible / view.full_pixels,
+        }
+        if view.shows:
+            about |= {"px_count_hemisphere": view.bump_pixels, "hemisphere": view.shows}
+        info[i] = [about]
     for name, content in (("scene_camera", camera), ("scene_gt_info", info), ("scene_gt", gt)):
-        (folder / f"{name}.json").write_text(json.dumps(content))
+        write_json(folder / f"{name}.json", content)
+
+
+def write_json(path: Path, content):
+    """Write so that a kill leaves no file or a whole one."""
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(content))
+    part.replace(path)
 
 
 def is_whole(folder: Path) -> bool:
     return (folder / "scene_gt.json").exists()
 
 
-def read_scene(folder: Path) -> list[Image]:
-    """All images of a scene that show one object of the data set."""
-    camera, gt, info = (
-        json.loads((folder / f"{name}.json").read_text())
-        for name in ("scene_camera", "scene_gt", "scene_gt_info")
-    )
+def read_scene(folder: Path, obj: Object | None = None) -> list[Image]:
+    """The images of a scene in which `obj` is annotated once.
+
+    Without `obj`, every image must have exactly one annotation. Amodal boxes that the data set
+    lacks are projected from `obj`.
+    """
+    camera, gt = _read(folder / "scene_camera.json"), _read(folder / "scene_gt.json")
+    info_path = folder / "scene_gt_info.json"
+    info = _read(info_path) if info_path.exists() else {}
+    rgb, coords = _by_number(folder / "rgb"), _by_number(folder / "coords")
     images = []
-    for key in sorted(camera, key=int):
-        pose, about = gt[key][0], info[key][0]
-        x, y, w, h = about["bbox_obj"]
+    for key in sorted(gt, key=int):
+        found = [n for n, entry in enumerate(gt[key]) if obj is None or entry["obj_id"] == obj.id]
+        if obj is None and len(found) != 1:
+            raise SystemExit(
+                f"error: {folder}/scene_gt.json: image {key}: expected one object, got "
+                f"{len(found)}; fix: choose the object to read"
+            )
+        if len(found) != 1:
+            continue
+        pose, about = gt[key][found[0]], info[key][found[0]] if key in info else {}
+        if key not in camera or "cam_R_w2c" not in camera[key] or "cam_t_w2c" not in camera[key]:
+            raise SystemExit(
+                f"error: {folder}/scene_camera.json: image {key}: expected the camera's pose "
+                "(cam_R_w2c, cam_t_w2c), got none; fix: add it, as several views need to know "
+                "where their cameras stand"
+            )
+        if int(key) not in rgb:
+            raise SystemExit(
+                f"error: {folder}/rgb: image {key}: expected a png or jpg, got none; "
+                "fix: unpack the data set's images"
+            )
+        k = np.reshape(camera[key]["cam_K"], (3, 3))
+        cam_from_obj = pose_from_bop(pose["cam_R_m2c"], pose["cam_t_m2c"])
         images.append(
             Image(
-                path=folder / "rgb" / f"{int(key):06d}.jpg",
-                coords_path=folder / "coords" / f"{int(key):06d}.png",
-                k=np.reshape(camera[key]["cam_K"], (3, 3)),
+                path=rgb[int(key)],
+                coords_path=coords.get(int(key)),
+                k=k,
                 cam_from_world=pose_from_bop(camera[key]["cam_R_w2c"], camera[key]["cam_t_w2c"]),
-                cam_from_obj=pose_from_bop(pose["cam_R_m2c"], pose["cam_t_m2c"]),
-                box=np.array([x, y, x + w, y + h]),
-                visible_box=np.array(about["bbox_visib"]),
-                shows=about["hemisphere"],
+                cam_from_obj=cam_from_obj,
+                box=_box(folder, about, k, cam_from_obj, obj),
+                visible_box=np.array(about["bbox_visib"]) if "bbox_visib" in about else None,
+                shows=about.get("hemisphere"),
             )
         )
     return images
 
 
-def write_models(folder: Path):
-    """`models/` with the object's mesh points (PLY, mm, vertex colours) and `models_info.json`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "models_info.json").write_text(json.dumps(mvball.models_info(), indent=1))
-    points, colours = mvball.surface_points(4000)
-    lines = [
-        "ply", "format ascii 1.0", f"element vertex {len(points)}",
-        *(f"property float {axis}" for axis in "xyz"),
-        *(f"property uchar {colour}" for colour in ("red", "green", "blue")), "end_header",
-    ]  # fmt: skip
-    lines += [
-        f"{x:.4f} {y:.4f} {z:.4f} {r:.0f} {g:.0f} {b:.0f}"
-        for (x, y, z), (r, g, b) in zip(points * 1000, colours, strict=True)
-    ]
-    (folder / f"obj_{mvball.OBJ_ID:06d}.ply").write_text("\n".join(lines) + "\n")
+def _read(path: Path) -> dict:
+    try:
+        return json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise SystemExit(
+            f"error: {path}: expected a JSON file of BOP's layout, got {error}; "
+            "fix: delete the scene's folder or write it again"
+        ) from None
+
+
+def _by_number(folder: Path) -> dict[int, Path]:
+    """Image files by their number, whatever their format."""
+    if not folder.is_dir():
+        return {}
+    return {
+        int(stem): folder / f"{stem}{end}"
+        for stem, end in map(os.path.splitext, os.listdir(folder))
+        if stem.isdigit()
+    }
+
+
+def _box(folder, about: dict, k, cam_from_obj, obj: Object | None) -> np.ndarray:
+    if "bbox_obj" in about:
+        x, y, w, h = about["bbox_obj"]
+        return np.array([x, y, x + w, y + h], float)
+    if obj is None:
+        raise SystemExit(
+            f"error: {folder}/scene_gt_info.json: expected bbox_obj, got none; "
+            "fix: give the object, from which boxes follow"
+        )
+    pixels = (obj.bounds @ cam_from_obj[:3, :3].T + cam_from_obj[:3, 3]) @ k.T
+    pixels = pixels[:, :2] / pixels[:, 2:]
+    return np.concatenate([pixels.min(0), pixels.max(0)])

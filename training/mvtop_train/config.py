@@ -4,6 +4,7 @@ import dataclasses
 from dataclasses import dataclass
 
 from . import mvball
+from .objects import Object
 
 # "none" is PoET's: for comparison, not exported.
 LOS_CHANNELS = {"none": 0, "direction": 3, "origin_direction": 6, "plucker": 6, "plucker_origin": 9}
@@ -78,6 +79,10 @@ PRESETS = {
 def preset(name: str, **changes) -> Config:
     """A preset, with single fields changed (ablations)."""
     return dataclasses.replace(PRESETS[name], **changes)
+
+
+def classes_of(*objects: Object) -> tuple[ObjectClass, ...]:
+    return tuple(ObjectClass(obj.id, obj.name, obj.diameter_m) for obj in objects)
 
 
 def to_dict(config: Config) -> dict:

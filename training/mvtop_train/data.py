@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 from . import bop
+from .objects import Object
 
 VIEW_COUNTS = {1: 0.2, 2: 0.5, 3: 0.15, 4: 0.15}
 COORDINATE_STRIDE = 4
@@ -31,14 +32,21 @@ class Augmentation:
     negative_zoom: tuple[float, float] = (0.75, 1.6)  # of crops without the object, as `zoom`
 
 
-def load_index(root: Path, split: str = "train") -> list[list[bop.Image]]:
-    """All whole scenes of a split."""
-    folders = sorted(p for p in (Path(root) / split).iterdir() if bop.is_whole(p))
-    if not folders:
+def load_index(
+    root: Path, split: str = "train", obj: Object | None = None
+) -> list[list[bop.Image]]:
+    """The images of each whole scene of a split that show `obj` once (`objects.read`).
+
+    Without `obj`, every image must have exactly one annotation.
+    """
+    folder = Path(root) / split
+    folders = sorted(p for p in folder.iterdir() if bop.is_whole(p)) if folder.is_dir() else []
+    scenes = [scene for scene in (bop.read_scene(p, obj) for p in folders) if scene]
+    if not scenes:
         raise SystemExit(
             f"error: no scenes in {root}/{split}; fix: python -m mvtop_train.generate --out {root}"
         )
-    return [bop.read_scene(folder) for folder in folders]
+    return scenes
 
 
 def virtual_camera(
@@ -57,11 +65,13 @@ def virtual_camera(
         target = size / 2 + rng.uniform(-room, room, 2)
     cos, sin = np.cos(roll), np.sin(roll)
     turn = np.array([[cos, -sin], [sin, cos]])
+    # The camera is turned, not the picture: with fx unlike fy these differ.
+    focal = np.diag([image.k[0, 0], image.k[1, 1]])
     crop_from_image = np.zeros((2, 3))
-    crop_from_image[:, :2] = zoom * turn
-    crop_from_image[:, 2] = target - zoom * turn @ centre
+    crop_from_image[:, :2] = zoom * focal @ turn @ np.linalg.inv(focal)
+    crop_from_image[:, 2] = target - crop_from_image[:, :2] @ centre
     k = np.eye(3)
-    k[:2, :2] = zoom * np.diag([image.k[0, 0], image.k[1, 1]])
+    k[:2, :2] = zoom * focal
     k[:2, 2] = crop_from_image[:, :2] @ image.k[:2, 2] + crop_from_image[:, 2]
     new_from_old = np.eye(3)
     new_from_old[:2, :2] = turn
@@ -141,31 +151,52 @@ def make_view(image: bop.Image, size: int, rng, aug: Augmentation, augment: bool
         crop = photometric(crop, rng)
     new_from_old = np.eye(4)
     new_from_old[:3, :3] = turn
-    code = cv2.imread(str(image.coords_path), cv2.IMREAD_COLOR)[:, :, ::-1]
-    shift = a.copy()
-    shift[:, 2] += a[:, :2] @ image.visible_box[:2]
-    # One coordinate sample per COORDINATE_STRIDE px, at the centre of its block.
-    s = 1 / COORDINATE_STRIDE
-    shift[:, 2] = (shift[:, 2] + 0.5) * s - 0.5
-    shift[:, :2] *= s
-    cells = size // COORDINATE_STRIDE
-    code = cv2.warpAffine(code, shift, (cells, cells), flags=cv2.INTER_NEAREST)
     return {
         "image": crop,
         "k": k,
         "cam_from_world": new_from_old @ image.cam_from_world,
         "cam_from_obj": new_from_old @ image.cam_from_obj,
-        "coords": code,
+        "coords": coordinates(image, a, size),
         "crop_from_image": a,
         "image_size": np.array(rgb.shape[1::-1]),
     }
 
 
+def coordinates(image: bop.Image, crop_from_image: np.ndarray, size: int) -> np.ndarray:
+    """Coded object coordinates [cells, cells, 3], one per COORDINATE_STRIDE px, at the centre of
+    its block; 0 off the object, and everywhere if the data set has none."""
+    cells = size // COORDINATE_STRIDE
+    if image.coords_path is None:
+        return np.zeros((cells, cells, 3), np.uint8)
+    code = cv2.imread(str(image.coords_path), cv2.IMREAD_COLOR)[:, :, ::-1]
+    shift = crop_from_image.copy()
+    shift[:, 2] += shift[:, :2] @ image.visible_box[:2]
+    s = 1 / COORDINATE_STRIDE
+    shift[:, 2] = (shift[:, 2] + 0.5) * s - 0.5
+    shift[:, :2] *= s
+    return cv2.warpAffine(code, shift, (cells, cells), flags=cv2.INTER_NEAREST)
+
+
+def fixed_views(scene: list[bop.Image], count: int, most: int) -> list[list[bop.Image]]:
+    """Up to `most` lists of up to `count` images for validation, the same in every run.
+
+    Of MV-ball each starts with an image of either hemisphere, so that two determine the pose.
+    """
+    green = [image for image in scene if image.shows == "green"]
+    red = [image for image in scene if image.shows == "red"]
+    if not green and not red:
+        return [(scene[n:] + scene[:n])[:count] for n in range(min(most, len(scene)))]
+    return [
+        [green[n], red[n], *green[n + 1 :], *red[n + 1 :]][:count]
+        for n in range(min(most, len(green), len(red)))
+    ]
+
+
 def choose_views(scene: list[bop.Image], count: int, rng: np.random.Generator) -> list[bop.Image]:
-    """`count` images in random order; mostly with both hemispheres among them."""
+    """`count` images in random order; of MV-ball mostly with both hemispheres among them."""
     order = rng.permutation(len(scene))
-    if count >= 2 and rng.random() < 0.9:
-        first = scene[order[0]].shows
+    first = scene[order[0]].shows
+    if first and count >= 2 and rng.random() < 0.9:
         other = next((i for i in order if scene[i].shows != first), order[1])
         rest = [i for i in order[1:] if i != other]
         order = rng.permutation([order[0], other, *rest][:count])
@@ -245,12 +276,15 @@ class Batches(torch.utils.data.IterableDataset):
         cv2.setNumThreads(1)
         worker = torch.utils.data.get_worker_info()
         rng = np.random.default_rng([self.seed, worker.id if worker else 0])
-        counts, shares = list(VIEW_COUNTS), list(VIEW_COUNTS.values())
+        # Scenes of other data sets differ in their number of images.
+        enough = {n: [s for s in self.scenes if len(s) >= n] for n in VIEW_COUNTS}
+        counts = [n for n in VIEW_COUNTS if enough[n]]
+        shares = np.array([VIEW_COUNTS[n] for n in counts])
         while True:
-            views = int(rng.choice(counts, p=shares))
+            views = int(rng.choice(counts, p=shares / shares.sum()))
             items = []
             for _ in range(self.images_per_batch // views):
-                scene = self.scenes[rng.integers(len(self.scenes))]
+                scene = enough[views][rng.integers(len(enough[views]))]
                 chosen = choose_views(scene, views, rng)
                 items.append([make_view(image, self.size, rng, self.aug) for image in chosen])
             batch = collate(items, self.boxes_of, self.aug.jitter, rng)

@@ -21,13 +21,12 @@ import torch
 from torch import nn
 
 from . import config as configs
-from . import mvball, sampling
+from . import objects, sampling
 from .decoder import Boxes
 from .model import Mvtop
 from .train import load_weights
 
 OPSET = 17
-BUNDLE_POINTS = 1200
 
 
 class ExportedFeatures(nn.Module):
@@ -123,10 +122,17 @@ def _entry(path: Path) -> dict:
 
 
 def write_bundle(
-    model: Mvtop, out: Path, provenance: dict, portable: bool = False, score_threshold: float = 0.3
-):
-    """Write every file of a bundle; `model.json` comes last."""
+    model: Mvtop, out: Path, provenance: dict, portable: bool = False,
+    score_threshold: float = 0.3, obj: objects.Object | None = None,
+):  # fmt: skip
+    """Write every file of a bundle; `model.json` comes last. `obj`: the MV-ball if left out."""
     config = model.config
+    obj = obj or objects.ball()
+    if [c.name for c in config.classes] != [obj.name]:
+        raise SystemExit(
+            f"error: weights know {[c.name for c in config.classes]}, expected [{obj.name!r}]; "
+            "fix: --data must name the data set that they were trained on"
+        )
     out.mkdir(parents=True, exist_ok=True)
     model = fold_batch_norm(model)
     if portable:
@@ -136,10 +142,9 @@ def write_bundle(
     else:
         export_features(model, out / "features.onnx")
         export_decoder(model, out / "decoder.onnx")
-    points, colours = mvball.surface_points(BUNDLE_POINTS)
-    rows = np.concatenate([points.round(6), colours.astype(int)], 1).tolist()
+    rows = np.concatenate([obj.points.round(6), obj.colours.astype(int)], 1).tolist()
     rows = [[*row[:3], *(int(c) for c in row[3:])] for row in rows]
-    points_file = f"{mvball.NAME}.points.json"
+    points_file = f"{obj.name}.points.json"
     (out / points_file).write_text(json.dumps({"unit": "m", "points": rows}))
     files = ["features.onnx", "decoder.onnx", points_file]
     description = {
@@ -173,6 +178,8 @@ def main():
     source.add_argument("--weights", type=Path, help="last.pt of a run")
     source.add_argument("--untrained", choices=configs.PRESETS, help="random weights of a preset")
     parser.add_argument("--out", type=Path, required=True, help="bundle folder")
+    parser.add_argument("--data", type=Path, help="data set of the weights, if not MV-ball")
+    parser.add_argument("--object", type=int, metavar="ID", help="of the objects in --data")
     parser.add_argument("--portable", action="store_true", help="standard operators only")
     parser.add_argument(
         "--score-threshold", type=float, default=0.3, help="least score of a detection"
@@ -190,7 +197,8 @@ def main():
         "commit": _commit(),
         "date": datetime.date.today().isoformat(),
     }
-    write_bundle(model, args.out, provenance, args.portable, args.score_threshold)
+    obj = objects.read(args.data, args.object) if args.data else None
+    write_bundle(model, args.out, provenance, args.portable, args.score_threshold, obj)
     size = sum(f.stat().st_size for f in args.out.iterdir()) / 1e6
     print(f"{args.out}: {config.preset}, {step} steps, {size:.1f} MB")
 

@@ -67,14 +67,14 @@ def scene_views(gl, seed: int, split: str, index: int, order: list[str], size=(6
 
 def _work(job):
     out, seed, split, numbers, views, size, queue = job
-    from . import bop
+    from . import bop, objects
 
-    gl = open_gl()
+    gl, ball = open_gl(), objects.ball()
     for number in numbers:
         folder = Path(out) / split / f"{number:06d}"
         if not bop.is_whole(folder):
             order = hemispheres(split, number, views)
-            bop.write_scene(folder, scene_views(gl, seed, split, number, order, size))
+            bop.write_scene(folder, scene_views(gl, seed, split, number, order, size), ball)
         queue.put(number)
 
 
@@ -113,9 +113,9 @@ def main():
     args = parser.parse_args()
     shard, shards = (int(part) for part in args.shard.split("/"))
     size = (640, 480) if args.window is None else (args.window, args.window)
-    from . import bop
+    from . import objects
 
-    bop.write_models(Path(args.out) / "models")
+    objects.write(Path(args.out), objects.ball(), objects.ball_mesh())
     numbers = range(shard, args.scenes, shards)
     run_workers(
         _work,

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 
 NEAR, FAR = 0.05, 20.0  # m
+GROUP = 2  # geom group of the object, to render it alone
 
 
 class Renderer:
@@ -15,19 +16,21 @@ class Renderer:
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._scene = mujoco.MjvScene(model, maxgeom=1000)
-        self._option = mujoco.MjvOption()
+        self._option, self._alone = mujoco.MjvOption(), mujoco.MjvOption()
+        self._alone.geomgroup[:] = np.arange(len(self._alone.geomgroup)) == GROUP
         self._rect = mujoco.MjrRect(0, 0, width, height)
 
     def close(self):
         self._context.free()
 
-    def aim(self, data: mujoco.MjData, k: np.ndarray, cam_from_world: np.ndarray):
-        """Set the camera; `k` [3, 3] with fx = fy and pixel centres at integers."""
+    def aim(self, data: mujoco.MjData, k: np.ndarray, cam_from_world: np.ndarray, alone=False):
+        """Set the camera; `k` [3, 3] with pixel centres at integers. `alone`: only the object."""
+        option = self._alone if alone else self._option
         mujoco.mjv_updateScene(
-            self.model, data, self._option, None, mujoco.MjvCamera(),
+            self.model, data, option, None, mujoco.MjvCamera(),
             mujoco.mjtCatBit.mjCAT_ALL.value, self._scene,
         )  # fmt: skip
-        f, cx, cy = k[0, 0], k[0, 2] + 0.5, k[1, 2] + 0.5
+        fx, f, cx, cy = k[0, 0], k[1, 1], k[0, 2] + 0.5, k[1, 2] + 0.5
         rotation = cam_from_world[:3, :3]
         centre = -rotation.T @ cam_from_world[:3, 3]
         for gl_camera in self._scene.camera:  # both eyes: mono rendering averages them
@@ -37,8 +40,9 @@ class Renderer:
             gl_camera.frustum_near, gl_camera.frustum_far = NEAR, FAR
             gl_camera.frustum_top = cy / f * NEAR
             gl_camera.frustum_bottom = -(self.height - cy) / f * NEAR
-            # Left and right follow from the aspect ratio, which makes the pixels square.
-            gl_camera.frustum_center = (self.width / 2 - cx) / f * NEAR
+            gl_camera.frustum_center = (self.width / 2 - cx) / fx * NEAR
+            # 0: left and right follow from the aspect ratio, which makes the pixels square.
+            gl_camera.frustum_width = 0 if fx == f else self.width / 2 / fx * NEAR
             gl_camera.orthographic = 0
 
     def rgb_depth(self) -> tuple[np.ndarray, np.ndarray]:
@@ -51,6 +55,16 @@ class Renderer:
             z = 1.0 - z
         depth = NEAR * FAR / (FAR - z.astype(np.float64) * (FAR - NEAR))
         return rgb[::-1], depth[::-1]
+
+    def outline_pixels(self, data, k, cam_from_world, centre) -> int:
+        """Pixels of the object if nothing hid it and the image did not end.
+
+        centre  [2] px, where the object projects to in the image of `k`
+        """
+        k = k.copy()  # the same camera, its window moved by whole pixels onto the object
+        k[:2, 2] += np.round(np.array([self.width, self.height]) / 2 - centre)
+        self.aim(data, k, cam_from_world, alone=True)
+        return int((self.geom_ids() >= 0).sum())
 
     def geom_ids(self) -> np.ndarray:
         """Geom id per pixel [H, W], -1 where there is none."""

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from . import mvball
-from .render import Renderer
+from .render import GROUP, Renderer
 
 WIDTH, HEIGHT = 640, 480
 SHAPES = ("box", "sphere", "cylinder", "capsule", "ellipsoid")
@@ -25,9 +25,10 @@ class View:
     k: np.ndarray  # [3, 3], px
     cam_from_world: np.ndarray  # [4, 4], m
     world_from_obj: np.ndarray  # [4, 4], m
-    shows: str  # the one hemisphere in sight: "green" or "red"
-    bump_pixels: int
+    shows: str | None  # of MV-ball: the one hemisphere in sight, "green" or "red"
+    bump_pixels: int  # of that hemisphere
     mask: np.ndarray  # [H, W] bool, visible part of the object
+    full_pixels: int  # of the object's outline if nothing hid it or cut it off
     rgb: np.ndarray | None = None  # [H, W, 3] uint8
     depth: np.ndarray | None = None  # [H, W], m
 
@@ -100,7 +101,7 @@ def _ball(rng: np.random.Generator) -> str:
     tint = {n: np.clip(np.array(c) * shade, 0, 1) for n, c in mvball.COLOURS.items()}
     gloss = f'specular="{rng.uniform(0, 0.6):.2f}" shininess="{rng.uniform(0, 1):.2f}"'
     bumps = "".join(
-        f'<geom name="{name}" type="sphere" size="{mvball.BUMP_RADIUS}" mass="0" '
+        f'<geom name="{name}" type="sphere" size="{mvball.BUMP_RADIUS}" mass="0" group="{GROUP}" '
         f'pos="{_rgb(axis * mvball.BUMP_CENTRE)}" material="ball_{name}"/>'
         for name, axis in mvball.BUMPS.items()
     )
@@ -111,7 +112,7 @@ def _ball(rng: np.random.Generator) -> str:
     body = (
         f'<body name="ball" pos="{position}" quat="{_rgb(_random_quaternion(rng))}"><freejoint/>'
         f'<geom name="ball" type="sphere" size="{mvball.BALL_RADIUS}" mass="0.3" condim="6" '
-        f'friction="1 0.05 0.02" material="ball_ball"/>{bumps}</body>'
+        f'friction="1 0.05 0.02" material="ball_ball" group="{GROUP}"/>{bumps}</body>'
     )
     return f"<asset>{materials}</asset><worldbody>{body}</worldbody>"
 
@@ -133,8 +134,13 @@ def _lights(rng: np.random.Generator) -> str:
     return "".join(lights)
 
 
-def drop(rng: np.random.Generator, pool: list[bytes]) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A scene after its objects have fallen."""
+def drop(
+    rng: np.random.Generator, pool: list[bytes], falling=_ball, assets=None
+) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A scene after its objects have fallen.
+
+    `falling(rng)` is the object's MJCF, `assets` the files that it needs.
+    """
     textures, files, count = _textures(rng, pool)
     ambient = rng.uniform(0.1, 0.45)
     distractors = "".join(_distractor(rng, i, count) for i in range(rng.integers(3, 12)))
@@ -156,18 +162,18 @@ def drop(rng: np.random.Generator, pool: list[bytes]) -> tuple[mujoco.MjModel, m
         <geom type="plane" size="4 4 0.1" {floor}/>
         {_lights(rng)}{distractors}
       </worldbody>
-      {_ball(rng)}
+      {falling(rng)}
     </mujoco>"""
-    model = mujoco.MjModel.from_xml_string(xml, files)
+    model = mujoco.MjModel.from_xml_string(xml, files | (assets or {}))
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, int(rng.integers(150, 400)))
     mujoco.mj_forward(model, data)
     return model, data
 
 
-def world_from_ball(data: mujoco.MjData) -> np.ndarray:
-    """Pose [4, 4] of the ball, metres."""
-    body = data.body("ball")
+def world_from_body(data: mujoco.MjData, name: str) -> np.ndarray:
+    """Pose [4, 4] of a body, metres."""
+    body = data.body(name)
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = body.xmat.reshape(3, 3), body.xpos
     return pose
@@ -235,7 +241,7 @@ def find_view(
     `shows` "both": each of them is, so that one view determines the pose.
     If the renderer is smaller than the full image, the view is a window of it around the ball.
     """
-    world_from_obj = world_from_ball(data)
+    world_from_obj = world_from_body(data, "ball")
     wanted = list(mvball.BUMPS) if shows == "both" else [shows]
     hidden = [name for name in mvball.BUMPS if name not in wanted]
     # Opposite the hidden one, or between the two.
@@ -260,7 +266,9 @@ def find_view(
         if mask.sum() < 0.5 * full:
             continue
         rgb, z = renderer.rgb_depth()
-        return View(k, cam_from_world, world_from_obj, shows, bump_pixels, mask, rgb, z)
+        centre = k @ (cam_from_world @ world_from_obj)[:3, 3]
+        full = renderer.outline_pixels(data, k, cam_from_world, centre[:2] / centre[2])
+        return View(k, cam_from_world, world_from_obj, shows, bump_pixels, mask, full, rgb, z)
     return None
 
 
@@ -269,7 +277,7 @@ def views_of_scene(
 ) -> list[View]:
     """Drop one scene and find a view for each entry of `order`; empty if one cannot be found."""
     model, data = drop(rng, pool)
-    ball = world_from_ball(data)
+    ball = world_from_body(data, "ball")
     if np.linalg.norm(ball[:2, 3]) > 1.0 or ball[2, 3] < 0.02:
         return []  # rolled away, or was pushed into the floor
     for hidden in mvball.BUMPS:  # a camera opposite this hemisphere must be above the floor
@@ -306,8 +314,11 @@ def object_coordinates(view: View) -> np.ndarray:
     rays = np.stack([u, v, np.ones_like(u)], 1) @ np.linalg.inv(view.k).T
     obj_from_cam = np.linalg.inv(view.cam_from_obj)
     points = (rays * z[:, None]) @ obj_from_cam[:3, :3].T + obj_from_cam[:3, 3]
-    # On outlines the antialiased depth is the background's: such points are off the object.
-    on_object = np.abs(np.linalg.norm(points, axis=1) - mvball.BALL_RADIUS) < mvball.BUMP_RADIUS
+    on_object = np.ones(len(points), bool)
+    if view.shows:
+        # MV-ball's depth is that of the antialiased image: on outlines such points are off it.
+        radius = np.linalg.norm(points, axis=1)
+        on_object = np.abs(radius - mvball.BALL_RADIUS) < mvball.BUMP_RADIUS
     coords = np.full((*view.mask.shape, 3), np.nan)
     coords[v[on_object], u[on_object]] = points[on_object]
     return coords

@@ -17,8 +17,8 @@ import torch
 from tqdm import tqdm
 
 from . import config as configs
-from . import losses, mvball, rays, sampling
-from .data import Augmentation, Batches, amodal_boxes, collate, load_index, make_view
+from . import losses, objects, rays, sampling
+from .data import Augmentation, Batches, amodal_boxes, collate, fixed_views, load_index, make_view
 from .model import Mvtop, Views
 
 HELD_OUT_SCENES = 100
@@ -89,18 +89,19 @@ def learning_rate(step: int, total: int, peak: float, warmup: int = 300) -> floa
 
 
 @torch.no_grad()
-def validate(model, scenes, config, size, device, views: int, aug, per_scene: int = 2) -> dict:
+def validate(
+    model, scenes, points, config, size, device, views: int, aug, per_scene: int = 2
+) -> dict:
     """Errors on held-out scenes with lightly jittered true boxes, without augmentation."""
     model.eval()
     rng = np.random.default_rng(0)
-    boxes_of = amodal_boxes(mvball.bounding_points())
-    items = []
-    for scene in scenes:
-        green = [i for i in scene if i.shows == "green"]
-        red = [i for i in scene if i.shows == "red"]
-        for n in range(min(per_scene, len(green), len(red))):
-            chosen = [green[n], red[n], *green[n + 1 :], *red[n + 1 :]][:views]
-            items.append([make_view(image, size, rng, aug, augment=False) for image in chosen])
+    boxes_of = amodal_boxes(points)
+    items = [
+        [make_view(image, size, rng, aug, augment=False) for image in chosen]
+        for scene in scenes
+        if len(scene) >= views
+        for chosen in fixed_views(scene, views, per_scene)
+    ]
     rot, t = [], []
     for start in range(0, len(items), 32):
         batch = collate(items[start : start + 32], boxes_of, 0.02, rng)
@@ -205,15 +206,16 @@ def train(args):
         print("note: Rust sampling kernel not found, training is several times slower; "
               "fix: cargo build --release -p mvtop-ffi")  # fmt: skip
     torch.manual_seed(args.seed)
-    config = configs.preset(args.preset)
+    obj = objects.read(Path(args.data), args.object)
+    config = configs.preset(args.preset, classes=configs.classes_of(obj))
     run = Run(Path(args.run), config, device, args.init)
-    scenes = load_index(Path(args.data))
+    scenes = load_index(Path(args.data), obj=obj)
     held_out = HELD_OUT_SCENES if len(scenes) > 2 * HELD_OUT_SCENES else len(scenes) // 5
     training, held = scenes[held_out:], scenes[:held_out]
     aug = Augmentation(scale=config.width / 640)
     seed = args.seed * 1000 + run.step
     batches = Batches(
-        training, mvball.bounding_points(), args.crop, args.images, seed, aug, args.negatives
+        training, obj.bounds, args.crop, args.images, seed, aug, args.negatives
     )
     loader = iter(
         torch.utils.data.DataLoader(
@@ -266,7 +268,11 @@ def train(args):
             run.save()
         if run.step % args.validate == 0 or run.step == args.steps:
             for n in (1, 2):
-                result = validate(run.average.module, held, config, args.crop, device, n, aug)
+                if not any(len(scene) >= n for scene in held):
+                    continue
+                result = validate(
+                    run.average.module, held, obj.bounds, config, args.crop, device, n, aug
+                )
                 run.log({"validation_views": n, **result})
                 bar.write(f"step {run.step}, {n} view(s): {json.dumps(result)}")
     bar.close()
@@ -277,6 +283,7 @@ def main():
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--data", default="data/mvball")
+    parser.add_argument("--object", type=int, metavar="ID", help="of the objects in --data")
     parser.add_argument("--preset", choices=configs.PRESETS, default="small")
     parser.add_argument("--run", default="runs/small", help="folder of this run; resumed if there")
     parser.add_argument("--init", type=Path, help="start from the weights of another run's last.pt")

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mvtop_train import bop, generate, mvball, scenes
+from mvtop_train import bop, generate, mvball, objects, scenes
 from mvtop_train.data import Augmentation, amodal_boxes, make_view
 
 
@@ -49,7 +49,7 @@ def test_the_camera_projects_the_ball_onto_its_mask(views):
 
 
 def test_a_written_scene_reads_back(tmp_path, views):
-    bop.write_scene(tmp_path, views)
+    bop.write_scene(tmp_path, views, objects.ball())
     for image, view in zip(bop.read_scene(tmp_path), views, strict=True):
         np.testing.assert_allclose(image.cam_from_obj, view.cam_from_obj, atol=1e-9)
         np.testing.assert_allclose(image.k, view.k)
@@ -64,7 +64,7 @@ def test_a_written_scene_reads_back(tmp_path, views):
 
 def test_a_crop_is_an_exact_camera(tmp_path, views):
     """Object coordinates seen in a scaled, rolled, shifted crop project to where they are."""
-    bop.write_scene(tmp_path, views)
+    bop.write_scene(tmp_path, views, objects.ball())
     rng = np.random.default_rng(1)
     for image in bop.read_scene(tmp_path):
         for _ in range(5):

@@ -10,18 +10,19 @@ import pytest
 import torch
 from conftest import random_views
 
-from mvtop_train import bop, data, generate, losses
+from mvtop_train import bop, data, generate, losses, objects
 from mvtop_train.train import load_weights
 
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     root = tmp_path_factory.mktemp("mvball")
+    objects.write(root, objects.ball(), objects.ball_mesh())
     gl = generate.open_gl()
     for index in range(6):
         order = ["green", "red"] * 2
         views = generate.scene_views(gl, 5, "train", index, order, (320, 320))
-        bop.write_scene(root / "train" / f"{index:06d}", views)
+        bop.write_scene(root / "train" / f"{index:06d}", views, objects.ball())
     return root
 
 
