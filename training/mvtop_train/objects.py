@@ -153,8 +153,8 @@ def read(root: Path, obj_id: int | None = None) -> Object:
     path = Path(root) / "models" / "models_info.json"
     if not path.exists():
         raise SystemExit(
-            f"error: {path}: no such file, expected BOP's models/ folder; "
-            "fix: --data must name the folder above the splits"
+            f"error: {path}: no such file, expected a data set in BOP layout in {root}; "
+            f"fix: python -m mvtop_train.generate --out {root}"
         )
     infos = {int(key): info for key, info in json.loads(path.read_text()).items()}
     if obj_id is None and len(infos) == 1:

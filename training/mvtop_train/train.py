@@ -214,9 +214,7 @@ def train(args):
     training, held = scenes[held_out:], scenes[:held_out]
     aug = Augmentation(scale=config.width / 640)
     seed = args.seed * 1000 + run.step
-    batches = Batches(
-        training, obj.bounds, args.crop, args.images, seed, aug, args.negatives
-    )
+    batches = Batches(training, obj.bounds, args.crop, args.images, seed, aug, args.negatives)
     loader = iter(
         torch.utils.data.DataLoader(
             batches,

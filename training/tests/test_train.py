@@ -55,7 +55,7 @@ def test_the_loss_falls(dataset, tmp_path):
 
 
 def test_no_data_is_one_clear_sentence(tmp_path):
-    (tmp_path / "train").mkdir()
+    objects.write(tmp_path, objects.ball(), objects.ball_mesh())
     command = [sys.executable, "-m", "mvtop_train.train", "--data", str(tmp_path)]
     command += ["--run", str(tmp_path / "run")]
     result = subprocess.run(command, capture_output=True, text=True)
