@@ -30,6 +30,7 @@ class Image:
     box: np.ndarray  # amodal [x0, y0, x1, y1], px
     visible_box: np.ndarray | None  # [x, y, w, h] of the coords file, px
     shows: str | None  # of MV-ball: the one hemisphere in sight
+    info: dict  # its entry in scene_gt_info.json
 
 
 def encode_coords(coords: np.ndarray, extent_m: float) -> np.ndarray:
@@ -50,8 +51,11 @@ def pose_from_bop(rotation, translation_mm) -> np.ndarray:
     return pose
 
 
-def write_scene(folder: Path, views: list, obj: Object):
-    """Write one scene; the annotation comes last, so a folder that has it is whole."""
+def write_scene(folder: Path, views: list, obj: Object, cameras: list[str] | None = None):
+    """Write one scene; the annotation comes last, so a folder that has it is whole.
+
+    `cameras`: name of the rig's camera that each view is of.
+    """
     from .scenes import amodal_box, object_coordinates  # needs MuJoCo, which reading does not
 
     (folder / "rgb").mkdir(parents=True, exist_ok=True)
@@ -70,6 +74,8 @@ def write_scene(folder: Path, views: list, obj: Object):
             "cam_R_w2c": view.cam_from_world[:3, :3].ravel().tolist(),
             "cam_t_w2c": (view.cam_from_world[:3, 3] * 1000).tolist(),
         }
+        if cameras:
+            camera[i]["camera"] = cameras[i]
         pose = view.cam_from_obj
         gt[i] = [
             {
@@ -149,6 +155,7 @@ def read_scene(folder: Path, obj: Object | None = None) -> list[Image]:
                 box=_box(folder, about, k, cam_from_obj, obj),
                 visible_box=np.array(about["bbox_visib"]) if "bbox_visib" in about else None,
                 shows=about.get("hemisphere"),
+                info=about,
             )
         )
     return images

@@ -51,10 +51,7 @@ class Renderer:
         z = np.empty((self.height, self.width), np.float32)
         mujoco.mjr_render(self._rect, self._scene, self._context)
         mujoco.mjr_readPixels(rgb, z, self._rect, self._context)
-        if self._context.readDepthMap == mujoco.mjtDepthMap.mjDEPTH_ZEROFAR:
-            z = 1.0 - z
-        depth = NEAR * FAR / (FAR - z.astype(np.float64) * (FAR - NEAR))
-        return rgb[::-1], depth[::-1]
+        return rgb[::-1], self._metres(z)
 
     def outline_pixels(self, data, k, cam_from_world, centre) -> int:
         """Pixels of the object if nothing hid it and the image did not end.
@@ -68,11 +65,24 @@ class Renderer:
 
     def geom_ids(self) -> np.ndarray:
         """Geom id per pixel [H, W], -1 where there is none."""
+        return self._segment(None)
+
+    def geom_ids_depth(self) -> tuple[np.ndarray, np.ndarray]:
+        """Geom ids, and the depth [H, W] in metres of the same geoms: no pixel mixes two."""
+        z = np.empty((self.height, self.width), np.float32)
+        return self._segment(z), self._metres(z)
+
+    def _metres(self, z: np.ndarray) -> np.ndarray:
+        if self._context.readDepthMap == mujoco.mjtDepthMap.mjDEPTH_ZEROFAR:
+            z = 1.0 - z
+        return (NEAR * FAR / (FAR - z.astype(np.float64) * (FAR - NEAR)))[::-1]
+
+    def _segment(self, z: np.ndarray | None) -> np.ndarray:
         flags = self._scene.flags
         flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = True
         image = np.empty((self.height, self.width, 3), np.uint8)
         mujoco.mjr_render(self._rect, self._scene, self._context)
-        mujoco.mjr_readPixels(image, None, self._rect, self._context)
+        mujoco.mjr_readPixels(image, z, self._rect, self._context)
         flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = False
         index = image[::-1].astype(np.int32) @ np.array([1, 256, 65536], np.int32)
         table = np.full(self._scene.ngeom + 1, -1, np.int32)

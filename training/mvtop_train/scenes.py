@@ -50,8 +50,8 @@ def noise_texture(rng: np.random.Generator, size: int = 128) -> bytes:
     return cv2.imencode(".png", image.clip(0, 255).astype(np.uint8))[1].tobytes()
 
 
-def _rgb(colour) -> str:
-    return " ".join(f"{c:.3f}" for c in colour)
+def row(values) -> str:
+    return " ".join(f"{value:.3f}" for value in values)
 
 
 def _random_quaternion(rng: np.random.Generator) -> np.ndarray:
@@ -71,7 +71,7 @@ def _textures(rng: np.random.Generator, pool: list[bytes]) -> tuple[str, dict[st
         else:
             parts.append(
                 f'<texture name="t{i}" type="2d" builtin="{kind}" width="64" height="64" '
-                f'rgb1="{_rgb(rng.random(3))}" rgb2="{_rgb(rng.random(3))}"/>'
+                f'rgb1="{row(rng.random(3))}" rgb2="{row(rng.random(3))}"/>'
             )
         repeat = rng.uniform(0.5, 6)
         parts.append(
@@ -83,13 +83,13 @@ def _textures(rng: np.random.Generator, pool: list[bytes]) -> tuple[str, dict[st
 
 def _distractor(rng: np.random.Generator, index: int, textures: int) -> str:
     shape = SHAPES[rng.integers(len(SHAPES))]
-    size = _rgb(rng.uniform(0.012, 0.055, 3))
-    position = _rgb([*rng.uniform(-0.28, 0.28, 2), 0.08 + 0.06 * index])
+    size = row(rng.uniform(0.012, 0.055, 3))
+    position = row([*rng.uniform(-0.28, 0.28, 2), 0.08 + 0.06 * index])
     if rng.random() < 0.5:
         look = f'material="m{rng.integers(textures)}"'
     else:
-        look = f'rgba="{_rgb(rng.random(3))} 1"'
-    quaternion = _rgb(_random_quaternion(rng))
+        look = f'rgba="{row(rng.random(3))} 1"'
+    quaternion = row(_random_quaternion(rng))
     return (
         f'<body pos="{position}" quat="{quaternion}"><freejoint/>'
         f'<geom type="{shape}" size="{size}" density="600" {look}/></body>'
@@ -102,15 +102,15 @@ def _ball(rng: np.random.Generator) -> str:
     gloss = f'specular="{rng.uniform(0, 0.6):.2f}" shininess="{rng.uniform(0, 1):.2f}"'
     bumps = "".join(
         f'<geom name="{name}" type="sphere" size="{mvball.BUMP_RADIUS}" mass="0" group="{GROUP}" '
-        f'pos="{_rgb(axis * mvball.BUMP_CENTRE)}" material="ball_{name}"/>'
+        f'pos="{row(axis * mvball.BUMP_CENTRE)}" material="ball_{name}"/>'
         for name, axis in mvball.BUMPS.items()
     )
-    position = _rgb([*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.1, 0.3)])
+    position = row([*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.1, 0.3)])
     materials = "".join(
-        f'<material name="ball_{n}" rgba="{_rgb(c)} 1" {gloss}/>' for n, c in tint.items()
+        f'<material name="ball_{n}" rgba="{row(c)} 1" {gloss}/>' for n, c in tint.items()
     )
     body = (
-        f'<body name="ball" pos="{position}" quat="{_rgb(_random_quaternion(rng))}"><freejoint/>'
+        f'<body name="ball" pos="{position}" quat="{row(_random_quaternion(rng))}"><freejoint/>'
         f'<geom name="ball" type="sphere" size="{mvball.BALL_RADIUS}" mass="0.3" condim="6" '
         f'friction="1 0.05 0.02" material="ball_ball" group="{GROUP}"/>{bumps}</body>'
     )
@@ -127,8 +127,8 @@ def _lights(rng: np.random.Generator) -> str:
         colour = np.clip(rng.uniform(0.3, 0.9) / np.sqrt(count) + rng.uniform(-0.08, 0.08, 3), 0, 1)
         position = np.array([radius * np.cos(angle), radius * np.sin(angle), height])
         lights.append(
-            f'<light pos="{_rgb(position)}" dir="{_rgb(-position / np.linalg.norm(position))}" '
-            f'diffuse="{_rgb(colour)}" specular="{_rgb(colour * rng.uniform(0, 1))}" '
+            f'<light pos="{row(position)}" dir="{row(-position / np.linalg.norm(position))}" '
+            f'diffuse="{row(colour)}" specular="{row(colour * rng.uniform(0, 1))}" '
             f'castshadow="{"true" if shadows and i == 0 else "false"}"/>'
         )
     return "".join(lights)
@@ -150,12 +150,12 @@ def drop(
       <visual>
         <global offwidth="{WIDTH}" offheight="{HEIGHT}"/>
         <quality shadowsize="1024" offsamples="4" numslices="48" numstacks="32"/>
-        <headlight ambient="{_rgb([ambient] * 3)}" diffuse="{_rgb([rng.uniform(0, 0.3)] * 3)}"
+        <headlight ambient="{row([ambient] * 3)}" diffuse="{row([rng.uniform(0, 0.3)] * 3)}"
                    specular="0 0 0"/>
       </visual>
       <asset>
         <texture type="skybox" builtin="gradient" width="64" height="384"
-                 rgb1="{_rgb(rng.random(3))}" rgb2="{_rgb(rng.random(3))}"/>
+                 rgb1="{row(rng.random(3))}" rgb2="{row(rng.random(3))}"/>
         {textures}
       </asset>
       <worldbody>
@@ -205,6 +205,13 @@ def random_camera(rng: np.random.Generator, target: np.ndarray, towards: np.ndar
     pose[:3, :3] = aim @ roll @ look
     pose[:3, 3] = -pose[:3, :3] @ position
     return k, pose
+
+
+def rotation_of(quaternion: np.ndarray) -> np.ndarray:
+    """Rotation [3, 3] of (w, x, y, z), of any length but 0."""
+    out = np.empty(9)
+    mujoco.mju_quat2Mat(out, quaternion / np.linalg.norm(quaternion))
+    return out.reshape(3, 3)
 
 
 def _random_in_cap(rng: np.random.Generator, axis: np.ndarray, half_angle: float) -> np.ndarray:

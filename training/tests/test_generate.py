@@ -1,0 +1,128 @@
+"""Data sets are the same however they were made, and have the size that was asked for."""
+
+import queue
+
+import numpy as np
+import pytest
+
+from mvtop_train import dataset_report, generate, objects, pairs, scenes
+from mvtop_train.data import load_index
+
+
+def make(out, *tasks):
+    recipe = generate.Recipe(seed=5, split="train", size=(192, 192))
+    generate._ball_work((recipe, out, list(tasks), queue.SimpleQueue()))
+
+
+def files(root) -> dict:
+    return {str(p.relative_to(root)): p.read_bytes() for p in root.rglob("*") if p.is_file()}
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    root = tmp_path_factory.mktemp("mvball")
+    objects.write(root, objects.ball(), objects.ball_mesh())
+    make(root, (0, 2), (1, 3))
+    pairs.write(root / "train")
+    return root
+
+
+def test_shards_and_a_kill_do_not_change_the_data(dataset, tmp_path):
+    make(tmp_path, (1, 3))
+    # As a kill leaves it: an image cut short, the annotation not there yet.
+    folder = tmp_path / "train" / "000001"
+    (folder / "scene_gt.json").unlink()
+    image = folder / "rgb" / "000001.jpg"
+    image.write_bytes(image.read_bytes()[:100])
+    make(tmp_path, (1, 3))
+    expected = files(dataset / "train" / "000001")
+    assert len(expected) == 9 and files(folder) == expected
+
+
+def test_scenes_that_are_whole_are_left_alone(dataset):
+    before = {p: p.stat().st_mtime_ns for p in dataset.rglob("*.jpg")}
+    make(dataset, (0, 2), (1, 3))
+    assert before == {p: p.stat().st_mtime_ns for p in dataset.rglob("*.jpg")}
+
+
+def test_the_random_stream_of_a_scene_stays():
+    """Held-out samples and data sets are named by their seed: this may never change."""
+    rng = np.random.default_rng([1, generate.SPLITS["train"], 0])
+    model, _ = scenes.drop(rng, [scenes.noise_texture(np.random.default_rng(0))])
+    assert model.ngeom == 9
+    assert rng.random() == 0.44839630934448427
+
+
+def test_views_per_scene_by_hand():
+    assert generate.views_per_scene(12, 6) == [6, 6]
+    assert generate.views_per_scene(14, 6) == [6, 6, 2]
+    assert generate.views_per_scene(13, 6) == [6, 7]  # one image alone would have no partner
+    assert generate.views_per_scene(4, 6) == [4]
+
+
+@pytest.mark.parametrize("images", [*range(2, 40), *generate.PAPER_IMAGES.values()])
+def test_as_many_images_as_asked_for(images):
+    counts = generate.views_per_scene(images, 6)
+    assert sum(counts) == images and min(counts) > 1 and max(counts) <= 7
+
+
+def test_pairs_show_both_hemispheres():
+    shows = dict(enumerate(["green", "red", "green", "red", "green"]))
+    assert pairs.of_scene(shows) == [(0, 1), (1, 0), (2, 3), (3, 2), (4, 1)]
+    assert pairs.of_scene({0: None, 4: None, 7: None}) == [(0, 4), (4, 7), (7, 0)]
+    assert pairs.of_scene({3: None}) == []
+    assert pairs.of_scene({0: "green", 1: "green"}) == []
+
+
+def test_every_image_is_the_reference_of_one_written_pair(dataset):
+    scenes_, images, count = pairs.write(dataset / "train")
+    assert (scenes_, images, count) == (2, 5, 5)
+    read = load_index(dataset, obj=objects.read(dataset))
+    for scene, a, b in pairs.read(dataset / "train"):
+        assert {read[scene][a].shows, read[scene][b].shows} == {"green", "red"}
+
+
+def test_another_recipe_is_refused(tmp_path):
+    generate.Recipe(seed=1, split="train", size=(640, 480)).check(tmp_path)
+    generate.Recipe(seed=1, split="train", size=(640, 480)).check(tmp_path)
+    with pytest.raises(SystemExit, match="was made with seed 1, got 2"):
+        generate.Recipe(seed=2, split="train", size=(640, 480)).check(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--shard", "3/2"], "error: --shard: expected I/N with 0 <= I < N, got '3/2'"),
+        (["--views", "0"], "error: --views: expected at least 1, got 0"),
+        (["--paper", "--split", "control"], "error: --paper: expected a split of"),
+        (["--mesh", "a.obj", "--mesh", "b.obj"], "error: --mesh: expected one part, got 2"),
+        (["--mesh", "a.obj"], "error: --rig: expected with --mesh, got none"),
+        (["--mesh", "a.obj", "--rig", "r.json"], "error: --mesh-unit: expected with --mesh"),
+    ],
+)
+def test_bad_options_are_one_sentence(monkeypatch, tmp_path, options, message):
+    monkeypatch.setattr("sys.argv", ["generate", "--out", str(tmp_path), *options])
+    with pytest.raises(SystemExit) as error:
+        generate.main()
+    assert str(error.value).startswith(message) and "; fix: " in str(error.value)
+
+
+def test_the_report_counts_what_is_there(dataset, tmp_path):
+    found = dataset_report.read(dataset, "train", objects.read(dataset))
+    stats = dataset_report.summary(dataset_report.statistics(found))
+    assert (stats["scenes"], stats["images"], stats["pairs"]) == (2, 5, 5)
+    assert sum(stats["images_by_hemisphere"].values()) == 5
+    assert sum(stats["hemisphere_px"]["histogram"]) == 5
+    assert stats["hemisphere_px"]["min_p5_median_p95_max"][0] > generate.MIN_PIXELS["train"]
+    assert 0.5 <= stats["distance_m"]["min_p5_median_p95_max"][0]
+    assert 0 < stats["viewing_directions"]["hit"] <= 5 / dataset_report.DIRECTIONS
+    sheet = dataset_report.contact_sheet(found, rows=1, columns=2, size=(60, 45))
+    assert sheet.shape == (45 + 6, 2 * (120 + 6), 3)
+
+
+def test_a_viewpoint_by_hand():
+    """A camera on the object's +x, looking at it, with the object's z upwards."""
+    cam_from_obj = np.array([[0, 1.0, 0, 0], [0, 0, -1, 0], [-1, 0, 0, 2], [0, 0, 0, 1]])
+    direction, roll = dataset_report.viewpoint(cam_from_obj)
+    np.testing.assert_allclose(direction, [1, 0, 0])
+    assert roll == pytest.approx(0)  # the object's y points to the right in the image
