@@ -14,7 +14,6 @@ import torch
 from . import bop
 from .objects import Object
 
-VIEW_COUNTS = {1: 0.2, 2: 0.5, 3: 0.15, 4: 0.15}
 COORDINATE_STRIDE = 4
 
 
@@ -39,14 +38,17 @@ def load_index(
 
     Without `obj`, every image must have exactly one annotation.
     """
-    folder = Path(root) / split
-    folders = sorted(p for p in folder.iterdir() if bop.is_whole(p)) if folder.is_dir() else []
-    scenes = [scene for scene in (bop.read_scene(p, obj) for p in folders) if scene]
+    scenes = [scene for scene in (bop.read_scene(p, obj) for p in _folders(root, split)) if scene]
     if not scenes:
         raise SystemExit(
             f"error: no scenes in {root}/{split}; fix: python -m mvtop_train.generate --out {root}"
         )
     return scenes
+
+
+def _folders(root: Path, split: str) -> list[Path]:
+    folder = Path(root) / split
+    return sorted(p for p in folder.iterdir() if bop.is_whole(p)) if folder.is_dir() else []
 
 
 def virtual_camera(
@@ -94,11 +96,11 @@ def photometric(rgb: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def read_rgb(path: Path) -> np.ndarray:
-    return cv2.imread(str(path), cv2.IMREAD_COLOR)[:, :, ::-1]
+    return cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
 
 
 def warp(rgb: np.ndarray, crop_from_image: np.ndarray, size: int) -> np.ndarray:
-    grey = (127, 127, 127)  # never seen: `train.to_views` sets what is off the image to 0
+    grey = (127, 127, 127)  # never seen: `inputs.to_views` sets what is off the image to 0
     return cv2.warpAffine(
         rgb, crop_from_image, (size, size), flags=cv2.INTER_LINEAR, borderValue=grey
     )
@@ -138,7 +140,11 @@ def make_negative(scenes, size: int, rng, aug: Augmentation) -> dict | None:
         a = negative_camera(image, rgb.shape[:2], size, rng, aug)
         if a is not None:
             crop = photometric(warp(rgb, a, size), rng)
-            return {"image": crop, "crop_from_image": a, "image_size": np.array(rgb.shape[1::-1])}
+            return {
+                "image": crop,
+                "image_from_crop": cv2.invertAffineTransform(a),
+                "image_size": np.array(rgb.shape[1::-1]),
+            }
     return None
 
 
@@ -157,8 +163,9 @@ def make_view(image: bop.Image, size: int, rng, aug: Augmentation, augment: bool
         "cam_from_world": new_from_old @ image.cam_from_world,
         "cam_from_obj": new_from_old @ image.cam_from_obj,
         "coords": coordinates(image, a, size),
-        "crop_from_image": a,
+        "image_from_crop": cv2.invertAffineTransform(a),
         "image_size": np.array(rgb.shape[1::-1]),
+        "box_noise": rng.normal(0, 1, 4).clip(-2.5, 2.5),
     }
 
 
@@ -168,7 +175,7 @@ def coordinates(image: bop.Image, crop_from_image: np.ndarray, size: int) -> np.
     cells = size // COORDINATE_STRIDE
     if image.coords_path is None:
         return np.zeros((cells, cells, 3), np.uint8)
-    code = cv2.imread(str(image.coords_path), cv2.IMREAD_COLOR)[:, :, ::-1]
+    code = read_rgb(image.coords_path)
     shift = crop_from_image.copy()
     shift[:, 2] += shift[:, :2] @ image.visible_box[:2]
     s = 1 / COORDINATE_STRIDE
@@ -203,11 +210,11 @@ def choose_views(scene: list[bop.Image], count: int, rng: np.random.Generator) -
     return [scene[i] for i in order[:count]]
 
 
-def collate(items: list[list[dict]], boxes_of, jitter: float, rng: np.random.Generator):
+def collate(items: list[list[dict]], boxes_of, jitter: float):
     """Scenes x views of `make_view` dicts to a dict of tensors.
 
     images [B, V, H, W, 3] uint8, k, ref_from_cam, cam_from_obj, boxes (true, clipped to the
-    crop), boxes_in (jittered, what the decoder is given), coords, crop_from_image, image_size.
+    crop), boxes_in (jittered, what the decoder is given), coords, image_from_crop, image_size.
     """
 
     def stack(key):
@@ -218,7 +225,7 @@ def collate(items: list[list[dict]], boxes_of, jitter: float, rng: np.random.Gen
     size = images.shape[2]
     boxes = boxes_of(k, cam_from_obj)
     extent = np.concatenate([boxes[..., 2:] - boxes[..., :2]] * 2, -1)
-    boxes_in = boxes + rng.normal(0, 1, boxes.shape).clip(-2.5, 2.5) * jitter * extent
+    boxes_in = boxes + stack("box_noise") * jitter * extent
     boxes, boxes_in = boxes.clip(-0.5, size - 0.5), boxes_in.clip(-0.5, size - 0.5)
     ref_from_cam = cam_from_world[:, :1] @ np.linalg.inv(cam_from_world)
     tensors = {
@@ -228,22 +235,18 @@ def collate(items: list[list[dict]], boxes_of, jitter: float, rng: np.random.Gen
     tensors = {name: torch.from_numpy(x.astype(np.float32)) for name, x in tensors.items()}
     for name, x in (("images", images), ("coords", stack("coords"))):
         tensors[name] = torch.from_numpy(np.ascontiguousarray(x))
-    for name in ("crop_from_image", "image_size"):
+    for name in ("image_from_crop", "image_size"):
         tensors[name] = torch.from_numpy(stack(name).astype(np.float32))
     return tensors
 
 
 def collate_negatives(items: list[dict]) -> dict[str, torch.Tensor]:
     """`make_negative` dicts to negatives [M, H, W, 3] uint8 and where they lie on their images."""
-    return {
-        "negatives": torch.from_numpy(np.stack([x["image"] for x in items])),
-        "negatives_crop_from_image": torch.from_numpy(
-            np.stack([x["crop_from_image"] for x in items]).astype(np.float32)
-        ),
-        "negatives_image_size": torch.from_numpy(
-            np.stack([x["image_size"] for x in items]).astype(np.float32)
-        ),
-    }
+    tensors = {"negatives": torch.from_numpy(np.stack([x["image"] for x in items]))}
+    for name in ("image_from_crop", "image_size"):
+        stacked = np.stack([x[name] for x in items]).astype(np.float32)
+        tensors[f"negatives_{name}"] = torch.from_numpy(stacked)
+    return tensors
 
 
 def amodal_boxes(points: np.ndarray):
@@ -256,40 +259,3 @@ def amodal_boxes(points: np.ndarray):
         return np.concatenate([pixels.min(-2), pixels.max(-2)], -1)
 
     return boxes_of
-
-
-class Batches(torch.utils.data.IterableDataset):
-    """Endless random batches of `images_per_batch` views; each has one number of views.
-
-    `negatives`: crops without the object that come on top, as a share of the views.
-    """
-
-    def __init__(
-        self, scenes, points, size, images_per_batch, seed, aug: Augmentation, negatives=0.0
-    ):
-        self.scenes, self.size, self.aug = scenes, size, aug
-        self.boxes_of = amodal_boxes(points)
-        self.images_per_batch, self.seed = images_per_batch, seed
-        self.negatives = round(negatives * images_per_batch)
-
-    def __iter__(self):
-        cv2.setNumThreads(1)
-        worker = torch.utils.data.get_worker_info()
-        rng = np.random.default_rng([self.seed, worker.id if worker else 0])
-        # Scenes of other data sets differ in their number of images.
-        enough = {n: [s for s in self.scenes if len(s) >= n] for n in VIEW_COUNTS}
-        counts = [n for n in VIEW_COUNTS if enough[n]]
-        shares = np.array([VIEW_COUNTS[n] for n in counts])
-        while True:
-            views = int(rng.choice(counts, p=shares / shares.sum()))
-            items = []
-            for _ in range(self.images_per_batch // views):
-                scene = enough[views][rng.integers(len(enough[views]))]
-                chosen = choose_views(scene, views, rng)
-                items.append([make_view(image, self.size, rng, self.aug) for image in chosen])
-            batch = collate(items, self.boxes_of, self.aug.jitter, rng)
-            absent = [
-                make_negative(self.scenes, self.size, rng, self.aug) for _ in range(self.negatives)
-            ]
-            absent = [crop for crop in absent if crop is not None]
-            yield batch | (collate_negatives(absent) if absent else {})

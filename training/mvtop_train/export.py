@@ -1,6 +1,6 @@
 """Export a trained network as a bundle: `model.json` beside two ONNX graphs.
 
-    python -m mvtop_train.export --weights runs/small/last.pt --out models/mvball
+    python -m mvtop_train.export --weights runs/small-cpu/weights.pt --out models/mvball
 
 `features.onnx` runs once on all views, `decoder.onnx` once per reference camera; between them
 Rust finds the boxes and computes the lines of sight. The deformable sampling is the custom
@@ -22,9 +22,9 @@ from torch import nn
 
 from . import config as configs
 from . import objects, sampling
+from .checkpoint import load_weights
 from .decoder import Boxes
 from .model import Mvtop
-from .train import load_weights
 
 OPSET = 17
 

@@ -11,6 +11,8 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+from .processes import mean_count
+
 
 class Conv(nn.Sequential):
     """3x3 convolution, batch normalisation (folded away on export), ReLU."""
@@ -133,17 +135,17 @@ def detection_loss(logits, boxes, truth, class_index, stride: int):
     # The cell next to the centre is the positive: its target is exactly 1.
     heat = torch.where(heat == heat.amax((1, 2), keepdim=True), present[:, None, None] * 1.0, heat)
     target = torch.zeros_like(logits)
-    target[torch.arange(views), class_index] = heat
+    target[torch.arange(views, device=logits.device), class_index] = heat
     p = logits.sigmoid()
     positive = target == 1
     pos_loss = -F.logsigmoid(logits) * (1 - p) ** 2 * positive
     neg_loss = -F.logsigmoid(-logits) * p**2 * (1 - target) ** 4 * ~positive
-    count = present.sum().clamp_min(1)
-    score_loss = (pos_loss.sum() + neg_loss.sum()) / count
-    near = heat > 0.3
-    predicted = boxes.permute(0, 2, 3, 1)[near]
-    wanted = truth[:, None, None].expand(views, rows, columns, 4)[near]
-    box_loss = (giou_loss(predicted, wanted) * heat[near]).sum() / heat[near].sum().clamp_min(1)
+    score_loss = (pos_loss.sum() + neg_loss.sum()) / mean_count(present.sum())
+    # All cells, most with weight 0: to pick the others out, a GPU would have to be waited for.
+    weight = (heat * (heat > 0.3)).flatten()
+    wanted = truth[:, None].expand(views, rows * columns, 4).flatten(0, 1)
+    box_losses = giou_loss(boxes.permute(0, 2, 3, 1).flatten(0, 2), wanted)
+    box_loss = (box_losses * weight).sum() / mean_count(weight.sum())
     return score_loss + 2 * box_loss
 
 

@@ -5,8 +5,16 @@ import torch.nn.functional as F
 
 from . import pose
 from .features import detection_loss
+from .processes import mean_count
 
 ROTATION, TRANSLATION, DETECTION, COORDINATES, UNCERTAINTY = 1.0, 10.0, 2.0, 6.0, 0.02
+WEIGHTS = {
+    "rotation": ROTATION,
+    "translation": TRANSLATION,
+    "detection": DETECTION,
+    "coordinates": COORDINATES,
+    "uncertainty": UNCERTAINTY,
+}
 
 
 def pose_errors(prediction, cam_from_obj):
@@ -17,7 +25,7 @@ def pose_errors(prediction, cam_from_obj):
     return rot, pose.translation_error(translations, cam_from_obj[..., :3, 3])
 
 
-def total(prediction, batch, stride: int):
+def total(prediction, batch, stride: int, weights=WEIGHTS):
     """Loss and its parts. Every decoder layer counts alike (auxiliary losses, PoET)."""
     truth = batch["cam_from_obj"][:, :1]  # in the reference view; one object
     rot, t = pose_errors(prediction, truth)
@@ -34,7 +42,7 @@ def total(prediction, batch, stride: int):
     mask = (code != 0).all(1)
     wanted = (code - 128) / 120  # `bop.decode_coords`
     difference = F.smooth_l1_loss(prediction.coordinates, wanted, beta=0.1, reduction="none")
-    coordinates = (difference.sum(1) * mask).sum() / mask.sum().clamp_min(1)
+    coordinates = (difference.sum(1) * mask).sum() / mean_count(mask.sum())
     degrees = torch.rad2deg(rot)
     sigma = torch.stack([s for _, _, s in prediction.poses])
     uncertainty = pose.uncertainty_loss(sigma, degrees, t).mean()
@@ -45,6 +53,11 @@ def total(prediction, batch, stride: int):
         "coordinates": coordinates,
         "uncertainty": uncertainty,
     }
-    loss = ROTATION * rot.mean(1).sum() + TRANSLATION * t.mean(1).sum()
-    loss = loss + DETECTION * detection + COORDINATES * coordinates + UNCERTAINTY * uncertainty
-    return loss, parts
+    terms = {
+        "rotation": rot.mean(1).sum(),
+        "translation": t.mean(1).sum(),
+        "detection": detection,
+        "coordinates": coordinates,
+        "uncertainty": uncertainty,
+    }
+    return sum(weights[name] * term for name, term in terms.items()), parts

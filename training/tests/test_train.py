@@ -10,8 +10,9 @@ import pytest
 import torch
 from conftest import random_views
 
-from mvtop_train import bop, data, generate, losses, objects
-from mvtop_train.train import load_weights
+from mvtop_train import bop, data, generate, losses, objects, runconfig
+from mvtop_train import train as training
+from mvtop_train.checkpoint import load_weights
 
 
 @pytest.fixture(scope="module")
@@ -26,41 +27,114 @@ def dataset(tmp_path_factory):
     return root
 
 
-def train(dataset, run, steps, lr=1e-3):
-    command = [
-        sys.executable, "-m", "mvtop_train.train", "--data", str(dataset), "--preset", "tiny",
-        "--run", str(run), "--crop", "64", "--images", "16", "--workers", "0", "--log", "5",
-        "--save", "5", "--validate", "1000", "--steps", str(steps), "--lr", str(lr),
-    ]  # fmt: skip
-    result = subprocess.run(command, capture_output=True, text=True)
-    assert result.returncode == 0, result.stderr
-    return [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
+CONFIG = """
+preset = "tiny"
+steps = 5
+images = 16
+crop = 64
+workers = 0
+log_steps = 5
+"""
 
 
-def test_a_run_resumes_from_its_last_step(dataset, tmp_path):
-    train(dataset, tmp_path / "run", 5)
-    before = torch.load(tmp_path / "run" / "last.pt", weights_only=True)
-    records = train(dataset, tmp_path / "run", 10)
-    assert before["step"] == 5
-    steps = [r["step"] for r in records if "loss" in r]
-    assert steps == [5, 10]
-    model, config, step = load_weights(tmp_path / "run" / "last.pt")
-    assert step == 10 and config.preset == "tiny"
+def config_of(dataset, folder):
+    path = folder / "tiny.toml"
+    path.write_text(f"data = {json.dumps(str(dataset))}\n{CONFIG}")
+    return path
+
+
+def run_of(dataset, folder, *changes):
+    """Train; the records of `log.jsonl` with a loss."""
+    training.train(runconfig.load(config_of(dataset, folder.parent), changes), folder)
+    records = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
+    return [r for r in records if "loss" in r]
+
+
+def test_a_resumed_run_is_the_run_that_was_not_stopped(dataset, tmp_path):
+    constant = ("lr=1e-9", "precision=fp32")  # the schedule depends on `steps`
+    run_of(dataset, tmp_path / "run", "steps=5", *constant)
+    (tmp_path / "run" / "last.part").write_bytes(b"of a kill while saving")
+    resumed = run_of(dataset, tmp_path / "run", "steps=10", "workers=1", *constant)
+    through = run_of(dataset, tmp_path / "through", "steps=10", *constant)
+    assert [r["step"] for r in resumed] == [r["step"] for r in through] == [5, 10]
+    for name in ("loss", "rotation_deg", "detection"):
+        assert resumed[1][name] == pytest.approx(through[1][name], rel=1e-4)
+    assert resumed[1]["loss"] != pytest.approx(resumed[0]["loss"], rel=1e-4)
+    for file in ("last.pt", "weights.pt"):
+        _, config, step = load_weights(tmp_path / "run" / file)
+        assert step == 10 and config.preset == "tiny"
+    assert list((tmp_path / "run").glob("events.out.tfevents.*"))
 
 
 def test_the_loss_falls(dataset, tmp_path):
-    records = train(dataset, tmp_path / "run", 120, lr=5e-3)  # within the warm-up of 300 steps
-    losses = [r["loss"] for r in records if "loss" in r]
-    assert losses[-1] < 0.8 * losses[0]
+    records = run_of(dataset, tmp_path / "run", "steps=120", "lr=5e-3")
+    assert records[-1]["loss"] < 0.8 * records[0]["loss"]
 
 
-def test_no_data_is_one_clear_sentence(tmp_path):
-    objects.write(tmp_path, objects.ball(), objects.ball_mesh())
-    command = [sys.executable, "-m", "mvtop_train.train", "--data", str(tmp_path)]
-    command += ["--run", str(tmp_path / "run")]
-    result = subprocess.run(command, capture_output=True, text=True)
-    assert result.returncode != 0
-    assert "error: no scenes in" in result.stderr and "Traceback" not in result.stderr
+def test_a_run_of_minutes_ends_with_an_annealed_learning_rate(dataset, tmp_path):
+    records = run_of(dataset, tmp_path / "run", "steps=0", "minutes=0.1", "warmup=1", "log_steps=1")
+    rates = [r["lr"] for r in records]
+    assert rates == sorted(rates, reverse=True)
+    assert rates[0] > 0.9e-3 and rates[-1] < 0.5e-3
+
+
+def gradient(path):
+    """The only gradient of a run of one step, which Adam keeps as `exp_avg`."""
+    state = torch.load(path / "last.pt", weights_only=True)
+    moments = [x["exp_avg"].flatten() for x in state["optimizer"]["state"].values()]
+    return torch.cat(moments), state["model"]
+
+
+def test_two_processes_have_the_gradients_of_one(dataset, tmp_path):
+    """Batch normalisation in training mode included."""
+    changes = ("steps=1", "precision=fp32", "views=[0, 1]")  # 8 scenes: 4 for each of two
+    run_of(dataset, tmp_path / "alone", *changes)
+    for count in ("1", "2"):
+        arguments = [
+            sys.executable, "-m", "torch.distributed.run", "--standalone",
+            "--nproc_per_node", count, "-m", "mvtop_train.train",
+            "--config", config_of(dataset, tmp_path), "--out", tmp_path / count,
+            *(x for change in changes for x in ("--set", change)),
+        ]  # fmt: skip
+        result = subprocess.run(arguments, capture_output=True, text=True)
+        assert result.returncode == 0, result.stderr
+    alone, one, two = (gradient(tmp_path / name) for name in ("alone", "1", "2"))
+    norm = one[0].norm()
+    assert len(one[0]) > 50_000 and norm > 0
+    # Rounding: another order of the same batch gives 3e-5.
+    assert (one[0] - two[0]).norm() < 5e-5 * norm
+    # PyTorch's own batch normalisation on CPU is 2e-4 from one in double precision, ours 1e-5.
+    assert (one[0] - alone[0]).norm() < 5e-4 * norm
+    for name, value in one[1].items():
+        if "running" in name:
+            torch.testing.assert_close(value, two[1][name], rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "error"),
+    [
+        (["lerning_rate=1"], "unknown key 'lerning_rate'"),
+        (["augmentation.zom=[1, 2]"], "did you mean 'zoom'"),
+        (["images=many"], "key 'images': expected a whole number, got 'many'"),
+        (["steps=0"], "expected a bound: steps or minutes over 0"),
+        (["data=/nowhere"], "expected a data set in BOP layout"),
+        (["init=/nowhere"], "error: /nowhere: no such file"),
+    ],
+)
+def test_a_wrong_config_is_one_clear_sentence(dataset, tmp_path, changes, error):
+    with pytest.raises(SystemExit) as refused:
+        run_of(dataset, tmp_path / "run", *changes)
+    message = str(refused.value)
+    assert error in message and message.startswith("error: ") and "; fix: " in message
+    assert "\n" not in message
+
+
+def test_a_run_is_not_resumed_with_another_config(dataset, tmp_path):
+    run_of(dataset, tmp_path / "run", "steps=1")
+    with pytest.raises(SystemExit, match="started with lr = 0.001, got 0.002"):
+        run_of(dataset, tmp_path / "run", "steps=1", "lr=2e-3")
+    kept = runconfig.load(tmp_path / "run" / "config.toml")
+    assert kept == runconfig.load(config_of(dataset, tmp_path), ["steps=1"])
 
 
 def test_crops_without_the_object_show_nothing_of_it(dataset):
