@@ -20,8 +20,8 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 
 from . import export, pose, rays, reference
+from .checkpoint import load_weights
 from .sampling import sample_torch
-from .train import load_weights
 
 SEED = 20261121
 

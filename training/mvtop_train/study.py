@@ -20,11 +20,11 @@ from torch import nn
 from tqdm import tqdm
 
 from . import baselines, canonical, config, mvball, pose, rays
+from .checkpoint import load_weights
 from .data import load_index
 from .decoder import Boxes, Decoder
 from .encoder import Encoder
 from .losses import ROTATION, TRANSLATION
-from .train import load_weights
 
 BINS = 512  # 22 degrees apart
 IMAGES = 64  # per step

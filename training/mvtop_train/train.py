@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from . import batches, losses, objects, processes, runconfig, sampling
 from . import config as configs
-from .checkpoint import Run, load_weights  # noqa: F401  load_weights: where others look for it
+from .checkpoint import Run
 from .data import amodal_boxes, collate, fixed_views, make_view
 from .inputs import to_device, to_views
 
