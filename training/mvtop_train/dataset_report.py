@@ -63,6 +63,7 @@ def contact_sheet(scenes: dict, rows: int = 8, columns: int = 3, size=(240, 180)
         ]
         shown += [np.full_like(shown[0], 255)] * (2 - len(shown))
         cells.append(cv2.copyMakeBorder(np.hstack(shown), 3, 3, 3, 3, 0, value=(255, 255, 255)))
+    columns = min(columns, len(cells))
     cells += [np.full_like(cells[0], 255)] * (-len(cells) % columns)
     return np.vstack([np.hstack(cells[i : i + columns]) for i in range(0, len(cells), columns)])
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from mvtop_train import bop, generate, objects, parts, rig, scenes
+from mvtop_train import bop, generate, objects, parts, rig, samples, scenes
 from mvtop_train.data import Augmentation, choose_views, fixed_views, load_index, make_view
 
 RED, BLUE = (200, 20, 20), (20, 20, 200)
@@ -276,3 +276,20 @@ def test_bad_rigs_are_one_sentence(tmp_path, change, message):
     with pytest.raises(SystemExit) as error:
         rig.load(path)
     assert message in str(error.value) and str(error.value).endswith("fix: see docs/rig.md")
+
+
+def test_samples_of_a_data_set_hold_its_poses(dataset, tmp_path):
+    obj = objects.read(dataset)
+    samples.write_from_data(tmp_path, dataset, "train", obj, count=2, views=2)
+    reference, other = load_index(dataset, obj=obj)[0]
+    first, second = rig.load(tmp_path / "000000" / "rig.json")
+    truth = json.loads((tmp_path / "000000" / "truth.json").read_text())["objects"][0]
+    assert truth["class"] == "bracket" and set(truth["boxes"]) == {"cam0", "cam1"}
+    for camera, image in ((first, reference), (second, other)):
+        cam_from_obj = camera.cam_from_rig @ truth["T_world_obj"]
+        np.testing.assert_allclose(cam_from_obj, image.cam_from_obj, atol=1e-9)
+        saved = cv2.imread(str(tmp_path / "000000" / f"{camera.id}.png"))
+        assert np.array_equal(saved, cv2.imread(str(image.path)))
+    assert len(list(tmp_path.iterdir())) == 2
+    with pytest.raises(SystemExit, match="expected a scene of 3 images, got none; fix: "):
+        samples.write_from_data(tmp_path, dataset, "train", obj, count=2, views=3)
