@@ -12,6 +12,7 @@ docs/data.md.
 import argparse
 import contextlib
 import dataclasses
+import hashlib
 import json
 import multiprocessing
 import os
@@ -86,10 +87,12 @@ class Recipe:
     mesh_unit: str = "m"
     name: str = mvball.NAME
     rig: str | None = None
+    source: str = ""  # digest of the mesh, its unit and the rig
 
     def check(self, folder: Path):
         """Refuse to add scenes to those of another recipe."""
         mine = {"seed": self.seed, "size": list(self.size), "name": self.name}
+        mine["source"] = self.source
         path = folder / "recipe.json"
         found = json.loads(path.read_text()) if path.exists() else mine
         differs = [key for key in mine if found.get(key) != mine[key]]
@@ -219,9 +222,13 @@ def prepare(args) -> tuple[Recipe, object]:
         print(f"note: the mesh's origin is {offset * 1e3:.0f} mm off its middle; poses are of "
               "this origin, but are learnt better if it is inside the part")  # fmt: skip
     objects.write(out, part, mesh)
-    unit, rig_path = args.mesh_unit, str(args.rig)
-    size = (args.width, 0)
-    return Recipe(args.seed, "", size, args.mesh[0], unit, part.name, rig_path), _part_work
+    unit = args.mesh_unit
+    content = Path(args.mesh[0]).read_bytes() + unit.encode() + Path(args.rig).read_bytes()
+    source = hashlib.sha256(content).hexdigest()[:16]
+    recipe = Recipe(
+        args.seed, "", (args.width, 0), args.mesh[0], unit, part.name, str(args.rig), source
+    )
+    return recipe, _part_work
 
 
 def make_split(recipe: Recipe, work, args, shard: int, shards: int):

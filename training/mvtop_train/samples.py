@@ -67,7 +67,8 @@ def write_from_data(out: Path, root: Path, split: str, obj: objects.Object, coun
 
     found = []
     for scene in load_index(root, split, obj):
-        for pair in pairs.of_scene({n: image.shows for n, image in enumerate(scene)}):
+        alone = [(0,)] if views == 1 else []  # an image without a partner
+        for pair in pairs.of_scene({n: image.shows for n, image in enumerate(scene)}) or alone:
             rest = [n for n in range(len(scene)) if n not in pair]
             if len(scene) >= views:
                 found.append([scene[n] for n in (*pair, *rest)[:views]])
