@@ -211,6 +211,7 @@ def prepare(args) -> tuple[Recipe, object]:
             raise SystemExit(f"error: --{option}: expected with --mesh, got none; fix: add it")
     mesh = objects.load_mesh(args.mesh[0], args.mesh_unit)
     part = objects.from_mesh(mesh, 1, args.name or Path(args.mesh[0]).stem)
+    parts.Part(mesh, part)  # refuses what cannot fall
     cameras = rig.load(args.rig)
     parts.check_rig(cameras, part, args.rig)
     bent = [camera.id for camera in cameras if camera.distorted]

@@ -6,6 +6,7 @@ is the rig's (intrinsics, relative poses) stays as it is.
 """
 
 import cv2
+import mujoco
 import numpy as np
 import trimesh
 
@@ -32,6 +33,15 @@ class Part:
         self.assets = {"part.obj": _wavefront(mesh, uv, self.scale)}
         if self.texture is not None:
             self.assets["part.png"] = cv2.imencode(".png", self.texture[:, :, ::-1])[1].tobytes()
+        xml = f"<mujoco>{self.falling(np.random.default_rng(0))}</mujoco>"
+        try:
+            mujoco.MjModel.from_xml_string(xml, self.assets)
+        except ValueError as error:
+            reason = str(error).split("\n")[0].removeprefix("Error: ")
+            raise SystemExit(
+                f"error: mesh of {obj.name!r}: expected a body that can fall, got: {reason}; "
+                "fix: a mesh with volume"
+            ) from None
 
     def falling(self, rng: np.random.Generator) -> str:
         gloss = f'specular="{rng.uniform(0, 1):.2f}" shininess="{rng.uniform(0, 1):.2f}"'

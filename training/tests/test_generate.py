@@ -126,3 +126,13 @@ def test_a_viewpoint_by_hand():
     direction, roll = dataset_report.viewpoint(cam_from_obj)
     np.testing.assert_allclose(direction, [1, 0, 0])
     assert roll == pytest.approx(0)  # the object's y points to the right in the image
+
+
+def test_what_a_worker_refuses_comes_back_as_a_value():
+    """A pool waits for ever for a process that exits."""
+
+    def fail(job):
+        raise SystemExit(f"error: {job}")
+
+    assert generate._guarded((fail, "no scene")) == "error: no scene"
+    assert generate._guarded((lambda job: None, "scene")) is None

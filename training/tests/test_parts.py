@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from mvtop_train import bop, generate, objects, parts, rig, samples, scenes
+from mvtop_train import batches, bop, generate, objects, parts, rig, samples, scenes
 from mvtop_train.data import Augmentation, choose_views, fixed_views, load_index, make_view
 
 RED, BLUE = (200, 20, 20), (20, 20, 200)
@@ -293,3 +293,26 @@ def test_samples_of_a_data_set_hold_its_poses(dataset, tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
     with pytest.raises(SystemExit, match="expected a scene of 3 images, got none; fix: "):
         samples.write_from_data(tmp_path, dataset, "train", obj, count=2, views=3)
+
+
+def test_a_mesh_that_cannot_fall_is_refused():
+    sheet = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], [[0, 1, 2]])
+    with pytest.raises(
+        SystemExit, match="expected a body that can fall, got: at least 4 vertices .*; fix: "
+    ):
+        parts.Part(sheet, objects.from_mesh(sheet, 1, "sheet"))
+
+
+def test_a_part_makes_training_batches(dataset):
+    """Two images per scene: never more views are drawn, though shares of three are asked for."""
+    found = batches.Scenes(dataset, objects.read(dataset), held_out=0)
+    stream = batches.Batches(
+        found, 64, 4, (0.3, 0.3, 0.4), 0.25, 5, Augmentation(scale=1.0), rank=0, processes=1
+    )
+    shapes = set()
+    for step in range(8):
+        batch = stream[step]
+        shapes.add(tuple(batch["images"].shape[:2]))
+        assert (batch["boxes"][..., 2:] > batch["boxes"][..., :2]).all()
+        assert batch["coords"].any()
+    assert shapes == {(4, 1), (2, 2)}
