@@ -27,7 +27,7 @@ class Run:
         self.updates = 0  # of the average
         self.optimizer = _optimizer(self.model)
         if self.path.exists():
-            state = _read(self.path, device)
+            state = _read(self.path)
             with _fits(self.path):
                 self.model.load_state_dict(state["model"])
                 self._load_average(state)
@@ -35,7 +35,7 @@ class Run:
             self.step, self.elapsed = state["step"], state.get("elapsed_s", 0.0)
         elif init:
             with _fits(init):
-                self._load_average(_read(init, device))
+                self._load_average(_read(init))
             self.model.load_state_dict(self.average.state_dict())
 
     @property
@@ -98,9 +98,9 @@ def _write(state: dict, path: Path):
     part.replace(path)  # a kill leaves the old file or the new one
 
 
-def _read(path: Path, device="cpu") -> dict:
-    try:
-        return torch.load(path, map_location=device, weights_only=True)
+def _read(path: Path) -> dict:
+    try:  # to the CPU, where Adam's counts stay; what belongs on the device is copied there
+        return torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError:
         raise SystemExit(f"error: {path}: no such file; fix: name a checkpoint") from None
     except Exception as error:

@@ -61,7 +61,15 @@ MAY_CHANGE = {
     "data", "init", "steps", "minutes", "workers", "log_steps", "save_minutes",
     "validate_minutes", "generate",
 }  # fmt: skip
-GENERATE = {"scenes": 6000, "views": 6, "window": 320, "start": 300, "workers": 0, "reserve": 2.0}
+GENERATE = {
+    "scenes": 6000,  # of the training split
+    "test": 100,  # scenes of the split that the result is evaluated on
+    "views": 6,  # images per scene
+    "window": 320,  # px rendered around the object; 0: whole images
+    "start": 300,  # scenes with which the training starts
+    "workers": 0,  # 0: all cores
+    "reserve": 2.0,  # minutes kept for export and evaluation
+}
 _FIELDS = {f.name: f for f in dataclasses.fields(RunConfig)}
 
 

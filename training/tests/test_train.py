@@ -10,7 +10,7 @@ import pytest
 import torch
 from conftest import random_views
 
-from mvtop_train import bop, data, generate, losses, objects, runconfig
+from mvtop_train import bop, data, generate, losses, objects, run, runconfig
 from mvtop_train import train as training
 from mvtop_train.checkpoint import load_weights
 
@@ -135,6 +135,18 @@ def test_a_run_is_not_resumed_with_another_config(dataset, tmp_path):
         run_of(dataset, tmp_path / "run", "steps=1", "lr=2e-3")
     kept = runconfig.load(tmp_path / "run" / "config.toml")
     assert kept == runconfig.load(config_of(dataset, tmp_path), ["steps=1"])
+
+
+def test_from_nothing_to_a_bundle(dataset, tmp_path):
+    """The scenes of the data set are whole, so that the generator adds those of the test split."""
+    changes = ["steps=3"]
+    changes += [f"generate.{x}" for x in ("scenes=6", "start=6", "test=1", "workers=1")]
+    settings = runconfig.load(config_of(dataset, tmp_path), changes)
+    run.run(settings, tmp_path / "run", minutes=30)
+    result = json.loads((tmp_path / "run" / "evaluation.json").read_text())
+    assert result["step"] == 3 and result["scenes"] == 1
+    assert 0 < result["views_2"]["rot_mean_deg"] <= 180
+    assert json.loads((tmp_path / "run" / "bundle" / "model.json").read_text())["preset"] == "tiny"
 
 
 def test_crops_without_the_object_show_nothing_of_it(dataset):
