@@ -51,12 +51,12 @@ class Generator:
                 [sys.executable, "-c", script], stdout=log, stderr=log, start_new_session=True
             )
 
-    def wait_for(self, scenes: int):
-        """Until the training split has `scenes` whole ones; they come in about their order."""
-        train = self.data / "train"
-        with tqdm(total=scenes, unit="scene", desc="first scenes") as bar:
+    def wait_for(self, split: str, scenes: int):
+        """Until the split has `scenes` whole ones; they come in about their order."""
+        folder = self.data / split
+        with tqdm(total=scenes, unit="scene", desc=f"first of {split}") as bar:
             while bar.n < scenes:
-                whole = sum(bop.is_whole(p) for p in train.iterdir()) if train.is_dir() else 0
+                whole = sum(bop.is_whole(p) for p in folder.iterdir()) if folder.is_dir() else 0
                 bar.update(min(whole, scenes) - bar.n)
                 if bar.n < scenes:
                     self.check()
@@ -100,9 +100,11 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
     runconfig.keep_copy(settings, folder)
     generator = Generator(settings, folder)
     try:
-        generator.wait_for(min(generator.recipe["start"], generator.recipe["scenes"]))
+        recipe = generator.recipe
+        generator.wait_for(TEST_SPLIT, recipe["test"])
+        generator.wait_for("train", min(recipe["start"], recipe["scenes"]))
         passed = (time.monotonic() - begun) / 60
-        left = minutes - passed - generator.recipe["reserve"]
+        left = minutes - passed - recipe["reserve"]
         if left <= 0:
             raise SystemExit(
                 f"error: --minutes: expected more than {minutes - left:.1f} (first scenes, and "
