@@ -1,8 +1,9 @@
 """Reading and writing scenes in BOP layout (millimetres, OpenCV axes, integer pixel = centre).
 
 Beside BOP's own files a scene has `coords/IM.png`: the object-frame position of each visible
-object pixel, cut to `bbox_visib` and coded in 8 bits per axis; 0 means "not the object". Data sets
-of others lack it, and `scene_gt_info.json` at times: both may be absent. See docs/data.md.
+object pixel, coded in 8 bits per axis, 0 meaning "not the object"; its first pixel is the corner of
+`bbox_visib` (of the image, where there is none). Data sets of others lack it, and at times
+`scene_gt_info.json`: both may be absent. See docs/data.md.
 """
 
 import json
@@ -28,7 +29,8 @@ class Image:
     cam_from_world: np.ndarray  # [4, 4], m
     cam_from_obj: np.ndarray  # [4, 4], m
     box: np.ndarray  # amodal [x0, y0, x1, y1], px
-    visible_box: np.ndarray | None  # [x, y, w, h] of the coords file, px
+    visible_box: np.ndarray | None  # [x, y, w, h], px; the coords file begins at (x, y)
+    annotation: int  # its place in the image's list in scene_gt.json
     shows: str | None  # of MV-ball: the one hemisphere in sight
     info: dict  # its entry in scene_gt_info.json
 
@@ -154,11 +156,25 @@ def read_scene(folder: Path, obj: Object | None = None) -> list[Image]:
                 cam_from_obj=cam_from_obj,
                 box=_box(folder, about, k, cam_from_obj, obj),
                 visible_box=np.array(about["bbox_visib"]) if "bbox_visib" in about else None,
+                annotation=found[0],
                 shows=about.get("hemisphere"),
                 info=about,
             )
         )
     return images
+
+
+def read_split(root: Path, split: str, obj: Object) -> dict[int, list[Image]]:
+    """The images of `obj` in each whole scene, by the scene's number."""
+    folder = Path(root) / split
+    paths = sorted(p for p in folder.iterdir() if is_whole(p)) if folder.is_dir() else []
+    scenes = {int(path.name): read_scene(path, obj) for path in paths}
+    scenes = {number: images for number, images in scenes.items() if images}
+    if not scenes:
+        raise SystemExit(
+            f"error: no scenes in {folder}; fix: python -m mvtop_train.generate --out {root}"
+        )
+    return scenes
 
 
 def _read(path: Path) -> dict:

@@ -177,7 +177,8 @@ def coordinates(image: bop.Image, crop_from_image: np.ndarray, size: int) -> np.
         return np.zeros((cells, cells, 3), np.uint8)
     code = read_rgb(image.coords_path)
     shift = crop_from_image.copy()
-    shift[:, 2] += shift[:, :2] @ image.visible_box[:2]
+    if image.visible_box is not None:
+        shift[:, 2] += shift[:, :2] @ image.visible_box[:2]
     s = 1 / COORDINATE_STRIDE
     shift[:, 2] = (shift[:, 2] + 0.5) * s - 0.5
     shift[:, :2] *= s

@@ -19,21 +19,6 @@ COLOURS = {"green": (60, 200, 60), "red": (230, 60, 60)}  # of boxes, by the hem
 DIRECTIONS, ROLLS = 72, 12  # cells in which viewing directions and rolls are counted
 
 
-def read(root: Path, split: str, obj: objects.Object) -> dict[int, list[bop.Image]]:
-    """Images by scene number."""
-    folder = root / split
-    found = {}
-    for path in sorted(p for p in folder.iterdir() if bop.is_whole(p)) if folder.is_dir() else []:
-        images = bop.read_scene(path, obj)
-        if images:
-            found[int(path.name)] = images
-    if not found:
-        raise SystemExit(
-            f"error: no scenes in {folder}; fix: python -m mvtop_train.generate --out {root}"
-        )
-    return found
-
-
 def thumbnail(image: bop.Image, label: str, size: tuple[int, int]) -> np.ndarray:
     """The image [h, w, 3] BGR in a frame of `size` = (w, h), with its box and a label."""
     picture = cv2.imread(str(image.path), cv2.IMREAD_COLOR)
@@ -185,7 +170,7 @@ def main():
     parser.add_argument("--out", type=Path, default=Path("out/report"))
     args = parser.parse_args()
     obj = objects.read(args.data, args.object)
-    scenes = read(args.data, args.split, obj)
+    scenes = bop.read_split(args.data, args.split, obj)
     args.out.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(args.out / "contact_sheet.png"), contact_sheet(scenes))
     stats = statistics(scenes)

@@ -168,7 +168,8 @@ def read(root: Path, obj_id: int | None = None) -> Object:
     info, file = infos[obj_id], f"obj_{obj_id:06d}.ply"
     low = np.array([info[f"min_{axis}"] for axis in "xyz"])
     size = np.array([info[f"size_{axis}"] for axis in "xyz"])
-    vertices, points, colours = _surface(Path(root), file)
+    mesh = read_mesh(root, obj_id)
+    points, colours = _points(Path(root), file, mesh)
     return Object(
         obj_id,
         info.get("name", Path(file).stem),
@@ -176,33 +177,29 @@ def read(root: Path, obj_id: int | None = None) -> Object:
         float(np.abs([low, low + size]).max()) * 1e-3,
         points,
         colours,
-        outermost(vertices),
+        outermost(np.asarray(mesh.vertices)),
     )
 
 
-def _surface(root: Path, file: str):
-    """Vertices, surface points and their colours from `models/`, `models_eval/`; metres."""
-    if not (root / "models" / file).exists():
+def read_mesh(root: Path, obj_id: int) -> trimesh.Trimesh:
+    """The object's mesh in metres; points alone, of early data sets of ours, come as they are."""
+    path = Path(root) / "models" / f"obj_{obj_id:06d}.ply"
+    if not path.exists():
         raise SystemExit(
-            f"error: {root / 'models' / file}: no such file, expected the object's mesh (PLY, mm); "
-            "fix: put it there"
+            f"error: {path}: no such file, expected the object's mesh (PLY, mm); fix: put it there"
         )
-    mesh = _read_ply(root / "models" / file)
-    vertices = np.asarray(mesh.vertices)
-    if (root / "models_eval" / file).exists():
-        cloud = _read_ply(root / "models_eval" / file)
-    elif isinstance(mesh, trimesh.Trimesh):
-        return vertices, *sample_surface(mesh)
-    else:  # a point cloud
-        cloud = mesh
-    points = np.asarray(cloud.vertices)
-    colours = np.asarray(
-        cloud.colors if isinstance(cloud, trimesh.PointCloud) else cloud.visual.vertex_colors
-    )[:, :3].astype(float)
-    if len(points) > POINTS:
-        kept = np.random.default_rng(0).permutation(len(points))[:POINTS]
-        points, colours = points[kept], colours[kept]
-    return vertices, points, colours
+    return _read_ply(path)
+
+
+def _points(root: Path, file: str, mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Surface points [n, 3] in metres and their colours [n, 3]: those kept, else new ones."""
+    path = root / "models_eval" / file
+    kept = _read_ply(path) if path.exists() else mesh
+    if isinstance(kept, trimesh.Trimesh):  # as others have it there, a coarser mesh
+        return sample_surface(mesh)
+    chosen = np.random.default_rng(0).permutation(len(kept.vertices))[:POINTS]
+    chosen.sort()
+    return np.asarray(kept.vertices)[chosen], np.asarray(kept.colors)[chosen, :3].astype(float)
 
 
 def _read_ply(path: Path):

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from . import generate, objects, pairs
+from . import bop, generate, objects, pairs
 
 MAX_VIEWS = 8
 
@@ -63,10 +63,8 @@ def write_sample(folder: Path, views):
 
 def write_from_data(out: Path, root: Path, split: str, obj: objects.Object, count: int, views: int):
     """Samples of a data set's pairs; of three views and more, the rest are the scene's next."""
-    from .data import load_index, read_rgb  # needs torch
-
     found = []
-    for scene in load_index(root, split, obj):
+    for scene in bop.read_split(root, split, obj).values():
         alone = [(0,)] if views == 1 else []  # an image without a partner
         for pair in pairs.of_scene({n: image.shows for n, image in enumerate(scene)}) or alone:
             rest = [n for n in range(len(scene)) if n not in pair]
@@ -81,7 +79,7 @@ def write_from_data(out: Path, root: Path, split: str, obj: objects.Object, coun
     for number, index in enumerate(tqdm(chosen, unit="sample")):
         images = found[index]
         cameras = [
-            (read_rgb(image.path), image.k, image.cam_from_world, image.box) for image in images
+            (cv2.imread(str(x.path))[:, :, ::-1], x.k, x.cam_from_world, x.box) for x in images
         ]
         world_from_obj = np.linalg.inv(images[0].cam_from_world) @ images[0].cam_from_obj
         write(out / f"{number:06d}", obj.name, world_from_obj, cameras)

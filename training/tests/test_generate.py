@@ -5,7 +5,7 @@ import queue
 import numpy as np
 import pytest
 
-from mvtop_train import dataset_report, generate, objects, pairs, scenes
+from mvtop_train import bop, dataset_report, generate, objects, pairs, scenes
 from mvtop_train.data import load_index
 
 
@@ -108,7 +108,7 @@ def test_bad_options_are_one_sentence(monkeypatch, tmp_path, options, message):
 
 
 def test_the_report_counts_what_is_there(dataset, tmp_path):
-    found = dataset_report.read(dataset, "train", objects.read(dataset))
+    found = bop.read_split(dataset, "train", objects.read(dataset))
     stats = dataset_report.summary(dataset_report.statistics(found))
     assert (stats["scenes"], stats["images"], stats["pairs"]) == (2, 5, 5)
     assert sum(stats["images_by_hemisphere"].values()) == 5

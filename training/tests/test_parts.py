@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from mvtop_train import batches, bop, generate, objects, parts, rig, samples, scenes
+from mvtop_train import (
+    batches,
+    bop,
+    coordinates,
+    generate,
+    objects,
+    parts,
+    rig,
+    samples,
+    scenes,
+)
 from mvtop_train.data import Augmentation, choose_views, fixed_views, load_index, make_view
 
 RED, BLUE = (200, 20, 20), (20, 20, 200)
@@ -316,3 +326,31 @@ def test_a_part_makes_training_batches(dataset):
         assert (batch["boxes"][..., 2:] > batch["boxes"][..., :2]).all()
         assert batch["coords"].any()
     assert shapes == {(4, 1), (2, 2)}
+
+
+def test_coordinates_are_rendered_for_a_foreign_data_set(dataset, tmp_path):
+    """As the generator wrote them, wherever the part was in sight."""
+    root = strip(dataset, tmp_path / "foreign")
+    obj = objects.read(root)
+    ours = sum(load_index(dataset, obj=objects.read(dataset)), [])
+    theirs = sum(load_index(root, obj=obj), [])
+    render = coordinates.CoordinateRenderer(root, obj)
+    for n, (a, b) in enumerate(zip(ours, theirs, strict=True)):
+        expected = np.zeros((120, 160, 3), int)
+        x, y, w, h = a.visible_box
+        expected[y : y + h + 1, x : x + w + 1] = cv2.imread(str(a.coords_path))
+        seen = (expected != 0).all(-1)
+        with_mask = n % 2 == 0
+        if with_mask:
+            (b.path.parents[1] / "mask_visib").mkdir(exist_ok=True)
+            mask = b.path.parents[1] / "mask_visib" / f"{b.path.stem}_000000.png"
+            cv2.imwrite(str(mask), seen.astype(np.uint8) * 255)
+        assert coordinates.write(b, render, obj) == with_mask
+        again = bop.read_scene(b.path.parents[1], obj)[int(b.path.stem)]
+        code = cv2.imread(str(again.coords_path)).astype(int)
+        # Rounding to 8 bits may fall to either side; pixels on outlines to either face.
+        assert (np.abs(code - expected)[seen].max(-1) <= 1).mean() > 0.97
+        if with_mask:
+            assert not code[~seen].any()
+        view = make_view(again, 64, np.random.default_rng(0), Augmentation(scale=1.0))
+        assert view["coords"].any()
