@@ -26,10 +26,6 @@ from tqdm import tqdm
 from . import mvball
 from .objects import UNITS
 
-# Both are read when MuJoCo or the GL library load, so they come before any of its imports.
-os.environ.setdefault("MUJOCO_GL", "egl")
-os.environ.setdefault("LP_NUM_THREADS", "1")  # software rendering: one core per process
-
 # Splits draw from different random streams: no test scene can be a training scene.
 # Control splits show both hemispheres in every view: there, one view determines the pose.
 SPLITS = {"train": 0, "easy": 1, "hard": 2, "control": 3, "control_test": 4, "test": 5}
