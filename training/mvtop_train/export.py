@@ -124,6 +124,7 @@ def _entry(path: Path) -> dict:
 def write_bundle(
     model: Mvtop, out: Path, provenance: dict, portable: bool = False,
     score_threshold: float = 0.3, obj: objects.Object | None = None,
+    agree_threshold: float | None = None,
 ):  # fmt: skip
     """Write every file of a bundle; `model.json` comes last. `obj`: the MV-ball if left out."""
     config = model.config
@@ -147,6 +148,7 @@ def write_bundle(
     points_file = f"{obj.name}.points.json"
     (out / points_file).write_text(json.dumps({"unit": "m", "points": rows}))
     files = ["features.onnx", "decoder.onnx", points_file]
+    agree = {} if agree_threshold is None else {"agree_threshold": agree_threshold}
     description = {
         "format": "mvtop-model",
         "version": 1,
@@ -161,7 +163,7 @@ def write_bundle(
             {"id": c.id, "name": c.name, "diameter_m": c.diameter_m, "points": points_file}
             for c in config.classes
         ],
-        "detector": {"score_threshold": score_threshold, "nms_iou": 0.5},
+        "detector": {"score_threshold": score_threshold, **agree, "nms_iou": 0.5},
         "graphs": {"features": "features.onnx", "decoder": "decoder.onnx"},
         "portable": portable,
         "files": {name: _entry(out / name) for name in files},
@@ -182,7 +184,10 @@ def main():
     parser.add_argument("--object", type=int, metavar="ID", help="of the objects in --data")
     parser.add_argument("--portable", action="store_true", help="standard operators only")
     parser.add_argument(
-        "--score-threshold", type=float, default=0.3, help="least score of a detection"
+        "--score-threshold", type=float, default=0.3, help="least score of an object"
+    )
+    parser.add_argument(
+        "--agree-threshold", type=float, help="least score of a box that another view agrees with"
     )
     args = parser.parse_args()
     if args.weights:
@@ -198,7 +203,9 @@ def main():
         "date": datetime.date.today().isoformat(),
     }
     obj = objects.read(args.data, args.object) if args.data else None
-    write_bundle(model, args.out, provenance, args.portable, args.score_threshold, obj)
+    write_bundle(
+        model, args.out, provenance, args.portable, args.score_threshold, obj, args.agree_threshold
+    )
     size = sum(f.stat().st_size for f in args.out.iterdir()) / 1e6
     print(f"{args.out}: {config.preset}, {step} steps, {size:.1f} MB")
 

@@ -87,6 +87,10 @@ def test_model_json_lists_every_file_with_its_checksum(tiny, tmp_path):
     assert set(description["files"]) == files
     for name, entry in description["files"].items():
         assert entry == export._entry(tmp_path / name)
+    assert description["detector"] == {"score_threshold": 0.3, "nms_iou": 0.5}
+    export.write_bundle(tiny, tmp_path, {}, agree_threshold=0.2)
+    detector = json.loads((tmp_path / "model.json").read_text())["detector"]
+    assert detector == {"score_threshold": 0.3, "agree_threshold": 0.2, "nms_iou": 0.5}
 
 
 def test_the_paper_preset_builds_exports_and_runs(tmp_path):

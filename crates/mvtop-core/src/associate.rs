@@ -14,6 +14,9 @@ const MAX_MISS: f64 = 0.5;
 /// Apparent radii of one object may differ by this factor between views.
 const MAX_SIZE_RATIO: f64 = 1.6;
 
+/// The radius that two boxes agree on may be out of the object's range by this factor.
+const SIZE_TOLERANCE: f64 = 1.25;
+
 /// The line of sight through a box's centre and how large the box appears.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LineOfSight {
@@ -44,26 +47,29 @@ impl LineOfSight {
 /// Groups the boxes of all views into objects.
 ///
 /// Two boxes of a class match where their lines of sight meet in front of both cameras, nearer
-/// than half the apparent radius, and the apparent radii there differ by a factor of at most 1.6.
-/// Each matching pair proposes a place, and every other view adds the box that fits it best. Places
+/// than half the apparent radius, the apparent radii there differ by a factor of at most 1.6, and
+/// their mean is a size that an object of the class can have: things that only look alike, or boxes
+/// of two different things, seldom have it. Each matching pair proposes a place, and every other view adds the box that fits it best. Places
 /// that more views agree on go first, then those that fit better: so a third view settles which of
 /// two crossings in the first two is real. A box in no match is an object seen by one view.
 ///
 /// - `views`: lines of sight of the boxes of each view, `[V][boxes]`
+/// - `radii`: least and greatest half width of each class, metres, see
+///   [`crate::bundle::Class::half_widths`]
 /// - returns: for each object, the index of its box in each view, `[objects][V]`; every box is
 ///   in exactly one object
-pub fn associate(views: &[Vec<LineOfSight>]) -> Vec<Vec<Option<usize>>> {
+pub fn associate(views: &[Vec<LineOfSight>], radii: &[[f64; 2]]) -> Vec<Vec<Option<usize>>> {
     let mut free: Vec<Vec<bool>> = views.iter().map(|boxes| vec![true; boxes.len()]).collect();
     let mut queue: BinaryHeap<Proposal> = pairs(views)
         .into_iter()
-        .filter_map(|seed| Proposal::grow(seed, views, &free))
+        .filter_map(|seed| Proposal::grow(seed, views, radii, &free))
         .collect();
 
     let mut objects = Vec::new();
     while let Some(best) = queue.pop() {
         if best.boxes().any(|(view, index)| !free[view][index]) {
             // Some of its boxes went to a better object: try again with those that are left.
-            queue.extend(Proposal::grow(best.seed, views, &free));
+            queue.extend(Proposal::grow(best.seed, views, radii, &free));
             continue;
         }
         for (view, index) in best.boxes() {
@@ -107,12 +113,21 @@ struct Proposal {
 
 impl Proposal {
     /// `None` where the seed's boxes are taken or do not match.
-    fn grow(seed: Pair, views: &[Vec<LineOfSight>], free: &[Vec<bool>]) -> Option<Self> {
+    fn grow(
+        seed: Pair,
+        views: &[Vec<LineOfSight>],
+        radii: &[[f64; 2]],
+        free: &[Vec<bool>],
+    ) -> Option<Self> {
         let [(first, i), (second, j)] = seed;
         if !free[first][i] || !free[second][j] {
             return None;
         }
         let (ball, mut cost) = meet(&views[first][i], &views[second][j])?;
+        let [least, greatest] = *radii.get(ball.class)?;
+        if ball.radius * SIZE_TOLERANCE < least || ball.radius > greatest * SIZE_TOLERANCE {
+            return None;
+        }
         let mut members = vec![None; views.len()];
         members[first] = Some(i);
         members[second] = Some(j);
@@ -230,6 +245,11 @@ mod tests {
     use proptest::prelude::*;
 
     const RADIUS: f64 = 0.07;
+
+    /// Objects of any size.
+    fn associate(views: &[Vec<LineOfSight>]) -> Vec<Vec<Option<usize>>> {
+        super::associate(views, &[[0.0, f64::INFINITY]; 2])
+    }
 
     fn sight(camera: [f64; 3], ball: [f64; 3]) -> LineOfSight {
         let origin = Vector3::from(camera);
@@ -353,6 +373,26 @@ mod tests {
             ..second
         };
         assert_eq!(associate(&[vec![first], vec![parallel]]).len(), 2);
+    }
+
+    #[test]
+    fn boxes_that_agree_on_a_size_the_object_cannot_have_do_not_match() {
+        let views = CAMERAS.map(|camera| vec![sight(camera, LEFT)]);
+        // RADIUS is 0.07; a quarter more or less is let through.
+        for (radii, objects) in [
+            ([0.07, 0.07], 1),
+            ([0.08, 0.2], 1),
+            ([0.09, 0.2], 3),
+            ([0.01, 0.06], 1),
+            ([0.01, 0.05], 3),
+        ] {
+            assert_eq!(
+                super::associate(&views, &[radii]).len(),
+                objects,
+                "{radii:?}"
+            );
+        }
+        assert_eq!(super::associate(&views, &[]).len(), 3, "no such class");
     }
 
     #[test]

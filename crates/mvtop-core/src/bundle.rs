@@ -13,6 +13,9 @@ use std::path::{Component, Path, PathBuf};
 const FORMAT: &str = "mvtop-model";
 const VERSION: u32 = 1;
 
+/// Turn between neighbours on a spiral that covers a sphere evenly, radians.
+const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+
 /// Largest side of the network input and largest stride, px: a bundle cannot ask for more memory
 /// than a machine has.
 const MAX_SIDE: u32 = 16_384;
@@ -77,8 +80,12 @@ pub struct SurfacePoint {
 /// Settings of the detector.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 pub struct Detector {
-    /// Least score of a detection.
+    /// Least score of an object. Views that agree on one have a higher score together than each.
     pub score_threshold: f32,
+    /// Least score of a box in one view; below `score_threshold` it counts only where another view
+    /// agrees. Equal to `score_threshold` where the bundle does not say.
+    #[serde(default)]
+    pub agree_threshold: Option<f32>,
     /// Overlap (intersection over union) above which the weaker of two boxes is dropped.
     pub nms_iou: f32,
 }
@@ -130,6 +137,32 @@ struct FileRecord {
 struct PointsFile {
     unit: String,
     points: Vec<[f64; 6]>,
+}
+
+impl Class {
+    /// Least and greatest half width of the object over all directions, metres: no box around it
+    /// shows less or more, however it is turned.
+    pub fn half_widths(&self) -> [f64; 2] {
+        let half_width = |direction: [f64; 3]| {
+            let heights = self.points.iter().map(|point| {
+                let [x, y, z] = point.position;
+                x * direction[0] + y * direction[1] + z * direction[2]
+            });
+            let (low, high) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), h| {
+                (low.min(h), high.max(h))
+            });
+            (high - low) / 2.0
+        };
+        // A spiral over half the sphere, within 3 degrees of any direction.
+        let spiral = (0..2000).map(|i| {
+            let z = (f64::from(i) + 0.5) / 2000.0;
+            let (sin, cos) = (f64::from(i) * GOLDEN_ANGLE).sin_cos();
+            let radius = (1.0 - z * z).sqrt();
+            [radius * cos, radius * sin, z]
+        });
+        let least = spiral.map(half_width).fold(f64::INFINITY, f64::min);
+        [least.max(0.0), self.diameter_m / 2.0]
+    }
 }
 
 impl Bundle {
@@ -238,9 +271,11 @@ impl Manifest {
         }
         let Detector {
             score_threshold,
+            agree_threshold,
             nms_iou,
         } = self.detector;
-        if ![score_threshold, nms_iou]
+        let agree_threshold = agree_threshold.unwrap_or(score_threshold);
+        if ![score_threshold, agree_threshold, nms_iou]
             .iter()
             .all(|x| (0.0..=1.0).contains(x))
         {

@@ -14,7 +14,7 @@ use ndarray::{Array2, Array3, Axis};
 
 use self::sightings::Sighting;
 use self::view::View;
-use crate::bundle::Bundle;
+use crate::bundle::{Bundle, Class};
 use crate::known::KnownBoxes;
 use crate::network::{Decoded, Features, Network, OnnxNetwork, Queries};
 use crate::pose::rotation_from_6d;
@@ -42,6 +42,8 @@ pub struct PredictOptions {
 /// A loaded network, ready for any number of predictions with any rigs.
 pub struct Estimator {
     bundle: Bundle,
+    /// Least and greatest half width of each class, metres.
+    radii: Vec<[f64; 2]>,
     network: Box<dyn Network>,
 }
 
@@ -66,7 +68,12 @@ impl Estimator {
 
     /// An estimator with a network that something other than ONNX Runtime runs.
     pub fn new(bundle: Bundle, network: Box<dyn Network>) -> Self {
-        Self { bundle, network }
+        let radii = bundle.classes.iter().map(Class::half_widths).collect();
+        Self {
+            bundle,
+            radii,
+            network,
+        }
     }
 
     /// What the network was made for.
@@ -100,7 +107,10 @@ impl Estimator {
 
         let objects = match &options.boxes {
             Some(boxes) => sightings::given(&self.bundle, rig, &views, boxes)?,
-            None => sightings::detected(&self.bundle, &rig.cameras[reference], &views, &features),
+            None => {
+                let camera = &rig.cameras[reference];
+                sightings::detected(&self.bundle, &self.radii, camera, &views, &features)
+            }
         };
         let detect = clock.lap();
 

@@ -20,7 +20,8 @@ pub struct Prediction {
 pub struct ObjectPose {
     pub class: String,
     pub class_id: i64,
-    /// Mean of the detector's scores over the views that detected the object; 1 for given boxes.
+    /// Probability that not all views that detected the object are wrong, `1 - Π (1 - s)` over the
+    /// detector's scores; 1 for given boxes.
     pub score: f64,
     /// Object frame to the reference camera's frame, metres.
     pub ref_from_obj: Isometry3<f64>,

@@ -66,6 +66,44 @@ fn a_bundle_is_read() {
 }
 
 #[test]
+fn threshold_of_agreeing_boxes_may_be_left_out() {
+    let agree_threshold = |dir: tempfile::TempDir| {
+        let detector = Bundle::load(dir.path()).unwrap().detector;
+        detector.agree_threshold
+    };
+    assert_eq!(agree_threshold(bundle(|_| ())), None);
+    let given = bundle(|m| m["detector"]["agree_threshold"] = json!(0.25));
+    assert_eq!(agree_threshold(given), Some(0.25));
+}
+
+#[test]
+fn half_widths_of_a_bar_are_its_thickness_and_its_length() {
+    // Corners of 20 x 40 x 120 mm.
+    let points = (0..8).map(|i| SurfacePoint {
+        position: std::array::from_fn(|axis| {
+            let half = [0.01, 0.02, 0.06][axis];
+            if i >> axis & 1 == 1 { half } else { -half }
+        }),
+        color: [0; 3],
+    });
+    let class = Class {
+        id: 1,
+        name: "bar".into(),
+        diameter_m: 0.128,
+        points: points.collect(),
+    };
+    let [least, greatest] = class.half_widths();
+    // Up to 3 degrees off the thin direction, the long side shows: 10 mm + 60 mm * sin(3 deg).
+    assert!((0.01..0.0132).contains(&least), "{least}");
+    assert_eq!(greatest, 0.064);
+    let unknown = Class {
+        points: vec![],
+        ..class
+    };
+    assert_eq!(unknown.half_widths()[0], 0.0);
+}
+
+#[test]
 fn a_folder_without_a_bundle_is_refused_by_name() {
     let error = Bundle::load(Path::new("/no/such/bundle"))
         .unwrap_err()
@@ -124,7 +162,7 @@ fn paths_that_leave_the_folder_are_refused() {
 
 #[test]
 fn impossible_numbers_are_refused() {
-    let cases: [(&str, Value, &str); 11] = [
+    let cases: [(&str, Value, &str); 12] = [
         ("/input/width", json!(0), "input is 0 x 480"),
         ("/input/height", json!(4_000_000), "input is 640 x 4000000"),
         ("/input/std", json!([0.2, 0.0, 0.2]), "std"),
@@ -133,6 +171,7 @@ fn impossible_numbers_are_refused() {
         ("/strides", json!([0, 8]), "stride 0"),
         ("/strides", json!([7]), "stride 7 does not divide"),
         ("/detector/nms_iou", json!(1.5), "from 0 to 1"),
+        ("/detector/agree_threshold", json!(-0.1), "from 0 to 1"),
         ("/classes", json!([]), "classes are empty"),
         ("/classes/0/diameter_m", json!(-1.0), "diameter"),
         ("/los_encoding", json!("polar"), "polar"),

@@ -5,7 +5,7 @@ use ndarray::Axis;
 
 use super::view::View;
 use crate::associate::{LineOfSight, associate};
-use crate::bundle::Bundle;
+use crate::bundle::{Bundle, Detector};
 use crate::camera::Camera;
 use crate::detect::{Detection, clip, peaks};
 use crate::known::KnownBoxes;
@@ -23,14 +23,26 @@ pub struct Sighting {
 }
 
 /// Objects that the detector sees, best score first.
+///
+/// The views are taken for independent witnesses: an object's score is the probability that not
+/// all of them are wrong. So a box too faint to be an object by itself is one together with its
+/// match in another view, and objects that several views agree on come before those in one.
+///
+/// - `radii`: least and greatest half width of each class, metres
 pub fn detected(
     bundle: &Bundle,
+    radii: &[[f64; 2]],
     reference: &Camera,
     views: &[View],
     features: &Features,
 ) -> Vec<Sighting> {
-    let threshold = f64::from(bundle.detector.score_threshold);
-    let nms_iou = f64::from(bundle.detector.nms_iou);
+    let Detector {
+        score_threshold,
+        agree_threshold,
+        nms_iou,
+    } = bundle.detector;
+    let threshold = f64::from(score_threshold);
+    let faintest = f64::from(agree_threshold.unwrap_or(score_threshold)).min(threshold);
     let mut detections: Vec<Vec<Detection>> = Vec::new();
     let mut lines_of_sight = Vec::new();
     for (v, view) in views.iter().enumerate() {
@@ -40,7 +52,7 @@ pub fn detected(
             .world_from_cam
             .inv_mul(&view.camera.world_from_cam);
         // A box that the lens gives no rays for cannot be decoded.
-        let (found, lines) = peaks(scores, boxes, threshold, nms_iou)
+        let (found, lines) = peaks(scores, boxes, faintest, f64::from(nms_iou))
             .into_iter()
             .filter_map(|peak| {
                 let bbox = view.image_box(peak.bbox)?;
@@ -53,7 +65,7 @@ pub fn detected(
         lines_of_sight.push(lines);
     }
 
-    let mut objects: Vec<Sighting> = associate(&lines_of_sight)
+    let mut objects: Vec<Sighting> = associate(&lines_of_sight, radii)
         .into_iter()
         .filter_map(|members| {
             let boxes: Vec<Option<Detection>> = members
@@ -62,11 +74,14 @@ pub fn detected(
                 .map(|(index, found)| index.map(|index| found[index]))
                 .collect();
             let seen: Vec<&Detection> = boxes.iter().flatten().collect();
-            Some(Sighting {
+            let all_wrong: f64 = seen.iter().map(|d| 1.0 - d.score).product();
+            let score = 1.0 - all_wrong;
+            let sighting = Sighting {
                 class: seen.first()?.class,
-                score: seen.iter().map(|d| d.score).sum::<f64>() / seen.len() as f64,
+                score,
                 boxes: boxes.iter().map(|d| d.map(|d| d.bbox)).collect(),
-            })
+            };
+            (score >= threshold).then_some(sighting)
         })
         .collect();
     objects.sort_by(|a, b| b.score.total_cmp(&a.score));

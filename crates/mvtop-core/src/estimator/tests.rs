@@ -32,6 +32,7 @@ fn bundle() -> Bundle {
         }],
         detector: Detector {
             score_threshold: 0.3,
+            agree_threshold: None,
             nms_iou: 0.5,
         },
         features: "features.onnx".into(),
@@ -260,8 +261,8 @@ fn objects_are_found_where_they_are_whichever_views_see_them() {
     assert_at(by_all, first);
     assert_at(by_two, second);
     assert_eq!((by_all.class.as_str(), by_all.class_id), ("ball", 7));
-    assert!((by_all.score - (0.9 + 0.8 + 0.9) / 3.0).abs() < 1e-6);
-    assert!((by_two.score - (0.9 + 0.8) / 2.0).abs() < 1e-6);
+    assert!((by_all.score - (1.0 - 0.1 * 0.2 * 0.1)).abs() < 1e-6);
+    assert!((by_two.score - (1.0 - 0.1 * 0.2)).abs() < 1e-6);
     // Turned as their anchors: the reference where it sees them, else the first that does.
     for (object, anchor) in [(by_all, 0), (by_two, 1)] {
         let anchor = rig.cameras[anchor].world_from_cam.rotation;
@@ -286,6 +287,52 @@ fn objects_are_found_where_they_are_whichever_views_see_them() {
             .all(|(a, b)| (a - b).abs() < 1e-3),
         "{found:?}"
     );
+}
+
+/// Scores of the objects and the number of views that see each, best first.
+///
+/// - `seen`: for cameras 0, 1, ... the balls seen there; the first has score 0.9, the second 0.8
+fn found(agree_threshold: Option<f32>, seen: &[&[[f64; 3]]]) -> Vec<(f64, usize)> {
+    let rig = rig();
+    let mut bundle = bundle();
+    bundle.detector.score_threshold = 0.85;
+    bundle.detector.agree_threshold = agree_threshold;
+    let seen: Vec<(usize, &[[f64; 3]])> = seen.iter().copied().enumerate().collect();
+    let cameras: Vec<usize> = (0..seen.len()).collect();
+    let estimator = Estimator::new(bundle, Box::new(Geometry::new(&rig, &seen)));
+    let prediction = estimator
+        .predict(&rig, &images(&rig, &cameras), &PredictOptions::default())
+        .unwrap();
+    let views = |object: &ObjectPose| object.cameras.iter().filter(|c| c.bbox.is_some()).count();
+    let objects = prediction.objects.iter();
+    objects
+        .map(|object| ((object.score * 1e3).round() / 1e3, views(object)))
+        .collect()
+}
+
+#[test]
+fn faint_box_counts_where_another_view_agrees() {
+    let [first, second] = BALLS;
+    // `first` is faint in the other view, which shows `second` better.
+    let seen: [&[[f64; 3]]; 2] = [&[first], &[second, first]];
+    assert_eq!(found(None, &seen), [(0.9, 1), (0.9, 1)]);
+    assert_eq!(found(Some(0.85), &seen), [(0.9, 1), (0.9, 1)]);
+    assert_eq!(found(Some(0.75), &seen), [(0.98, 2), (0.9, 1)]);
+    // Faint in both views, but both are there.
+    let both: [&[[f64; 3]]; 2] = [&BALLS, &BALLS];
+    assert_eq!(found(None, &both), [(0.99, 2)]);
+    assert_eq!(found(Some(0.75), &both), [(0.99, 2), (0.96, 2)]);
+}
+
+#[test]
+fn faint_box_alone_is_no_object() {
+    let [first, second] = BALLS;
+    assert_eq!(found(Some(0.75), &[&[first, second]]), [(0.9, 1)]);
+    // Faint boxes of different balls do not agree.
+    let crossed: [&[[f64; 3]]; 2] = [&[first, second], &[second, first]];
+    assert_eq!(found(Some(0.75), &crossed), [(0.98, 2), (0.98, 2)]);
+    let (here, there): (&[_], &[_]) = (&[first, second], &[first]);
+    assert_eq!(found(Some(0.75), &[here, there]), [(0.99, 2)]);
 }
 
 #[test]
