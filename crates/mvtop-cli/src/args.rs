@@ -54,7 +54,8 @@ pub struct Infer {
     #[arg(long, conflicts_with = "truth")]
     pub json: bool,
 
-    /// Print the known poses in this file (truth.json) beside the predicted ones
+    /// Print the known poses in this file (truth.json) beside the predicted ones; in pictures, thin
+    /// white axes
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
 
@@ -73,10 +74,18 @@ pub struct Infer {
 #[derive(Args)]
 #[command(after_help = "\
 A sample is a folder with rig.json, truth.json and one image for each camera, <ID>.png or .jpg.
-The last line on stdout is one line of JSON; docs/output.md says what it holds.
+The last line on stdout is one line of JSON; docs/output.md says what it holds, and what --out
+and the noise are exactly.
 
-Example:
-  mvtop-cli eval --samples out/eval --out predictions.json")]
+Examples:
+  Detected boxes, all views; one line of JSON per object of the truth to look into:
+    mvtop-cli eval --samples out/eval --out results.jsonl
+  One view of the same samples:
+    mvtop-cli eval --samples out/eval --views 1
+  A calibration that is off by 0.5 degrees and 5 mm:
+    mvtop-cli eval --samples out/eval --rig-noise-deg 0.5 --rig-noise-mm 5
+  True boxes, each side off by 5 % of the box's size:
+    mvtop-cli eval --samples out/eval --true-boxes --box-noise 0.05")]
 pub struct Eval {
     /// Folder of sample folders
     #[arg(long, value_name = "DIR")]
@@ -90,8 +99,29 @@ pub struct Eval {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub views: Option<u32>,
 
-    /// Write every prediction and its errors to this JSON file
-    #[arg(long, value_name = "FILE")]
+    /// Move each side of the true boxes at random: standard deviation, as a share of the box's size
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = not_negative)]
+    #[arg(requires = "true_boxes")]
+    pub box_noise: f64,
+
+    /// Turn every camera but the reference by this angle about a random axis through its centre
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = not_negative)]
+    pub rig_noise_deg: f64,
+
+    /// Move the centre of every camera but the reference by this distance in a random direction
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = not_negative)]
+    pub rig_noise_mm: f64,
+
+    /// Which random axes and directions: the same seed gives the same ones, scaled, for any noise
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub noise_seed: u64,
+
+    /// Largest rotation error of a pose that counts as resolved
+    #[arg(long, value_name = "DEG", default_value_t = 15.0, value_parser = not_negative)]
+    pub resolved_deg: f64,
+
+    /// Write one line of JSON for each object of the truth to this file
+    #[arg(long, value_name = "FILE.jsonl")]
     pub out: Option<PathBuf>,
 
     /// Overwrite the file if it exists
@@ -119,6 +149,14 @@ pub struct Network {
     /// Threads inside one operation of the network; 0: one per physical core
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub threads: usize,
+}
+
+/// A number that noise can have as its size.
+fn not_negative(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if number.is_finite() && number >= 0.0 => Ok(number),
+        _ => Err("expected a number of 0 or more".into()),
+    }
 }
 
 impl Network {

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use image::RgbImage;
+use mvtop_core::known::KnownPose;
 use mvtop_core::report::Report;
 use mvtop_core::{Estimator, PredictOptions, Prediction, Rig, known, overlay};
 
@@ -41,7 +42,10 @@ pub fn run(args: &Infer) -> Result<()> {
     let prediction = estimator.predict(&rig, &images, &options)?;
 
     let written = match &pictures {
-        Some(pictures) => pictures.write(&prediction, &estimator, &rig, &images)?,
+        Some(pictures) => {
+            let truth = truth.as_deref().unwrap_or_default();
+            pictures.write(&prediction, &estimator, &rig, &images, truth)?
+        }
         None => Vec::new(),
     };
     if args.json {
@@ -157,10 +161,23 @@ impl Pictures {
         estimator: &Estimator,
         rig: &Rig,
         images: &[(usize, RgbImage)],
+        truth: &[KnownPose],
     ) -> Result<Vec<PathBuf>> {
         std::fs::create_dir_all(&self.dir)
             .map_err(|cause| Failure(format!("cannot make {}: {cause}", self.dir.display())))?;
-        let drawn = overlay::draw_prediction(prediction, &estimator.bundle().classes, rig, images);
+        let bundle = estimator.bundle();
+        let mut drawn = overlay::draw_prediction(prediction, &bundle.classes, rig, images);
+        for known in truth {
+            // Of a class that the model does not know there is no size.
+            let Some(class) = bundle.class_index(&known.seen.class) else {
+                continue;
+            };
+            let diameter_m = bundle.classes[class].diameter_m;
+            for (picture, (index, _)) in drawn.iter_mut().zip(images) {
+                let camera = &rig.cameras[*index];
+                *picture = overlay::draw_known(picture, camera, &known.world_from_obj, diameter_m);
+            }
+        }
         let sheet = overlay::contact_sheet(&drawn);
         let files = self.files.iter().chain([&self.sheet]);
         for (path, picture) in files.clone().zip(drawn.iter().chain([&sheet])) {

@@ -92,7 +92,18 @@ fn help_of_every_command_names_its_arguments() {
     ] {
         assert!(help.contains(argument), "{argument} is missing in:\n{help}");
     }
-    assert!(stdout(&mvtop(&["eval", "--help"])).contains("--true-boxes"));
+    let help = stdout(&mvtop(&["eval", "--help"]));
+    for argument in [
+        "--true-boxes",
+        "--box-noise",
+        "--rig-noise-deg",
+        "--rig-noise-mm",
+        "--noise-seed",
+        "--resolved-deg",
+        "Examples",
+    ] {
+        assert!(help.contains(argument), "{argument} is missing in:\n{help}");
+    }
     assert!(stdout(&mvtop(&["doctor", "--help"])).contains("--ort-lib"));
 }
 
@@ -349,7 +360,27 @@ fn overlays_are_drawn_and_never_replace_files_unasked() {
     }
     assert_eq!(picture("all_views.png").height(), 480);
 
-    let (rig, image) = (sample("rig.json"), image_of("cam0"));
+    // The truth is drawn as well where it is known.
+    let (rig, image, truth) = (sample("rig.json"), image_of("cam0"), sample("truth.json"));
+    let mut pictures = Vec::new();
+    for (folder, more) in [("plain", &[][..]), ("known", &["--truth", &truth][..])] {
+        let dir = Path::new(out).join(folder);
+        let dir = dir.to_str().unwrap();
+        let args = [
+            "infer",
+            "--rig",
+            &rig,
+            &image,
+            "--boxes",
+            &truth,
+            "--overlay",
+            dir,
+        ];
+        stdout(&mvtop(&[&args[..], more].concat()));
+        pictures.push(picture(&format!("{folder}/cam0.png")));
+    }
+    assert_ne!(pictures[0], pictures[1]);
+
     let again = ["infer", "--rig", &rig, &image, "--overlay", out];
     assert!(refusal(&mvtop(&again)).contains("exists already; give --force"));
     stdout(&mvtop(&[&again[..], &["--force"]].concat()));
@@ -369,37 +400,93 @@ fn overlays_are_drawn_and_never_replace_files_unasked() {
     );
 }
 
+/// `eval` of the fixture's sample: the summary.
+fn eval(more: &[&str]) -> Value {
+    let args = [&["eval", "--samples", "fixtures/tiny"][..], more].concat();
+    let text = stdout(&mvtop(&args));
+    serde_json::from_str(text.lines().last().unwrap()).unwrap()
+}
+
 #[test]
 fn evaluation_ends_with_one_line_of_json() {
     let folder = TempDir::new().unwrap();
-    let out = folder.path().join("predictions.json").display().to_string();
-    let args = [
-        "eval",
-        "--samples",
-        "fixtures/tiny",
-        "--true-boxes",
-        "--views",
-        "2",
-        "--out",
-        &out,
-    ];
-    let text = stdout(&mvtop(&args));
-    let summary: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    let out = folder.path().join("results.jsonl").display().to_string();
+    let args = ["--true-boxes", "--views", "2", "--out", &out];
+    let summary = eval(&args);
     assert_eq!(
         (&summary["views"], &summary["pairs"]),
         (&2.into(), &1.into())
     );
-    assert_eq!(summary["found"], 1);
+    assert_eq!(
+        (&summary["found"], &summary["extra"]),
+        (&1.into(), &0.into())
+    );
     assert!(summary["trans_mean_m"].as_f64().unwrap() < 0.06);
     assert!(summary["add_mean_m"].as_f64().unwrap() > 0.0);
     assert_eq!(summary["rot_mean_deg"], summary["rot_median_deg"]);
-
-    let predictions: Value = serde_json::from_slice(&std::fs::read(&out).unwrap()).unwrap();
-    assert_eq!(predictions[0]["sample"], "sample");
-    assert_eq!(predictions[0]["prediction"]["schema_version"], 1);
-    assert_eq!(
-        predictions[0]["errors"][0]["rot_deg"],
-        summary["rot_mean_deg"]
+    assert_eq!(summary["resolved_deg"], 15.0);
+    assert!(
+        summary["sigma_rot_auroc"].is_null(),
+        "one pose is no two groups"
     );
-    assert!(refusal(&mvtop(&args)).contains("exists already"));
+
+    let text = std::fs::read_to_string(&out).unwrap();
+    assert_eq!(text.lines().count(), 1);
+    let line: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(
+        (&line["sample"], &line["found"]),
+        (&"sample".into(), &true.into())
+    );
+    assert_eq!((&line["views"], &line["object"]), (&2.into(), &0.into()));
+    assert_eq!(line["rot_deg"], summary["rot_mean_deg"]);
+    assert_eq!(line["trans_m"], summary["trans_mean_m"]);
+    assert_eq!(line["add_m"], summary["add_mean_m"]);
+    assert_eq!(line["sigma"]["rot_deg"], summary["sigma_rot_mean_deg"]);
+    assert_eq!(line["score"], 1.0);
+    assert_eq!(line["cameras"], serde_json::json!(["cam0", "cam1"]));
+    assert_eq!(matrix(&line["T_world_obj"]).len(), 16);
+    assert!(line["timings_ms"]["total"].as_f64().unwrap() > 0.0);
+
+    let again = [&["eval", "--samples", "fixtures/tiny"][..], &args].concat();
+    assert!(refusal(&mvtop(&again)).contains("exists already"));
+    eval(&[&args[..], &["--force"]].concat());
+}
+
+#[test]
+fn noise_changes_the_poses_the_same_way_each_time() {
+    let rot = |more: &[&str]| {
+        let args = [&["--true-boxes", "--views", "2"][..], more].concat();
+        eval(&args)["rot_mean_deg"].as_f64().unwrap()
+    };
+    let exact = rot(&[]);
+    assert_eq!(rot(&["--rig-noise-deg", "0", "--rig-noise-mm", "0"]), exact);
+    for noise in [
+        ["--rig-noise-deg", "5"],
+        ["--rig-noise-mm", "50"],
+        ["--box-noise", "0.1"],
+    ] {
+        let noisy = rot(&noise);
+        assert_ne!(noisy, exact, "{noise:?}");
+        assert_eq!(rot(&noise), noisy, "{noise:?}");
+        assert_ne!(rot(&[&noise[..], &["--noise-seed", "1"]].concat()), noisy);
+    }
+    // The reference camera's calibration is never touched.
+    let alone = |more: &[&str]| eval(&[&["--true-boxes", "--views", "1"][..], more].concat());
+    let noisy = alone(&["--rig-noise-deg", "5"]);
+    assert_eq!(noisy["rot_mean_deg"], alone(&[])["rot_mean_deg"]);
+}
+
+#[test]
+fn noise_that_cannot_be_is_refused() {
+    let refused = |more: &[&str]| {
+        let args = [&["eval", "--samples", "fixtures/tiny"][..], more].concat();
+        let output = mvtop(&args);
+        assert_eq!(output.status.code(), Some(2));
+        String::from_utf8(output.stderr).unwrap()
+    };
+    for size in ["-1", "nan", "inf", "much"] {
+        let error = refused(&[&format!("--rig-noise-mm={size}")]);
+        assert!(error.contains("expected a number of 0 or more"), "{error}");
+    }
+    assert!(refused(&["--box-noise", "0.1"]).contains("--true-boxes"));
 }

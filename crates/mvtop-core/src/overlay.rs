@@ -116,6 +116,30 @@ pub fn draw_prediction(
     images.iter().map(drawn).collect()
 }
 
+/// A copy of a camera's image with the axes of a known pose: thin white lines that end in a dot of
+/// the axis' colour beyond the predicted ones, so that both can be seen where they agree.
+pub fn draw_known(
+    image: &RgbImage,
+    camera: &Camera,
+    world_from_obj: &Isometry3<f64>,
+    diameter_m: f64,
+) -> RgbImage {
+    let mut canvas = Canvas {
+        image: image.clone(),
+    };
+    let unit = f64::from(image.height()) / NOMINAL_HEIGHT;
+    let cam_from_obj = camera.world_from_cam.inv_mul(world_from_obj);
+    for (pixels, colour) in axes(camera, &cam_from_obj, 0.85 * diameter_m) {
+        canvas.polyline(&pixels, 3.0 * unit, [16, 16, 16], 0.6);
+        canvas.polyline(&pixels, 1.5 * unit, [255; 3], 1.0);
+        if let Some(end) = pixels.last() {
+            canvas.dot(*end, 4.5 * unit, [255; 3], 1.0);
+            canvas.dot(*end, 3.0 * unit, colour, 1.0);
+        }
+    }
+    canvas.image
+}
+
 /// The images side by side, at one height; empty without images.
 pub fn contact_sheet(images: &[RgbImage]) -> RgbImage {
     let width = |image: &RgbImage| {
@@ -162,12 +186,25 @@ fn draw_points(canvas: &mut Canvas, camera: &Camera, object: &Drawn, unit: f64, 
 
 fn draw_axes(canvas: &mut Canvas, camera: &Camera, object: &Drawn, unit: f64) {
     let length = 0.65 * object.diameter_m;
+    for (pixels, colour) in axes(camera, &object.cam_from_obj, length) {
+        canvas.polyline(&pixels, 5.5 * unit, [16, 16, 16], 0.6);
+        canvas.polyline(&pixels, 3.5 * unit, colour, 1.0);
+    }
+}
+
+/// Lines of the axes in the image, with their colours; far ones first, so that near ones cover
+/// them.
+fn axes(
+    camera: &Camera,
+    cam_from_obj: &Isometry3<f64>,
+    length: f64,
+) -> Vec<(Vec<Point2<f64>>, Colour)> {
     let mut axes: Vec<(f64, Vec<Point2<f64>>, Colour)> = Vec::new();
     for (axis, colour) in AXIS_COLOURS.into_iter().enumerate() {
         let at = |piece: usize| {
             let mut point = Point3::origin();
             point[axis] = length * piece as f64 / AXIS_PIECES as f64;
-            object.cam_from_obj * point
+            cam_from_obj * point
         };
         let pixels: Option<Vec<_>> = (0..=AXIS_PIECES)
             .map(|piece| camera.lens.project(&at(piece)))
@@ -176,12 +213,10 @@ fn draw_axes(canvas: &mut Canvas, camera: &Camera, object: &Drawn, unit: f64) {
             axes.push((at(AXIS_PIECES).z, pixels, colour));
         }
     }
-    // Far ones first, so that near ones cover them.
     axes.sort_by(|a, b| b.0.total_cmp(&a.0));
-    for (_, pixels, colour) in axes {
-        canvas.polyline(&pixels, 5.5 * unit, [16, 16, 16], 0.6);
-        canvas.polyline(&pixels, 3.5 * unit, colour, 1.0);
-    }
+    axes.into_iter()
+        .map(|(_, pixels, colour)| (pixels, colour))
+        .collect()
 }
 
 #[cfg(test)]
@@ -222,6 +257,23 @@ mod tests {
         assert_eq!(drawn.get_pixel(380, 240), &Rgb(AXIS_COLOURS[0]));
         assert_eq!(drawn.get_pixel(320, 300), &Rgb(AXIS_COLOURS[1]));
         assert_eq!(drawn.get_pixel(390, 240), &Rgb([0; 3]));
+    }
+
+    #[test]
+    fn known_axes_are_white_and_end_in_their_colour() {
+        // The camera stands at x = 1 m; the object is a metre before it.
+        let mut camera = camera();
+        camera.world_from_cam = Isometry3::translation(1.0, 0.0, 0.0);
+        let world_from_obj = Isometry3::translation(1.0, 0.0, 1.0);
+        let drawn = draw_known(&RgbImage::new(640, 480), &camera, &world_from_obj, 0.2);
+        // 0.17 m at 1 m and 500 px: 85 px to the right and down.
+        assert_eq!(drawn.get_pixel(360, 240), &Rgb([255; 3]));
+        assert_eq!(drawn.get_pixel(405, 240), &Rgb(AXIS_COLOURS[0]));
+        assert_eq!(drawn.get_pixel(320, 325), &Rgb(AXIS_COLOURS[1]));
+        assert_eq!(drawn.get_pixel(415, 240), &Rgb([0; 3]));
+        let behind = Isometry3::translation(1.0, 0.0, -1.0);
+        let untouched = draw_known(&RgbImage::new(640, 480), &camera, &behind, 0.2);
+        assert_eq!(untouched, RgbImage::new(640, 480));
     }
 
     #[test]

@@ -1,0 +1,78 @@
+//! How far one predicted pose is off, and what the network expected: one line of `--out`.
+
+use mvtop_core::known::KnownPose;
+use mvtop_core::pose::{add, rotation_error_deg, translation_error};
+use mvtop_core::prediction::{Sigma, Timings};
+use mvtop_core::report::rows;
+use mvtop_core::{Estimator, Prediction, Rig};
+use nalgebra::Point3;
+use serde::Serialize;
+
+use crate::table;
+
+/// One object of a sample's truth. What is predicted is null where it was not found.
+#[derive(Debug, Clone, Serialize)]
+pub struct Outcome {
+    pub sample: String,
+    /// Its place in the sample's truth.
+    pub object: usize,
+    pub class: String,
+    pub views: usize,
+    pub found: bool,
+    pub rot_deg: Option<f64>,
+    pub trans_m: Option<f64>,
+    pub add_m: Option<f64>,
+    pub score: Option<f64>,
+    pub sigma: Option<Sigma>,
+    /// Ids of the cameras whose boxes the pose was predicted from.
+    pub cameras: Vec<String>,
+    #[serde(rename = "T_world_obj")]
+    pub t_world_obj: Option<[[f64; 4]; 4]>,
+    /// Of the whole sample, milliseconds.
+    pub timings_ms: Timings,
+}
+
+/// The objects of a sample's truth, each with the nearest prediction of its class.
+pub fn outcomes(
+    sample: &str,
+    rig: &Rig,
+    truth: &[KnownPose],
+    views: usize,
+    prediction: &Prediction,
+    estimator: &Estimator,
+) -> Vec<Outcome> {
+    let outcome = |(object, known): (usize, &KnownPose)| {
+        let nearest = table::nearest(known, prediction);
+        let error = |of: fn(&KnownPose, &nalgebra::Isometry3<f64>) -> f64| {
+            nearest.map(|found| of(known, &found.world_from_obj))
+        };
+        let seen = nearest.iter().flat_map(|found| &found.cameras);
+        Outcome {
+            sample: sample.to_owned(),
+            object,
+            class: known.seen.class.clone(),
+            views,
+            found: nearest.is_some(),
+            rot_deg: error(|known, pose| {
+                rotation_error_deg(&known.world_from_obj.rotation, &pose.rotation)
+            }),
+            trans_m: error(|known, pose| translation_error(&known.world_from_obj, pose)),
+            add_m: nearest.and_then(|found| {
+                let bundle = estimator.bundle();
+                let class = &bundle.classes[bundle.class_index(&found.class)?];
+                let points: Vec<Point3<f64>> =
+                    class.points.iter().map(|p| p.position.into()).collect();
+                add(&points, &known.world_from_obj, &found.world_from_obj)
+            }),
+            score: nearest.map(|found| found.score),
+            sigma: nearest.map(|found| found.sigma),
+            cameras: seen
+                .filter(|seen| seen.bbox.is_some())
+                .map(|seen| rig.cameras[seen.camera].id.clone())
+                .collect(),
+            t_world_obj: nearest.map(|found| rows(&found.world_from_obj)),
+            timings_ms: prediction.timings,
+        }
+    };
+    truth.iter().enumerate().map(outcome).collect()
+}

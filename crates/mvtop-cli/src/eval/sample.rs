@@ -1,0 +1,110 @@
+//! A sample: images of one scene, the rig, and the truth.
+
+use std::path::{Path, PathBuf};
+
+use image::RgbImage;
+use mvtop_core::known::{self, KnownBoxes, KnownPose};
+use mvtop_core::{Estimator, PredictOptions, Prediction, Rig};
+
+use super::noise::Noise;
+use crate::failure::{Failure, Result};
+
+pub struct Sample {
+    /// Name of its folder.
+    pub name: String,
+    pub rig: Rig,
+    /// Each with the index of its camera.
+    pub images: Vec<(usize, RgbImage)>,
+    pub truth: Vec<KnownPose>,
+}
+
+/// Folders with a rig in them, sorted by name.
+pub fn folders(dir: &Path) -> Result<Vec<PathBuf>> {
+    let entries = std::fs::read_dir(dir)
+        .map_err(|cause| Failure(format!("cannot read {}: {cause}", dir.display())))?;
+    let mut folders: Vec<PathBuf> = entries
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|path| path.join("rig.json").is_file())
+        .collect();
+    folders.sort();
+    if folders.is_empty() {
+        return Err(Failure(format!(
+            "no sample in {}: expected folders with rig.json, truth.json and one image per camera",
+            dir.display()
+        )));
+    }
+    Ok(folders)
+}
+
+impl Sample {
+    /// - `views`: as many images, from the reference camera on; all without it
+    pub fn load(folder: &Path, views: Option<u32>) -> Result<Self> {
+        let rig = Rig::load(&folder.join("rig.json"))?;
+        let truth = known::load_poses(&folder.join("truth.json"))?;
+        let cameras = rig.cameras.len();
+        let views = views.map_or(cameras, |views| views as usize);
+        if views > cameras {
+            return Err(Failure(format!(
+                "sample {}: expected at least {views} cameras, as --views asks for, got {cameras}",
+                folder.display()
+            )));
+        }
+        let mut images = Vec::new();
+        for index in (0..cameras)
+            .map(|i| (rig.reference + i) % cameras)
+            .take(views)
+        {
+            let camera = &rig.cameras[index];
+            let files = ["png", "jpg", "jpeg"].map(|e| folder.join(format!("{}.{e}", camera.id)));
+            let file = files.iter().find(|file| file.is_file()).ok_or_else(|| {
+                let missing = files[0].display();
+                Failure(format!(
+                    "no image of camera `{}`: expected {missing} or .jpg",
+                    camera.id
+                ))
+            })?;
+            images.push((index, mvtop_core::image::load(file, camera)?));
+        }
+        let name = folder.file_name().unwrap_or_default();
+        Ok(Self {
+            name: name.to_string_lossy().into_owned(),
+            rig,
+            images,
+            truth,
+        })
+    }
+
+    pub fn predict(
+        &self,
+        estimator: &Estimator,
+        true_boxes: bool,
+        noise: &Noise,
+    ) -> Result<Prediction> {
+        let options = PredictOptions {
+            reference: None,
+            boxes: true_boxes.then(|| self.boxes(noise)),
+        };
+        let mut rig = self.rig.clone();
+        noise.disturb_rig(&mut rig, &self.name);
+        Ok(estimator.predict(&rig, &self.images, &options)?)
+    }
+
+    /// Boxes of the objects that some image shows: others cannot be predicted, and count as not
+    /// found.
+    fn boxes(&self, noise: &Noise) -> Vec<KnownBoxes> {
+        let has_image = |id: &String| {
+            let mut images = self.images.iter();
+            images.any(|(index, _)| self.rig.cameras[*index].id == *id)
+        };
+        let disturbed = |(object, known): (usize, &KnownPose)| {
+            let mut seen = known.seen.clone();
+            noise.disturb_boxes(&mut seen, &self.rig, &self.name, object);
+            seen.boxes.keys().any(has_image).then_some(seen)
+        };
+        self.truth
+            .iter()
+            .enumerate()
+            .filter_map(disturbed)
+            .collect()
+    }
+}
