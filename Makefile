@@ -17,7 +17,9 @@ VIEWS ?= 2
 MODEL ?= models/mvball
 SAMPLES = out/eval/$(SPLIT)-seed$(SEED)-views$(VIEWS)-$(PAIRS)
 
-.PHONY: help demo test build-tests test-rust test-python lint fixtures eval bench
+TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
+
+.PHONY: help demo test build-tests test-rust test-python lint fixtures eval tables pictures bench
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -56,6 +58,14 @@ eval: .venv/data.done $(CLI)  ## held-out scenes: SPLIT=hard|easy SEED=n PAIRS=n
 	  --count $(PAIRS) --views $(VIEWS)
 	$(CLI) eval --samples $(SAMPLES) --model $(MODEL)
 
+tables: .venv/tables.done $(CLI)  ## errors over views and noise, tables and curves: SEED=n PAIRS=n; resumes
+	scripts/need-gl.sh
+	$(PY) -m mvtop_train.tables --model $(MODEL) --seed $(SEED) --pairs $(PAIRS) --out $(TABLES)
+
+pictures: tables  ## poses from one and from two views, drawn beside each other: SPLIT=hard|easy
+	$(PY) -m mvtop_train.pictures --model $(MODEL) --split $(SPLIT) --results $(TABLES) \
+	  --samples out/eval/$(SPLIT)-seed$(SEED)-views8-$(PAIRS) --out $(TABLES)/pairs-$(SPLIT).png
+
 bench: .venv/run.done  ## criterion benches
 	cargo bench -p mvtop-benches
 
@@ -73,6 +83,10 @@ $(CLI):
 	$(PY) -m pip install --quiet --disable-pip-version-check -e training
 	touch $@
 
-.venv/train.done: .venv/data.done
+.venv/tables.done: .venv/data.done
+	$(PY) -m pip install --quiet --disable-pip-version-check -e 'training[tables]'
+	touch $@
+
+.venv/train.done: .venv/tables.done
 	$(PY) -m pip install --quiet --disable-pip-version-check -e 'training[train,test]'
 	touch $@
