@@ -195,7 +195,10 @@ def random_camera(rng: np.random.Generator, target: np.ndarray, towards: np.ndar
     pixel = np.array([rng.uniform(100, WIDTH - 100), rng.uniform(95, HEIGHT - 95), 1.0])
     ray = np.linalg.inv(k) @ pixel
     forward = -axis
-    side = np.cross(forward, [0, 0, 1.0]) if abs(forward[2]) < 0.99 else np.array([1.0, 0, 0])
+    if abs(forward[2]) < 0.99:
+        side = np.cross(forward, [0, 0, 1.0])
+    else:  # straight down: what of x is across
+        side = np.array([1.0, 0, 0]) - forward[0] * forward
     side /= np.linalg.norm(side)
     look = np.stack([side, np.cross(forward, side), forward])  # rows: camera axes in the world
     # Turn the camera so that the target lies on `ray`, then roll it.

@@ -18,6 +18,19 @@ def views(gl):
     return generate.scene_views(gl, seed=11, split="hard", index=0, order=["green", "red"])
 
 
+def test_axes_of_every_camera_are_orthonormal():
+    # Some of those above the ball look within 8 degrees of straight down, where z is no side.
+    rng = np.random.default_rng(0)
+    down = 0
+    for _ in range(300):
+        _, cam_from_world = scenes.random_camera(rng, np.array([0, 0, 0.06]), np.array([0, 0, 1.0]))
+        rotation = cam_from_world[:3, :3]
+        assert np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-12
+        assert np.linalg.det(rotation) > 0
+        down += -np.array([0, 0, 1.0]) @ rotation[2] > 0.99
+    assert down > 0
+
+
 def test_exactly_one_hemisphere_shows(views):
     assert [view.shows for view in views] == ["green", "red"]
     for view in views:
