@@ -171,7 +171,11 @@ fn impossible_numbers_are_refused() {
         ("/strides", json!([0, 8]), "stride 0"),
         ("/strides", json!([7]), "stride 7 does not divide"),
         ("/detector/nms_iou", json!(1.5), "from 0 to 1"),
-        ("/detector/agree_threshold", json!(-0.1), "from 0 to 1"),
+        (
+            "/detector",
+            json!({"score_threshold": 0.3, "agree_threshold": -0.1, "nms_iou": 0.5}),
+            "from 0 to 1",
+        ),
         ("/classes", json!([]), "classes are empty"),
         ("/classes/0/diameter_m", json!(-1.0), "diameter"),
         ("/los_encoding", json!("polar"), "polar"),
