@@ -16,6 +16,7 @@ import hashlib
 import json
 import multiprocessing
 import os
+import signal
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -118,7 +119,7 @@ def _ball_work(job):
     from . import bop, objects
 
     gl, ball = open_gl(), objects.ball()
-    for number, views in tasks:
+    for number, views in while_asked_for(tasks):
         folder = Path(out) / recipe.split / f"{number:06d}"
         if not bop.is_whole(folder):
             order = hemispheres(recipe.split, number, views)
@@ -135,7 +136,7 @@ def _part_work(job):
     part = parts.Part(mesh, objects.from_mesh(mesh, 1, recipe.name))
     cameras = [camera.at_width(recipe.size[0]) for camera in rig.load(recipe.rig)]
     gl = open_gl()
-    for number, _ in tasks:
+    for number, _ in while_asked_for(tasks):
         folder = Path(out) / recipe.split / f"{number:06d}"
         if not bop.is_whole(folder):
             rng = np.random.default_rng([recipe.seed, SPLITS[recipe.split], number])
@@ -143,6 +144,19 @@ def _part_work(job):
             views, names = parts.scene_views(gl, rng, pool, part, cameras)
             bop.write_scene(folder, views, part.obj, names)
         queue.put(number)
+
+
+def while_asked_for(tasks):
+    """The tasks, until the process that gave them has been killed."""
+    parent = multiprocessing.parent_process()
+    for task in tasks:
+        if parent is not None and not parent.is_alive():
+            return
+        yield task
+
+
+def _ignore_interrupt():
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent stops its workers
 
 
 def _guarded(call):
@@ -160,10 +174,11 @@ def run_workers(work, tasks, workers: int, job_of, bar: tqdm):
     Processes are spawned: a GL context does not survive a fork.
     """
     context = multiprocessing.get_context("spawn")
-    queue = context.Manager().Queue()
     workers = max(1, min(workers, len(tasks)))
-    jobs = [(work, job_of(list(tasks[i::workers]), queue)) for i in range(workers)]
-    with context.Pool(workers) as pool, bar:
+    # The manager outlives the pool, whose workers write to its queue.
+    with context.Manager() as manager, context.Pool(workers, _ignore_interrupt) as pool, bar:
+        queue = manager.Queue()
+        jobs = [(work, job_of(list(tasks[i::workers]), queue)) for i in range(workers)]
         result = pool.map_async(_guarded, jobs, chunksize=1)
         while not result.ready() or not queue.empty():
             result.wait(0.2)
@@ -283,8 +298,11 @@ def main():
                 "fix: leave it out"
             )
     recipe, work = prepare(args)
-    for split in args.split:
-        make_split(dataclasses.replace(recipe, split=split), work, args, shard, shards)
+    try:
+        for split in args.split:
+            make_split(dataclasses.replace(recipe, split=split), work, args, shard, shards)
+    except KeyboardInterrupt:
+        raise SystemExit("stopped; the same command goes on from here") from None
 
 
 if __name__ == "__main__":

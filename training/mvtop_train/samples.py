@@ -88,7 +88,7 @@ def write_from_data(out: Path, root: Path, split: str, obj: objects.Object, coun
 def _work(job):
     out, split, seed, numbers, views, queue = job
     gl = generate.open_gl()
-    for number in numbers:
+    for number in generate.while_asked_for(numbers):
         folder = Path(out) / f"{number:06d}"
         if not (folder / "truth.json").exists():
             count = max(views, 2)  # one view: the first of the pair that two views would be
