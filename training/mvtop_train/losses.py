@@ -39,6 +39,9 @@ def total(prediction, batch, stride: int, weights=WEIGHTS):
         stride,
     )
     code = batch["coords"].flatten(0, 1).float().permute(0, 3, 1, 2)
+    # Networks whose finest level is coarser take every other sample, and so on.
+    skip = code.shape[-1] // prediction.coordinates.shape[-1]
+    code = code[..., skip // 2 :: skip, skip // 2 :: skip]
     mask = (code != 0).all(1)
     wanted = (code - 128) / 120  # `bop.decode_coords`
     difference = F.smooth_l1_loss(prediction.coordinates, wanted, beta=0.1, reduction="none")

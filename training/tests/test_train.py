@@ -182,3 +182,16 @@ def test_crops_without_the_object_teach_the_detector_and_nothing_else(tiny):
     loud = losses.total(both, batch, 8)[1]
     assert loud["detection"] > quiet["detection"] + 0.1
     assert loud["coordinates"] == quiet["coordinates"]
+
+
+def test_a_network_with_coarser_cells_learns_the_same_coordinates(tiny):
+    views = random_views(tiny.config, 2)
+    with torch.no_grad():
+        prediction = tiny(views)
+    shape = prediction.coordinates.shape[-2:]
+    batch = {"cam_from_obj": torch.eye(4).expand(1, 2, 4, 4), "boxes": views.boxes[:, :, 0]}
+    batch["coords"] = torch.randint(1, 256, (1, 2, *shape, 3), dtype=torch.uint8)
+    fine = {**batch, "coords": batch["coords"].repeat_interleave(2, 2).repeat_interleave(2, 3)}
+    expected = losses.total(prediction, batch, 8)[1]["coordinates"]
+    assert expected > 0
+    torch.testing.assert_close(losses.total(prediction, fine, 8)[1]["coordinates"], expected)
