@@ -42,14 +42,19 @@ def histogram(path: Path, runs: dict[str, results.Results]):
 
 
 def curves(path: Path, title: str, x: str, series: dict[str, list[tuple[float, results.Results]]]):
-    """Mean rotation error with its standard error over a number, one line for each series."""
-    figure, axes = _axes(title, x, "mean rotation error, degrees")
-    for (name, points), colour in zip(series.items(), COLOURS, strict=False):
-        means, errors = zip(*(results.mean(run.rot_deg) for _, run in points), strict=True)
-        at = [number for number, _ in points]
-        axes.errorbar(at, means, errors, marker="o", capsize=3, color=colour, label=name)
-    axes.set_ylim(bottom=0)
-    axes.legend()
+    """Mean rotation error and ADD with their standard errors over a number, a line per series."""
+    figure, panels = plt.subplots(1, 2, figsize=(8.4, 3.4), layout="constrained")
+    figure.suptitle(title)
+    errors = (("rot_deg", 1, "mean rotation error, degrees"), ("add_m", 1e3, "mean ADD, mm"))
+    for axes, (key, unit, label) in zip(panels, errors, strict=True):
+        for (name, points), colour in zip(series.items(), COLOURS, strict=False):
+            values = unit * np.array([results.mean(getattr(run, key)) for _, run in points])
+            at = [number for number, _ in points]
+            axes.errorbar(at, *values.T, marker="o", capsize=3, color=colour, label=name)
+        axes.set(xlabel=x, ylabel=label)
+        axes.set_ylim(bottom=0)
+        axes.grid(alpha=0.3)
+    panels[0].legend(loc="lower left")  # errors do not come near 0 there
     _save(figure, path)
 
 
