@@ -89,7 +89,6 @@ def gradient(path):
 def test_two_processes_have_the_gradients_of_one(dataset, tmp_path):
     """Batch normalisation in training mode included."""
     changes = ("steps=1", "precision=fp32", "views=[0, 1]")  # 8 scenes: 4 for each of two
-    run_of(dataset, tmp_path / "alone", *changes)
     for count in ("1", "2"):
         arguments = [
             sys.executable, "-m", "torch.distributed.run", "--standalone",
@@ -99,13 +98,10 @@ def test_two_processes_have_the_gradients_of_one(dataset, tmp_path):
         ]  # fmt: skip
         result = subprocess.run(arguments, capture_output=True, text=True)
         assert result.returncode == 0, result.stderr
-    alone, one, two = (gradient(tmp_path / name) for name in ("alone", "1", "2"))
+    one, two = (gradient(tmp_path / name) for name in ("1", "2"))
     norm = one[0].norm()
     assert len(one[0]) > 50_000 and norm > 0
-    # Rounding: another order of the same batch gives 3e-5.
-    assert (one[0] - two[0]).norm() < 5e-5 * norm
-    # PyTorch's own batch normalisation on CPU is 2e-4 from one in double precision, ours 1e-5.
-    assert (one[0] - alone[0]).norm() < 5e-4 * norm
+    assert (one[0] - two[0]).norm() < 5e-5 * norm  # rounding
     for name, value in one[1].items():
         if "running" in name:
             torch.testing.assert_close(value, two[1][name], rtol=1e-5, atol=1e-6)
