@@ -250,6 +250,25 @@ def test(model: Transformer, variant: Variant, cached, seed=0) -> dict[str, dict
     return {"one_view": errors(every[:, 0], truth[:, 0]), "late_fusion": late}
 
 
+def table(folder: Path) -> str:
+    """All results of a folder as a Markdown table: variants, splits and ways of testing."""
+    lines = [
+        "| variant | split | poses from | rotation mean | median | over 30° | ADD mean |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    results = [json.loads(path.read_text()) for path in folder.glob("*-seed*.json")]
+    order = list(VARIANTS)
+    for result in sorted(results, key=lambda r: (order.index(r["variant"]["name"]), r["seed"])):
+        for split in ("hard", "easy", "control_test"):
+            for way, e in result.get(split, {}).items():
+                lines.append(
+                    f"| {result['variant']['name']} | {split} | {way.replace('_', ' ')} "
+                    f"| {e['rot_mean_deg']:.1f}° | {e['rot_median_deg']:.1f}° "
+                    f"| {100 * e['share_over_30_deg']:.0f} % | {1e3 * e['add_mean_m']:.1f} mm |"
+                )
+    return "\n".join(lines)
+
+
 def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -296,6 +315,8 @@ def main():
             result[split] = test(model, variant, cached(args.test, split, None, 1, False))
         path.write_text(json.dumps(result, indent=1) + "\n")
         tqdm.write(json.dumps({name: {split: result[split] for split in tests}}))
+    (args.out / "study.md").write_text(table(args.out) + "\n")
+    print(table(args.out))
 
 
 if __name__ == "__main__":
