@@ -28,6 +28,7 @@ from .losses import ROTATION, TRANSLATION
 
 BINS = 512  # 22 degrees apart
 IMAGES = 64  # per step
+POINTS = 1200  # for ADD, those of the exported bundle
 
 
 @dataclasses.dataclass(frozen=True)
@@ -207,7 +208,7 @@ def errors(estimates: np.ndarray, truth: np.ndarray) -> dict:
     """Mean errors of poses [B, 4, 4], degrees and metres."""
     a, b = torch.from_numpy(estimates).float(), torch.from_numpy(truth).float()
     angle = torch.rad2deg(pose.rotation_angle(a[:, :3, :3], b[:, :3, :3]))
-    points = torch.from_numpy(mvball.bounding_points()).float()
+    points = torch.from_numpy(mvball.surface_points(POINTS)[0]).float()
     add = pose.add_error(points, a[:, :3, :3], a[:, :3, 3], b[:, :3, :3], b[:, :3, 3])
     return {
         "pairs": len(a),
