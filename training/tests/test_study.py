@@ -106,8 +106,9 @@ def test_a_canonical_view_shows_points_where_its_camera_says(tmp_path):
     rgb = (rgb * (250 / rgb.max())).astype(np.uint8)
     cv2.imwrite(str(tmp_path / "image.png"), rgb)
     image = bop.Image(
-        tmp_path / "image.png", tmp_path, k, np.eye(4), cam_from_obj,
-        np.array([*(centre - 40), *(centre + 40)]), np.zeros(4), "green",
+        path=tmp_path / "image.png", coords_path=None, k=k, cam_from_world=np.eye(4),
+        cam_from_obj=cam_from_obj, box=np.array([*(centre - 40), *(centre + 40)]),
+        visible_box=None, annotation=0, shows="green", info={},
     )  # fmt: skip
     for augment in (False, True):
         rng = np.random.default_rng(7)
