@@ -121,7 +121,7 @@ def optimise(run: Run, model, batch, settings: runconfig.RunConfig, lr: float, d
     loss.backward()
     norm = torch.nn.utils.clip_grad_norm_(run.model.parameters(), settings.clip)
     for parameter in run.model.parameters():
-        if parameter.grad is not None:  # a step whose gradient is not finite changes nothing
+        if parameter.grad is not None:  # not finite anywhere: counts as zero everywhere
             parameter.grad.nan_to_num_(0, 0, 0)
     run.optimizer.step()
     return {"loss": loss, "norm": norm, **parts}
