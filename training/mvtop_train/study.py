@@ -40,6 +40,7 @@ class Variant:
     queries: int = 2
     views: int = 2
     heads: str = "pose"  # or "hypotheses"
+    geometry: str = "image"  # the paper's; or "rays", that of the shipped network
     data: str = "mvball"  # or "control": both hemispheres visible, so that one view suffices
 
 
@@ -53,6 +54,7 @@ VARIANTS = {
     "queries_4": Variant(queries=4),
     "queries_8": Variant(queries=8),
     "one_view": Variant(views=1),
+    "rays": Variant(geometry="rays", los_encoding="plucker_origin", queries=1),
     "single": Variant(los_encoding="none", views=1),
     "hypotheses": Variant(los_encoding="none", views=1, heads="hypotheses"),
     "single_control": Variant(los_encoding="none", views=1, data="control"),
@@ -61,13 +63,13 @@ VARIANTS = {
 
 
 class Transformer(nn.Module):
-    """The paper's encoder, FLoSE, decoder and heads on given features ("image" geometry)."""
+    """Encoder, FLoSE, decoder and heads on given features."""
 
     def __init__(self, variant: Variant, strides, channels: int):
         super().__init__()
         self.config = config.preset(
             "small", width=canonical.SIZE, height=canonical.SIZE, strides=strides,
-            geometry="image", los_encoding=variant.los_encoding,
+            geometry=variant.geometry, los_encoding=variant.los_encoding,
             encoder_layers=variant.encoder_layers,
         )  # fmt: skip
         d = self.config.d_model
@@ -90,6 +92,7 @@ class Transformer(nn.Module):
         with torch.autocast("cpu", enabled=False):  # geometry stays in fp32
             camera_rays = rays.unproject(k, rays.cell_centres(shapes, self.config.strides))
             lines = rays.encode(camera_rays, ref_from_cam, self.config.los_encoding)
+            box_rays = rays.box_rays(k, boxes[..., None, :], ref_from_cam)
         counts = [rows * columns for rows, columns in shapes]
         tokens = features.flatten(0, 1).split(counts, 1)
         levels = [
@@ -97,10 +100,11 @@ class Transformer(nn.Module):
             for project, t, shape in zip(self.project, tokens, shapes, strict=True)
         ]
         memory = self.encoder(levels, camera_rays.flatten(0, 1)).unflatten(0, (b, v))
-        outputs = self.decoder(memory, lines, self._queries(boxes), self._classes(b), shapes)
+        queries = self._queries(boxes, box_rays)
+        outputs = self.decoder(memory, lines, queries, self._classes(b), shapes)
         return [tuple(part[:, :1] for part in output) for output in outputs]
 
-    def _queries(self, boxes) -> Boxes:
+    def _queries(self, boxes, box_rays) -> Boxes:
         """The object's query, then PoET's dummies: boxes at -1, seen by self-attention."""
         size = canonical.SIZE
         low, high = (boxes[..., None, :2] + 0.5) / size, (boxes[..., None, 2:] + 0.5) / size
@@ -111,7 +115,7 @@ class Transformer(nn.Module):
         return Boxes(
             torch.cat([(low + high) / 2, dummies], 2),
             torch.cat([(high - low) / 2, 0.5 * dummies], 2),
-            torch.zeros(b, v, queries, 12),
+            torch.cat([box_rays, torch.zeros(b, v, self.dummies, 12)], 2),
             valid,
             attended=torch.ones(b, queries),
         )
