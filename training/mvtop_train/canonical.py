@@ -15,11 +15,12 @@ import torch
 from tqdm import tqdm
 
 from . import bop, mvball
-from .data import amodal_boxes, photometric
+from .data import amodal_boxes, photometric, read_rgb
 
 SIZE, FOCAL = 160, 496.0  # px: a ball of 0.12 m at 0.5 to 1 m is 60 to 119 px wide
 K = np.array([[FOCAL, 0, SIZE / 2 - 0.5], [0, FOCAL, SIZE / 2 - 0.5], [0, 0, 1]])
-MEMORY_VIEWS = 64  # per backbone batch
+BATCH = 64  # views through the backbone at once
+BOXES_OF = amodal_boxes(mvball.bounding_points())
 
 
 def look_at(direction: np.ndarray, roll: float) -> np.ndarray:
@@ -44,9 +45,10 @@ def canonical_view(image: bop.Image, rng: np.random.Generator, augment: bool, ji
     turn = look_at(direction, roll)
     new_from_old = np.eye(4)
     new_from_old[:3, :3] = turn
-    rgb = cv2.imread(str(image.path), cv2.IMREAD_COLOR)[:, :, ::-1]
     homography = K @ turn @ np.linalg.inv(image.k)
-    crop = cv2.warpPerspective(rgb, homography, (SIZE, SIZE), borderValue=(127, 127, 127))
+    crop = cv2.warpPerspective(
+        read_rgb(image.path), homography, (SIZE, SIZE), borderValue=(127, 127, 127)
+    )
     return (photometric(crop, rng) if augment else crop), new_from_old
 
 
@@ -66,7 +68,7 @@ class Cached:
 
     def boxes(self, numbers: np.ndarray, rng: np.random.Generator, jitter=0.02) -> np.ndarray:
         """Jittered amodal boxes [..., 4] of views `numbers` [...], px."""
-        boxes = amodal_boxes(mvball.bounding_points())(K, self.cam_from_obj[numbers])
+        boxes = BOXES_OF(K, self.cam_from_obj[numbers])
         extent = np.concatenate([boxes[..., 2:] - boxes[..., :2]] * 2, -1)
         return boxes + rng.normal(0, 1, boxes.shape).clip(-2.5, 2.5) * jitter * extent
 
@@ -79,9 +81,9 @@ def compute(scenes, model, levels: tuple[int, ...], copies: int, augment: bool, 
     rng = np.random.default_rng(seed)
     images = [(number, image) for number, scene in enumerate(scenes) for image in scene] * copies
     turns = []
-    for start in tqdm(range(0, len(images), MEMORY_VIEWS), unit="batch", desc="features"):
+    for start in tqdm(range(0, len(images), BATCH), unit="batch", desc="features"):
         crops = []
-        for _, image in images[start : start + MEMORY_VIEWS]:
+        for _, image in images[start : start + BATCH]:
             crop, turn = canonical_view(image, rng, augment)
             crops.append((crop.astype(np.float32) / 255 - mean) / std)
             turns.append(turn)

@@ -17,10 +17,13 @@ WEIGHTS = {
 }
 
 
-def pose_errors(prediction, cam_from_obj):
-    """Rotation (radians) and translation (m) error [layers, B, Q] against [B, Q, 4, 4]."""
-    rotations = torch.stack([pose.rotation_from_6d(six) for six, _, _ in prediction.poses])
-    translations = torch.stack([t for _, t, _ in prediction.poses])
+def pose_errors(poses, cam_from_obj):
+    """Rotation (radians) and translation (m) error [layers, B, Q] of `Prediction.poses`.
+
+    cam_from_obj  [B, Q, 4, 4]
+    """
+    rotations = torch.stack([pose.rotation_from_6d(six) for six, _, _ in poses])
+    translations = torch.stack([t for _, t, _ in poses])
     rot = pose.rotation_angle(rotations, cam_from_obj[..., :3, :3].expand_as(rotations))
     return rot, pose.translation_error(translations, cam_from_obj[..., :3, 3])
 
@@ -28,7 +31,7 @@ def pose_errors(prediction, cam_from_obj):
 def total(prediction, batch, stride: int, weights=WEIGHTS):
     """Loss and its parts. Every decoder layer counts alike (auxiliary losses, PoET)."""
     truth = batch["cam_from_obj"][:, :1]  # in the reference view; one object
-    rot, t = pose_errors(prediction, truth)
+    rot, t = pose_errors(prediction.poses, truth)
     boxes = batch["boxes"].flatten(0, 1)
     absent = boxes.new_zeros(len(prediction.scores) - len(boxes), 4)  # the negatives' boxes
     detection = detection_loss(

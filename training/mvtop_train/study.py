@@ -10,7 +10,6 @@ tests it on scenes that no training used. Finished variants are kept, so it resu
 import argparse
 import dataclasses
 import json
-import math
 import time
 from pathlib import Path
 
@@ -19,16 +18,15 @@ import torch
 from torch import nn
 from tqdm import tqdm
 
-from . import baselines, canonical, config, mvball, pose, rays
+from . import baselines, canonical, config, losses, mvball, objects, pose, rays
 from .checkpoint import load_weights
 from .data import load_index
 from .decoder import Boxes, Decoder
 from .encoder import Encoder
-from .losses import ROTATION, TRANSLATION
+from .train import learning_rate
 
 BINS = 512  # 22 degrees apart
 IMAGES = 64  # per step
-POINTS = 1200  # for ADD, those of the exported bundle
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,12 +147,8 @@ def loss_of(model, outputs, truth, variant: Variant):
             (*output, head.bins) for output, head in zip(outputs, model.decoder.heads, strict=True)
         ]
         return baselines.hypothesis_loss(outputs, truth)
-    total = 0.0
-    for six, translation, _ in outputs:
-        angle = pose.rotation_angle(pose.rotation_from_6d(six), truth[..., :3, :3])
-        distance = pose.translation_error(translation, truth[..., :3, 3])
-        total = total + ROTATION * angle.mean() + TRANSLATION * distance.mean()
-    return total
+    rot, t = losses.pose_errors(outputs, truth)
+    return losses.ROTATION * rot.mean((1, 2)).sum() + losses.TRANSLATION * t.mean((1, 2)).sum()
 
 
 def fit(variant: Variant, cached, strides, steps: int, seed: int, name: str) -> Transformer:
@@ -168,9 +162,8 @@ def fit(variant: Variant, cached, strides, steps: int, seed: int, name: str) -> 
     )
     bar = tqdm(range(steps), unit="step", desc=name)
     for step in bar:
-        warm, progress = min((step + 1) / 100, 1), step / steps
         for group in optimizer.param_groups:
-            group["lr"] = 1e-3 * warm * (0.02 + 0.49 * (1 + math.cos(math.pi * progress)))
+            group["lr"] = learning_rate(step, step / steps, peak=1e-3, warmup=100)
         numbers = np.stack(
             [draw(cached, rng, variant.views) for _ in range(IMAGES // variant.views)]
         )
@@ -212,7 +205,7 @@ def errors(estimates: np.ndarray, truth: np.ndarray) -> dict:
     """Mean errors of poses [B, 4, 4], degrees and metres."""
     a, b = torch.from_numpy(estimates).float(), torch.from_numpy(truth).float()
     angle = torch.rad2deg(pose.rotation_angle(a[:, :3, :3], b[:, :3, :3]))
-    points = torch.from_numpy(mvball.surface_points(POINTS)[0]).float()
+    points = torch.from_numpy(objects.ball().points).float()
     add = pose.add_error(points, a[:, :3, :3], a[:, :3, 3], b[:, :3, :3], b[:, :3, 3])
     return {
         "pairs": len(a),

@@ -54,7 +54,7 @@ def validate(
         batch = collate(items[start : start + 32], boxes_of, 0.02)
         with autocast(device, precision):
             prediction = model(to_views(batch, config, device))
-        r, d = losses.pose_errors(prediction, batch["cam_from_obj"][:, :1].to(device))
+        r, d = losses.pose_errors(prediction.poses, batch["cam_from_obj"][:, :1].to(device))
         rot.append(torch.rad2deg(r[-1]).flatten().cpu())
         t.append(d[-1].flatten().cpu())
     rot, t = torch.cat(rot), torch.cat(t)
