@@ -32,6 +32,8 @@ pub mod prediction;
 
 pub mod report;
 
+pub mod metrics;
+
 pub mod overlay;
 
 mod error;

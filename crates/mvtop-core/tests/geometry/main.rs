@@ -3,6 +3,7 @@
 mod bad_rigs;
 mod images;
 mod lenses;
+mod metrics;
 mod poses;
 mod rays;
 mod rigs;

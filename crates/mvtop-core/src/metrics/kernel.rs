@@ -1,0 +1,196 @@
+//! The inner loops over an object's points, compiled a second time for AVX2 on x86-64.
+
+use nalgebra::{Isometry3, Matrix3, Vector3};
+
+/// Points that are worked on together.
+pub(super) const LANES: usize = 8;
+/// Points after which a maximum is compared with its bound.
+const STRIDE: usize = 8 * LANES;
+
+/// Coordinates, each axis by itself.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Columns {
+    pub x: Vec<f64>,
+    pub y: Vec<f64>,
+    pub z: Vec<f64>,
+}
+
+/// `matrix * p + offset`: a motion, or the difference of two.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Affine {
+    m: [[f64; 3]; 3],
+    t: [f64; 3],
+}
+
+/// A pinhole and where the points come to lie before it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Projection {
+    pub cam_from_obj: Affine,
+    pub fx: f64,
+    pub fy: f64,
+    pub cx: f64,
+    pub cy: f64,
+}
+
+impl Affine {
+    pub fn new(motion: &Isometry3<f64>) -> Self {
+        Self::from_parts(
+            motion.rotation.to_rotation_matrix().into_inner(),
+            motion.translation.vector,
+        )
+    }
+
+    /// `a(p) - b(p)`.
+    pub fn difference(a: &Isometry3<f64>, b: &Isometry3<f64>) -> Self {
+        Self::from_parts(
+            a.rotation.to_rotation_matrix().into_inner()
+                - b.rotation.to_rotation_matrix().into_inner(),
+            a.translation.vector - b.translation.vector,
+        )
+    }
+
+    fn from_parts(matrix: Matrix3<f64>, offset: Vector3<f64>) -> Self {
+        Self {
+            m: std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)])),
+            t: offset.into(),
+        }
+    }
+
+    #[inline(always)]
+    pub fn apply(&self, x: f64, y: f64, z: f64) -> [f64; 3] {
+        let Self { m, t } = self;
+        [
+            m[0][0] * x + m[0][1] * y + m[0][2] * z + t[0],
+            m[1][0] * x + m[1][1] * y + m[1][2] * z + t[1],
+            m[2][0] * x + m[2][1] * y + m[2][2] * z + t[2],
+        ]
+    }
+
+    #[inline(always)]
+    fn squared(&self, x: f64, y: f64, z: f64) -> f64 {
+        let [x, y, z] = self.apply(x, y, z);
+        x * x + y * y + z * z
+    }
+}
+
+/// Picks the loop compiled for this processor.
+macro_rules! dispatch {
+    ($(#[$doc:meta])* $name:ident, $portable:ident, $avx2:ident,
+     ($($arg:ident: $type:ty),*) -> $returned:ty) => {
+        $(#[$doc])*
+        pub(super) fn $name($($arg: $type),*) -> $returned {
+            #[cfg(target_arch = "x86_64")]
+            if std::arch::is_x86_feature_detected!("avx2") {
+                // SAFETY: the processor has just said that it has AVX2.
+                return unsafe { $avx2($($arg),*) };
+            }
+            $portable($($arg),*)
+        }
+
+        #[cfg(target_arch = "x86_64")]
+        #[target_feature(enable = "avx2")]
+        fn $avx2($($arg: $type),*) -> $returned {
+            $portable($($arg),*)
+        }
+    };
+}
+pub(super) use dispatch;
+
+dispatch!(
+    /// Sum of the lengths of what the points become.
+    sum_of_lengths, sum_of_lengths_portable, sum_of_lengths_avx2,
+    (points: &Columns, map: &Affine) -> f64
+);
+
+dispatch!(
+    /// Greatest squared length of what the points become; anything above `bound` once that is
+    /// certain to be exceeded.
+    max_squared, max_squared_portable, max_squared_avx2,
+    (points: &Columns, map: &Affine, bound: f64) -> f64
+);
+
+dispatch!(
+    /// Greatest squared distance of the points' pixels from those in `u`, `v`; as [`max_squared`].
+    /// Infinite where a point lies behind the camera.
+    max_squared_px, max_squared_px_portable, max_squared_px_avx2,
+    (points: &Columns, to: &Projection, u: &[f64], v: &[f64], bound: f64) -> f64
+);
+
+#[inline(always)]
+fn sum_of_lengths_portable(points: &Columns, map: &Affine) -> f64 {
+    let n = points.x.len();
+    let mut sums = [0.0; LANES];
+    let whole = n - n % LANES;
+    for first in (0..whole).step_by(LANES) {
+        let [x, y, z] = lanes(points, first);
+        for lane in 0..LANES {
+            sums[lane] += map.squared(x[lane], y[lane], z[lane]).sqrt();
+        }
+    }
+    let rest = (whole..n).map(|i| map.squared(points.x[i], points.y[i], points.z[i]).sqrt());
+    sums.iter().sum::<f64>() + rest.sum::<f64>()
+}
+
+#[inline(always)]
+fn max_squared_portable(points: &Columns, map: &Affine, bound: f64) -> f64 {
+    greatest(points, bound, |_, x, y, z| map.squared(x, y, z))
+}
+
+#[inline(always)]
+fn max_squared_px_portable(
+    points: &Columns,
+    to: &Projection,
+    u: &[f64],
+    v: &[f64],
+    bound: f64,
+) -> f64 {
+    let (u, v) = (&u[..points.x.len()], &v[..points.x.len()]);
+    greatest(points, bound, |i, x, y, z| {
+        let [x, y, z] = to.cam_from_obj.apply(x, y, z);
+        let du = to.fx * x / z + to.cx - u[i];
+        let dv = to.fy * y / z + to.cy - v[i];
+        if z > 0.0 {
+            du * du + dv * dv
+        } else {
+            f64::INFINITY
+        }
+    })
+}
+
+/// Greatest value over the points; leaves off where `bound` is exceeded.
+#[inline(always)]
+fn greatest(points: &Columns, bound: f64, value: impl Fn(usize, f64, f64, f64) -> f64) -> f64 {
+    let n = points.x.len();
+    let mut greatest = 0.0;
+    for start in (0..n).step_by(STRIDE) {
+        let end = (start + STRIDE).min(n);
+        let whole = end - (end - start) % LANES;
+        let mut most = [0.0; LANES];
+        for first in (start..whole).step_by(LANES) {
+            let [x, y, z] = lanes(points, first);
+            for lane in 0..LANES {
+                most[lane] = larger(most[lane], value(first + lane, x[lane], y[lane], z[lane]));
+            }
+        }
+        for i in whole..end {
+            most[0] = larger(most[0], value(i, points.x[i], points.y[i], points.z[i]));
+        }
+        greatest = most.into_iter().fold(greatest, larger);
+        if greatest > bound {
+            break;
+        }
+    }
+    greatest
+}
+
+/// Becomes one instruction, unlike `f64::max`, which minds NaN.
+#[inline(always)]
+fn larger(a: f64, b: f64) -> f64 {
+    if b > a { b } else { a }
+}
+
+#[inline(always)]
+fn lanes(points: &Columns, first: usize) -> [[f64; LANES]; 3] {
+    [&points.x, &points.y, &points.z]
+        .map(|axis| std::array::from_fn(|lane| axis[first..first + LANES][lane]))
+}

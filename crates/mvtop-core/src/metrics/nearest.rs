@@ -1,0 +1,257 @@
+//! Sum of the distances from all moved points of an object to the nearest unmoved one, which is
+//! what ADD-S asks for.
+//!
+//! A k-d tree whose leaves are blocks of points. As the points that ask are the same that are asked
+//! for, a whole block of them walks the tree together: neighbours in space have their nearest
+//! points in the same leaves, and distances are computed a block by a block, with vector
+//! instructions. For 5,000 points this is several times as fast as asking a general library's
+//! k-d tree for each point (`docs/bop.md`), the more so for poses that are far off.
+
+use nalgebra::{Isometry3, Point3};
+
+use super::kernel::{Affine, dispatch};
+
+/// Points in a leaf.
+const BLOCK: usize = 16;
+
+type Lanes = [f64; BLOCK];
+
+/// A leaf's points; unused places repeat its last point.
+#[derive(Debug, Clone)]
+struct Block {
+    x: Lanes,
+    y: Lanes,
+    z: Lanes,
+    count: usize,
+    /// Of a sphere around the points.
+    centre: Point3<f64>,
+    radius: f64,
+}
+
+/// In preorder: what follows an inner node is its first child.
+#[derive(Debug, Clone)]
+struct Node {
+    /// Corners of the box around the node's points.
+    low: [f64; 3],
+    high: [f64; 3],
+    next: Next,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Next {
+    /// Index of the second child.
+    Inner(usize),
+    /// Index of the block.
+    Leaf(usize),
+}
+
+/// The tree, of at least one point.
+#[derive(Debug, Clone)]
+pub(super) struct Tree {
+    nodes: Vec<Node>,
+    blocks: Vec<Block>,
+    depth: usize,
+}
+
+/// What one block of asking points knows so far.
+struct Asking {
+    x: Lanes,
+    y: Lanes,
+    z: Lanes,
+    /// Least squared distances.
+    best: Lanes,
+    /// Greatest of them: how far it is worth looking.
+    worst: f64,
+    centre: [f64; 3],
+    radius: f64,
+}
+
+impl Tree {
+    /// - `points`: at least one
+    pub fn new(points: &[Point3<f64>]) -> Self {
+        let mut tree = Self {
+            nodes: Vec::new(),
+            blocks: Vec::new(),
+            depth: 0,
+        };
+        tree.grow(&mut points.to_vec(), 1);
+        tree
+    }
+
+    fn grow(&mut self, points: &mut [Point3<f64>], depth: usize) {
+        self.depth = self.depth.max(depth);
+        let corner = |pick: fn(f64, f64) -> f64| {
+            let axis = |i: usize| points.iter().map(|p| p[i]).reduce(pick).unwrap_or(0.0);
+            [axis(0), axis(1), axis(2)]
+        };
+        let (low, high) = (corner(f64::min), corner(f64::max));
+        let here = self.nodes.len();
+        let next = Next::Leaf(self.blocks.len());
+        self.nodes.push(Node { low, high, next });
+        if points.len() <= BLOCK {
+            self.blocks.push(Block::new(points, low, high));
+            return;
+        }
+        let extent = |&i: &usize| high[i] - low[i];
+        let axis = (0..3)
+            .max_by(|a, b| extent(a).total_cmp(&extent(b)))
+            .unwrap_or(0);
+        // Cut at a multiple of the block's size, so that all leaves but the last are full.
+        let half = (points.len() / 2).next_multiple_of(BLOCK);
+        points.select_nth_unstable_by(half, |a, b| a[axis].total_cmp(&b[axis]));
+        let (first, second) = points.split_at_mut(half);
+        self.grow(first, depth + 1);
+        self.nodes[here].next = Next::Inner(self.nodes.len());
+        self.grow(second, depth + 1);
+    }
+
+    /// Sum over all points p of the distance of `motion * p` to the nearest point.
+    pub fn sum_of_distances(&self, motion: &Isometry3<f64>) -> f64 {
+        sum_of_distances(self, &Affine::new(motion))
+    }
+}
+
+dispatch!(
+    sum_of_distances, sum_of_distances_portable, sum_of_distances_avx2,
+    (tree: &Tree, motion: &Affine) -> f64
+);
+
+#[inline(always)]
+fn sum_of_distances_portable(tree: &Tree, motion: &Affine) -> f64 {
+    let mut stack = Vec::with_capacity(tree.depth + 1);
+    let mut sum = 0.0;
+    for block in &tree.blocks {
+        let mut asking = Asking::new(block, motion);
+        stack.clear();
+        stack.push((0, 0.0));
+        while let Some((at, least)) = stack.pop() {
+            if least > asking.worst {
+                continue;
+            }
+            match tree.nodes[at].next {
+                Next::Leaf(leaf) => asking.compare(&tree.blocks[leaf]),
+                Next::Inner(second) => {
+                    let one = (at + 1, asking.least_squared(&tree.nodes[at + 1]));
+                    let two = (second, asking.least_squared(&tree.nodes[second]));
+                    // The nearer one is looked at first, as it may spare the other.
+                    let (near, far) = if one.1 <= two.1 {
+                        (one, two)
+                    } else {
+                        (two, one)
+                    };
+                    stack.push(far);
+                    stack.push(near);
+                }
+            }
+        }
+        sum += asking.best[..block.count]
+            .iter()
+            .map(|d| d.sqrt())
+            .sum::<f64>();
+    }
+    sum
+}
+
+impl Block {
+    fn new(points: &[Point3<f64>], low: [f64; 3], high: [f64; 3]) -> Self {
+        let lanes = |axis: usize| std::array::from_fn(|i| points[i.min(points.len() - 1)][axis]);
+        let centre = Point3::from(std::array::from_fn::<f64, 3, _>(|i| {
+            (low[i] + high[i]) / 2.0
+        }));
+        let radius = points.iter().map(|p| (p - centre).norm());
+        Self {
+            x: lanes(0),
+            y: lanes(1),
+            z: lanes(2),
+            count: points.len(),
+            centre,
+            radius: radius.fold(0.0, f64::max),
+        }
+    }
+}
+
+impl Asking {
+    #[inline(always)]
+    fn new(block: &Block, motion: &Affine) -> Self {
+        let mut asking = Self {
+            x: [0.0; BLOCK],
+            y: [0.0; BLOCK],
+            z: [0.0; BLOCK],
+            best: [f64::INFINITY; BLOCK],
+            worst: f64::INFINITY,
+            centre: motion.apply(block.centre.x, block.centre.y, block.centre.z),
+            radius: block.radius,
+        };
+        for i in 0..BLOCK {
+            let [x, y, z] = motion.apply(block.x[i], block.y[i], block.z[i]);
+            (asking.x[i], asking.y[i], asking.z[i]) = (x, y, z);
+        }
+        asking
+    }
+
+    /// No asking point is nearer to a point of the node than this, squared.
+    #[inline(always)]
+    fn least_squared(&self, node: &Node) -> f64 {
+        let mut squared = 0.0;
+        for i in 0..3 {
+            let beyond = (node.low[i] - self.centre[i]).max(self.centre[i] - node.high[i]);
+            let beyond = beyond.max(0.0);
+            squared += beyond * beyond;
+        }
+        let least = (squared.sqrt() - self.radius).max(0.0);
+        least * least
+    }
+
+    #[inline(always)]
+    fn compare(&mut self, leaf: &Block) {
+        let mut best = self.best;
+        for i in 0..BLOCK {
+            let (x, y, z) = (leaf.x[i], leaf.y[i], leaf.z[i]);
+            for (lane, best) in best.iter_mut().enumerate() {
+                let (dx, dy, dz) = (self.x[lane] - x, self.y[lane] - y, self.z[lane] - z);
+                let squared = dx * dx + dy * dy + dz * dz;
+                *best = if squared < *best { squared } else { *best };
+            }
+        }
+        self.best = best;
+        self.worst = best.into_iter().fold(0.0, f64::max);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
+    fn brute(points: &[Point3<f64>], motion: &Isometry3<f64>) -> f64 {
+        let nearest = |p: &Point3<f64>| {
+            let asked = motion * p;
+            points
+                .iter()
+                .map(|q| (q - asked).norm())
+                .fold(f64::INFINITY, f64::min)
+        };
+        points.iter().map(nearest).sum()
+    }
+
+    fn coordinate() -> impl Strategy<Value = f64> {
+        // Coarse ones coincide, in a point or on an axis.
+        prop_oneof![-50.0..50.0, (-2i8..3).prop_map(f64::from)]
+    }
+
+    proptest! {
+        #[test]
+        fn tree_finds_what_comparing_all_points_finds(
+            points in prop::collection::vec([coordinate(), coordinate(), coordinate()], 1..200),
+            shift in [-100.0..100.0, -5.0..5.0, -5.0..5.0],
+            turn in [-3.0..3.0, -3.0..3.0, -3.0..3.0],
+        ) {
+            let points: Vec<Point3<f64>> = points.into_iter().map(Point3::from).collect();
+            let motion = Isometry3::new(Vector3::from(shift), Vector3::from(turn));
+            let expected = brute(&points, &motion);
+            let found = Tree::new(&points).sum_of_distances(&motion);
+            prop_assert!((found - expected).abs() <= 1e-9 * (1.0 + expected));
+        }
+    }
+}
