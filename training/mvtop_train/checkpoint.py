@@ -19,7 +19,10 @@ class Run:
     weights.pt  the average alone in half precision: for export and to start other runs from
     """
 
-    def __init__(self, folder: Path, config, device: str, init: Path | None = None):
+    def __init__(
+        self, folder: Path, config, device: str, init: Path | None = None,
+        backbone: Path | None = None,
+    ):  # fmt: skip
         self.folder, self.config, self.step, self.elapsed = Path(folder), config, 0, 0.0
         self.folder.mkdir(parents=True, exist_ok=True)
         self.model = Mvtop(config).to(device, memory_format=torch.channels_last)
@@ -37,6 +40,24 @@ class Run:
             with _fits(init):
                 self._load_average(_read(init))
             self.model.load_state_dict(self.average.state_dict())
+        if backbone:
+            self._freeze(backbone)
+
+    def _freeze(self, path: Path):
+        """Take all that works on images alone from another run's average, and keep it as it is."""
+        given = _average_of(_read(path))
+        for model in (self.model, self.average):
+            for name in ("backbone", "detector", "coordinates"):
+                part, prefix = getattr(model.features, name), f"features.{name}."
+                with _fits(path):
+                    part.load_state_dict(
+                        {
+                            k.removeprefix(prefix): x
+                            for k, x in given.items()
+                            if k.startswith(prefix)
+                        }
+                    )
+                part.requires_grad_(False)
 
     @property
     def path(self) -> Path:

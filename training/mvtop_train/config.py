@@ -45,15 +45,26 @@ class Config:
     classes: tuple[ObjectClass, ...] = (ObjectClass(mvball.OBJ_ID, mvball.NAME, mvball.DIAMETER),)
     mean: tuple[float, float, float] = (0.5, 0.5, 0.5)
     std: tuple[float, float, float] = (0.25, 0.25, 0.25)
+    closeup: int = 0  # side of the close-ups that poses are decoded from, px; 0: whole images
+    closeup_strides: tuple[int, ...] = ()  # of the levels that are used of close-ups
 
     @property
     def los_channels(self) -> int:
         return LOS_CHANNELS[self.los_encoding]
 
+    @property
+    def pose_strides(self) -> tuple[int, ...]:
+        """Of the levels that poses are decoded from."""
+        return self.closeup_strides if self.closeup else self.strides
+
     def level_shapes(self, height: int | None = None, width: int | None = None):
-        """(rows, columns) of each level for an input of the given size."""
+        """(rows, columns) of each pose level for an input of the given size."""
         height, width = height or self.height, width or self.width
-        return [(-(-height // stride), -(-width // stride)) for stride in self.strides]
+        return [(-(-height // stride), -(-width // stride)) for stride in self.pose_strides]
+
+    def decoder_shapes(self):
+        """(rows, columns) of each level of what the poses are decoded from."""
+        return self.level_shapes(self.closeup or self.height, self.closeup or self.width)
 
 
 PRESETS = {
@@ -64,8 +75,9 @@ PRESETS = {
     ),
     "small": Config(
         preset="small", width=512, height=384, backbone="conv", channels=(64, 128, 256, 256),
-        strides=(8, 16, 32), d_model=128, heads=8, points=4, encoder_layers=1, decoder_layers=3,
+        strides=(8, 16, 32), d_model=128, heads=8, points=4, encoder_layers=2, decoder_layers=3,
         ffn=256, los_encoding="plucker_origin", geometry="rays",
+        closeup=160, closeup_strides=(16, 32),
     ),
     "paper": Config(
         preset="paper", width=640, height=480, backbone="resnet50_fpn", channels=(),

@@ -80,7 +80,7 @@ class ProjectiveAttention(nn.Module):
     def __init__(self, config):
         super().__init__()
         d, heads, points = config.d_model, config.heads, config.points
-        self.heads, self.points, self.levels = heads, points, len(config.strides)
+        self.heads, self.points, self.levels = heads, points, len(config.pose_strides)
         self.box_units = config.geometry == "rays"
         self.offsets = nn.Linear(d, heads * points * 2)
         self.weights = nn.Linear(d, heads * points)

@@ -75,7 +75,7 @@ class DeformableAttention(nn.Module):
 class EncoderLayer(nn.Module):
     def __init__(self, config):
         super().__init__()
-        d, levels = config.d_model, len(config.strides)
+        d, levels = config.d_model, len(config.pose_strides)
         self.attention = DeformableAttention(d, config.heads, levels, config.points)
         self.norm1, self.norm2 = nn.LayerNorm(d), nn.LayerNorm(d)
         self.ffn = feed_forward(d, config.ffn)
@@ -92,8 +92,8 @@ class Encoder(nn.Module):
     def __init__(self, config):
         super().__init__()
         d = config.d_model
-        self.strides, self.geometry = config.strides, config.geometry
-        self.level_embedding = nn.Parameter(torch.randn(len(config.strides), d) * 0.1)
+        self.strides, self.geometry = config.pose_strides, config.geometry
+        self.level_embedding = nn.Parameter(torch.randn(len(config.pose_strides), d) * 0.1)
         if self.geometry == "rays":
             self.position = nn.Linear(3, d)
             self.norm = nn.LayerNorm(d)

@@ -3,11 +3,13 @@
     python -m mvtop_train.export --weights runs/small-cpu/weights.pt --out models/mvball
 
 `features.onnx` runs once on all views, `decoder.onnx` once per reference camera; between them
-Rust finds the boxes and computes the lines of sight. The deformable sampling is the custom
-operator `mvtop::DeformableSampling`; `--portable` writes standard operators instead.
+Rust finds the boxes and computes the lines of sight. Networks with close-ups have a third,
+`closeup.onnx`, which runs once on these, and the first then only detects. The deformable sampling
+is the custom operator `mvtop::DeformableSampling`; `--portable` writes standard operators instead.
 """
 
 import argparse
+import contextlib
 import copy
 import datetime
 import hashlib
@@ -41,12 +43,36 @@ class ExportedFeatures(nn.Module):
         return memory, scores.sigmoid(), boxes
 
 
+class ExportedDetector(nn.Module):
+    """images [V, 3, H, W] -> det_scores, det_boxes."""
+
+    def __init__(self, model: Mvtop):
+        super().__init__()
+        self.backbone, self.detector = model.features.backbone, model.features.detector
+
+    def forward(self, images):
+        scores, boxes = self.detector(self.backbone(images)[0])
+        return scores.sigmoid(), boxes
+
+
+class ExportedCloseUps(nn.Module):
+    """images [P, 3, S, S], camera_rays [P, N, 3] -> memory."""
+
+    def __init__(self, model: Mvtop):
+        super().__init__()
+        self.features = model.features
+
+    def forward(self, images, camera_rays):
+        levels = self.features.pose_levels(self.features.backbone(images))
+        return self.features.encoder(levels, camera_rays)
+
+
 class ExportedDecoder(nn.Module):
     """One scene (no batch axis); see the inputs in `export_decoder`."""
 
     def __init__(self, model: Mvtop):
         super().__init__()
-        self.decoder, self.shapes = model.decoder, model.config.level_shapes()
+        self.decoder, self.shapes = model.decoder, model.config.decoder_shapes()
 
     def forward(self, memory, rays, centers, half_sizes, box_rays, valid, class_index):
         inputs = (x[None] for x in (centers, half_sizes, box_rays, valid))
@@ -77,9 +103,44 @@ def export_features(model: Mvtop, path: Path, views: int = 2):
     _export(ExportedFeatures(model).eval(), args, path, names, outputs, axes)
 
 
+def export_detector(model: Mvtop, path: Path, views: int = 2):
+    images = torch.zeros(views, 3, model.config.height, model.config.width)
+    outputs = ["det_scores", "det_boxes"]
+    axes = {name: {0: "views"} for name in ["images", *outputs]}
+    _export(ExportedDetector(model).eval(), (images,), path, ["images"], outputs, axes)
+
+
+def export_closeup(model: Mvtop, path: Path, pictures: int = 2):
+    size = model.config.closeup
+    n = sum(rows * columns for rows, columns in model.config.decoder_shapes())
+    args = (torch.zeros(pictures, 3, size, size), torch.zeros(pictures, n, 3))
+    names = ["images", "camera_rays"]
+    axes = {name: {0: "pictures"} for name in [*names, "memory"]}
+    _export(ExportedCloseUps(model).eval(), args, path, names, ["memory"], axes)
+
+
+def store_in_half(path: Path):
+    """Keep the large weights of a graph in half precision: half the file, computed in full."""
+    graph = onnx.load(str(path))
+    casts = []
+    for tensor in graph.graph.initializer:
+        values = onnx.numpy_helper.to_array(tensor)
+        if values.dtype == np.float32 and values.size >= 1024:
+            name = tensor.name
+            tensor.CopyFrom(onnx.numpy_helper.from_array(values.astype(np.float16), f"{name}.half"))
+            casts.append(
+                onnx.helper.make_node("Cast", [f"{name}.half"], [name], to=onnx.TensorProto.FLOAT)
+            )
+    nodes = [*casts, *graph.graph.node]
+    del graph.graph.node[:]
+    graph.graph.node.extend(nodes)
+    onnx.checker.check_model(graph)
+    onnx.save(graph, str(path))
+
+
 def export_decoder(model: Mvtop, path: Path, views: int = 2, queries: int = 2):
     config = model.config
-    n = sum(rows * columns for rows, columns in config.level_shapes())
+    n = sum(rows * columns for rows, columns in config.decoder_shapes())
     v, q = views, queries
     args = {
         "memory": torch.randn(v, n, config.d_model),
@@ -124,7 +185,7 @@ def _entry(path: Path) -> dict:
 def write_bundle(
     model: Mvtop, out: Path, provenance: dict, portable: bool = False,
     score_threshold: float = 0.3, obj: objects.Object | None = None,
-    agree_threshold: float | None = None,
+    agree_threshold: float | None = None, half: bool = False,
 ):  # fmt: skip
     """Write every file of a bundle; `model.json` comes last. `obj`: the MV-ball if left out."""
     config = model.config
@@ -136,19 +197,22 @@ def write_bundle(
         )
     out.mkdir(parents=True, exist_ok=True)
     model = fold_batch_norm(model)
-    if portable:
-        with sampling.portable_export():
-            export_features(model, out / "features.onnx")
-            export_decoder(model, out / "decoder.onnx")
-    else:
-        export_features(model, out / "features.onnx")
-        export_decoder(model, out / "decoder.onnx")
+    graphs = {"features": export_features, "decoder": export_decoder}
+    if config.closeup:
+        graphs |= {"features": export_detector, "closeup": export_closeup}
+    with sampling.portable_export() if portable else contextlib.nullcontext():
+        for name, export in graphs.items():
+            export(model, out / f"{name}.onnx")
+    if half:
+        for name in graphs:
+            store_in_half(out / f"{name}.onnx")
     rows = np.concatenate([obj.points.round(6), obj.colours.astype(int)], 1).tolist()
     rows = [[*row[:3], *(int(c) for c in row[3:])] for row in rows]
     points_file = f"{obj.name}.points.json"
     (out / points_file).write_text(json.dumps({"unit": "m", "points": rows}))
-    files = ["features.onnx", "decoder.onnx", points_file]
+    files = [*(f"{name}.onnx" for name in graphs), points_file]
     agree = {} if agree_threshold is None else {"agree_threshold": agree_threshold}
+    closeup = {"size": config.closeup, "strides": list(config.closeup_strides)}
     description = {
         "format": "mvtop-model",
         "version": 1,
@@ -164,7 +228,8 @@ def write_bundle(
             for c in config.classes
         ],
         "detector": {"score_threshold": score_threshold, **agree, "nms_iou": 0.5},
-        "graphs": {"features": "features.onnx", "decoder": "decoder.onnx"},
+        **({"closeup": closeup} if config.closeup else {}),
+        "graphs": {name: f"{name}.onnx" for name in graphs},
         "portable": portable,
         "files": {name: _entry(out / name) for name in files},
         "provenance": provenance,
@@ -182,6 +247,9 @@ def main():
     parser.add_argument("--out", type=Path, required=True, help="bundle folder")
     parser.add_argument("--data", type=Path, help="data set of the weights, if not MV-ball")
     parser.add_argument("--object", type=int, metavar="ID", help="of the objects in --data")
+    parser.add_argument(
+        "--half", action="store_true", help="weights in half precision: half the size"
+    )
     parser.add_argument("--portable", action="store_true", help="standard operators only")
     parser.add_argument(
         "--score-threshold", type=float, default=0.3, help="least score of an object"
@@ -204,8 +272,9 @@ def main():
     }
     obj = objects.read(args.data, args.object) if args.data else None
     write_bundle(
-        model, args.out, provenance, args.portable, args.score_threshold, obj, args.agree_threshold
-    )
+        model, args.out, provenance, args.portable, args.score_threshold, obj,
+        args.agree_threshold, args.half,
+    )  # fmt: skip
     size = sum(f.stat().st_size for f in args.out.iterdir()) / 1e6
     print(f"{args.out}: {config.preset}, {step} steps, {size:.1f} MB")
 

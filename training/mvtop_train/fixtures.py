@@ -19,7 +19,7 @@ import torch
 from safetensors import safe_open
 from safetensors.torch import save_file
 
-from . import export, pose, rays, reference
+from . import closeup, export, pose, rays, reference
 from .checkpoint import load_weights
 from .sampling import sample_torch
 
@@ -73,6 +73,27 @@ def rays_fixture() -> dict:
     for name in ("direction", "origin_direction", "plucker", "plucker_origin"):
         out[name] = rays.encode(camera_rays, ref_from_cam, name)
     return {**out, "boxes": boxes, "box_rays": rays.box_rays(k, boxes, ref_from_cam)}
+
+
+def closeup_fixture() -> dict:
+    """Close-ups of an image: enlarged, at its corner, and reduced."""
+    height, width, size = 60, 80, 16
+    v, u = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    image = torch.stack([u * 3, v * 4, 127 + 100 * torch.sin(u / 7 + v / 5)], -1).byte()
+    k = np.array([[90.0, 0, 38.2], [0, 93.0, 31.7], [0, 0, 1]])
+    boxes = np.array([[30.0, 22, 38, 31], [0, 40, 12, 59], [20, 5, 70, 50.5]])
+    views = [closeup.camera_of(k, box, size) for box in boxes]
+    taken = [closeup.take(image.numpy(), k, view, size) for view in views]
+    out = {
+        "k": k,
+        "boxes": boxes,
+        "focals": np.array([view.k[0, 0] for view in views]),
+        "close_boxes": np.stack([view.box for view in views]),
+        "close_from_cam": np.stack([view.close_from_cam for view in views]),
+        "pictures": np.stack([picture for picture, _ in taken]),
+        "on_image": np.stack([on_image for _, on_image in taken]).astype(np.uint8),
+    }
+    return {"image": image, **{name: torch.from_numpy(x) for name, x in out.items()}}
 
 
 def pose_fixture() -> dict:
@@ -142,6 +163,7 @@ def build(out: Path) -> dict[str, dict]:
     fixtures = {}
     for name, make in (
         ("sampling", sampling_fixture), ("rays", rays_fixture), ("pose", pose_fixture),
+        ("closeup", closeup_fixture),
     ):  # fmt: skip
         torch.manual_seed(SEED)
         fixtures[name] = make()

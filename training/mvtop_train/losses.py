@@ -32,13 +32,32 @@ def total(prediction, batch, stride: int, weights=WEIGHTS):
     """Loss and its parts. Every decoder layer counts alike (auxiliary losses, PoET)."""
     truth = batch["cam_from_obj"][:, :1]  # in the reference view; one object
     rot, t = pose_errors(prediction.poses, truth)
+    degrees = torch.rad2deg(rot)
+    sigma = torch.stack([s for _, _, s in prediction.poses])
+    terms = {
+        "rotation": rot.mean(1).sum(),
+        "translation": t.mean(1).sum(),
+        "uncertainty": pose.uncertainty_loss(sigma, degrees, t).mean(),
+    }
+    if prediction.scores is not None:
+        terms |= image_terms(prediction, batch, stride)
+    parts = {
+        "rotation_deg": degrees[-1].mean(),
+        "translation_m": t[-1].mean(),
+        **{name: term for name, term in terms.items() if name not in ("rotation", "translation")},
+    }
+    return sum(weights[name] * term for name, term in terms.items()), parts
+
+
+def image_terms(prediction, batch, stride: int) -> dict:
+    """What the images alone teach: boxes and object coordinates."""
     boxes = batch["boxes"].flatten(0, 1)
     absent = boxes.new_zeros(len(prediction.scores) - len(boxes), 4)  # the negatives' boxes
     detection = detection_loss(
         prediction.scores,
         prediction.boxes,
         torch.cat([boxes, absent]),
-        torch.zeros(len(prediction.scores), dtype=torch.long, device=rot.device),
+        torch.zeros(len(prediction.scores), dtype=torch.long, device=boxes.device),
         stride,
     )
     code = batch["coords"].flatten(0, 1).float().permute(0, 3, 1, 2)
@@ -49,21 +68,4 @@ def total(prediction, batch, stride: int, weights=WEIGHTS):
     wanted = (code - 128) / 120  # `bop.decode_coords`
     difference = F.smooth_l1_loss(prediction.coordinates, wanted, beta=0.1, reduction="none")
     coordinates = (difference.sum(1) * mask).sum() / mean_count(mask.sum())
-    degrees = torch.rad2deg(rot)
-    sigma = torch.stack([s for _, _, s in prediction.poses])
-    uncertainty = pose.uncertainty_loss(sigma, degrees, t).mean()
-    parts = {
-        "rotation_deg": degrees[-1].mean(),
-        "translation_m": t[-1].mean(),
-        "detection": detection,
-        "coordinates": coordinates,
-        "uncertainty": uncertainty,
-    }
-    terms = {
-        "rotation": rot.mean(1).sum(),
-        "translation": t.mean(1).sum(),
-        "detection": detection,
-        "coordinates": coordinates,
-        "uncertainty": uncertainty,
-    }
-    return sum(weights[name] * term for name, term in terms.items()), parts
+    return {"detection": detection, "coordinates": coordinates}

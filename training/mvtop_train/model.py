@@ -17,11 +17,12 @@ class Views:
 
     images [B, V, 3, H, W] normalised; k [B, V, 3, 3] px; ref_from_cam [B, V, 4, 4] m, identity
     for view 0; boxes [B, V, Q, 4] px; valid [B, V, Q] 1.0 where detected; class_index [B, Q];
-    inside [B, V, N] 1.0 where a cell's centre lies on the image. Training only: negatives
-    [M, 3, H, W], images without the object, which only the detector is given.
+    inside [B, V, N] 1.0 where a cell's centre lies on the image.
+    Training only: negatives [M, 3, H, W], images without the object, which only the detector is
+    given; levels, maps [B, V, C, h, w] that the backbone made of the images before (`bank.py`).
     """
 
-    images: torch.Tensor
+    images: torch.Tensor | None
     k: torch.Tensor
     ref_from_cam: torch.Tensor
     boxes: torch.Tensor
@@ -29,6 +30,7 @@ class Views:
     class_index: torch.Tensor
     inside: torch.Tensor
     negatives: torch.Tensor | None = None
+    levels: list | None = None
 
 
 class Features(nn.Module):
@@ -39,6 +41,7 @@ class Features(nn.Module):
         self.backbone = build_backbone(config)
         self.detector = Detector(config.d_model, len(config.classes), config.strides[0])
         self.encoder = Encoder(config)
+        self.used = [config.strides.index(stride) for stride in config.pose_strides]
         # Training only: object coordinates of what a cell shows, 2x2 per cell. They teach the
         # backbone to tell the object's parts; nothing of it is exported.
         self.coordinates = nn.Conv2d(config.d_model, 3 * 4, 1)
@@ -53,15 +56,21 @@ class Features(nn.Module):
         scores, boxes = self.detector(levels[0])
         if negatives is not None:
             levels = [level[: len(images)] for level in levels]
-        return self.encoder(levels, camera_rays), levels, scores, boxes
+        return self.encoder(self.pose_levels(levels), camera_rays), levels, scores, boxes
+
+    def pose_levels(self, levels: list) -> list:
+        """Those of the backbone's maps that poses are decoded from."""
+        return [levels[i] for i in self.used]
 
 
 @dataclass
 class Prediction:
+    """What the network says; poses alone where it was given levels instead of images."""
+
     poses: list  # per decoder layer: rotation_6d, translation, sigma
-    scores: torch.Tensor  # [B * V + M, classes, h, w] logits; the M negatives come last
-    boxes: torch.Tensor  # [B * V + M, 4, h, w] px
-    coordinates: torch.Tensor  # [B * V, 3, 2h, 2w] in units of the object's extent
+    scores: torch.Tensor | None = None  # [B * V + M, classes, h, w] logits; the M negatives last
+    boxes: torch.Tensor | None = None  # [B * V + M, 4, h, w] px
+    coordinates: torch.Tensor | None = None  # [B * V, 3, 2h, 2w] in units of the object's extent
 
 
 class Mvtop(nn.Module):
@@ -72,21 +81,37 @@ class Mvtop(nn.Module):
         self.decoder = Decoder(config)
 
     def forward(self, views: Views) -> Prediction:
-        b, v, _, height, width = views.images.shape
-        shapes = self.config.level_shapes(height, width)
-        with torch.autocast(views.images.device.type, enabled=False):  # geometry stays in fp32
-            pixels = rays.cell_centres(shapes, self.config.strides, views.images.device)
-            camera_rays = rays.unproject(views.k, pixels) * views.inside[..., None]
-            lines = rays.encode(camera_rays, views.ref_from_cam, self.config.los_encoding)
-            boxes_in = decoder_boxes(views, height, width)
+        if views.levels is not None:
+            levels = [level.flatten(0, 1) for level in views.levels]
+            size = [cells * self.config.pose_strides[0] for cells in levels[0].shape[-2:]]
+            camera_rays = self._camera_rays(views, *size)
+            memory = self.features.encoder(levels, camera_rays.flatten(0, 1))
+            return Prediction(self._poses(memory, camera_rays, views, *size))
+        size = views.images.shape[-2:]
+        camera_rays = self._camera_rays(views, *size)
         memory, levels, scores, boxes = self.features(
             views.images.flatten(0, 1), camera_rays.flatten(0, 1), views.negatives
         )
         coordinates = self.features.coordinates(levels[0])
         coordinates = nn.functional.pixel_shuffle(coordinates, 2).float()
-        memory = memory.unflatten(0, (b, v))
-        poses = self.decoder(memory, lines, boxes_in, views.class_index, shapes)
+        poses = self._poses(memory, camera_rays, views, *size)
         return Prediction(poses, scores, boxes, coordinates)
+
+    def _camera_rays(self, views: Views, height: int, width: int):
+        """[B, V, N, 3], 0 for cells off the image."""
+        shapes, strides = self.config.level_shapes(height, width), self.config.pose_strides
+        with torch.autocast(views.k.device.type, enabled=False):  # geometry stays in fp32
+            pixels = rays.cell_centres(shapes, strides, views.k.device)
+            return rays.unproject(views.k, pixels) * views.inside[..., None]
+
+    def _poses(self, memory, camera_rays, views: Views, height: int, width: int) -> list:
+        """memory [B * V, N, C], camera_rays [B, V, N, 3] -> see `Decoder`."""
+        with torch.autocast(memory.device.type, enabled=False):
+            lines = rays.encode(camera_rays, views.ref_from_cam, self.config.los_encoding)
+            boxes = decoder_boxes(views, height, width)
+        memory = memory.unflatten(0, views.k.shape[:2])
+        shapes = self.config.level_shapes(height, width)
+        return self.decoder(memory, lines, boxes, views.class_index, shapes)
 
 
 def decoder_boxes(views: Views, height: int, width: int) -> Boxes:

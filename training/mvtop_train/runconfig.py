@@ -25,6 +25,8 @@ class RunConfig:
     preset: str = "small"
     network: dict = field(default_factory=dict)  # changes to the preset (`config.Config`)
     init: str = ""  # checkpoint whose weights to start from
+    backbone: str = ""  # checkpoint whose backbone to freeze; the rest is trained on close-ups
+    copies: int = 5  # of each image among these, each seen otherwise
     steps: int = 0
     minutes: float = 0.0
     images: int = 64  # views per batch, of all processes together
@@ -125,7 +127,10 @@ def _checked(fields: dict, source) -> RunConfig:
         for key, value in content.items():
             content[key] = _typed(key, value, examples[key], f"{source}: {table}")
     config = RunConfig(**fields)
+    closeup = {**dataclasses.asdict(configs.PRESETS[config.preset]), **config.network}["closeup"]
     for wrong, key, expected in (
+        (config.backbone and not closeup, "backbone", "none for networks without close-ups"),
+        (config.copies < 1, "copies", "at least 1"),
         (config.precision not in ("bf16", "fp32"), "precision", "'bf16' or 'fp32'"),
         (config.images < len(config.views), "images", "at least as many as views of a scene"),
         (config.crop <= 0 or config.crop % 32, "crop", "a multiple of 32"),

@@ -68,7 +68,7 @@ class Transformer(nn.Module):
         self.config = config.preset(
             "small", width=canonical.SIZE, height=canonical.SIZE, strides=strides,
             geometry=variant.geometry, los_encoding=variant.los_encoding,
-            encoder_layers=variant.encoder_layers,
+            encoder_layers=variant.encoder_layers, closeup=0,
         )  # fmt: skip
         d = self.config.d_model
         self.dummies = variant.queries - 1

@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from . import batches, losses, objects, processes, runconfig, sampling
+from . import bank, batches, closeup, losses, objects, processes, runconfig, sampling
 from . import config as configs
 from .checkpoint import Run
 from .data import amodal_boxes, collate, fixed_views, make_view
@@ -43,15 +43,22 @@ def validate(
     """Errors on held-out scenes with lightly jittered true boxes, without augmentation."""
     rng = np.random.default_rng(0)
     boxes_of = amodal_boxes(points)
+
+    def make(image):
+        if config.closeup:
+            return closeup.make_view(image, config, points, rng, augment=False)
+        return make_view(image, size, rng, aug, augment=False)
+
     items = [
-        [make_view(image, size, rng, aug, augment=False) for image in chosen]
+        [make(image) for image in chosen]
         for scene in scenes
         if len(scene) >= views
         for chosen in fixed_views(scene, views, per_scene)
     ]
     rot, t = [], []
     for start in range(0, len(items), 32):
-        batch = collate(items[start : start + 32], boxes_of, 0.02)
+        part = items[start : start + 32]
+        batch = closeup.collate_items(part) if config.closeup else collate(part, boxes_of, 0.02)
         with autocast(device, precision):
             prediction = model(to_views(batch, config, device))
         r, d = losses.pose_errors(prediction.poses, batch["cam_from_obj"][:, :1].to(device))
@@ -115,7 +122,8 @@ def optimise(run: Run, model, batch, settings: runconfig.RunConfig, lr: float, d
     views = to_views(batch, run.config, device)
     with autocast(device, settings.precision):
         prediction = model(views)
-    truth = to_device({n: batch[n] for n in ("cam_from_obj", "boxes", "coords")}, device)
+    names = ("cam_from_obj", "boxes", "coords")
+    truth = to_device({n: batch[n] for n in names if n in batch}, device)
     loss, parts = losses.total(prediction, truth, run.config.strides[0], settings.weights())
     run.optimizer.zero_grad(set_to_none=True)
     loss.backward()
@@ -181,15 +189,31 @@ def train(settings: runconfig.RunConfig, folder: Path):
     if first:
         runconfig.keep_copy(settings, folder)
     torch.manual_seed(settings.seed)  # all processes start from the same weights
-    run = Run(folder, config, device, Path(settings.init) if settings.init else None)
+    given = [Path(path) if path else None for path in (settings.init, settings.backbone)]
+    run = Run(folder, config, device, *given)
     run.model.train()
     # Torchvision's FPN makes maps that are not used.
     model = processes.distributed(run.model, me, unused=config.backbone != "conv")
     aug = settings.augmentation_of(config)
-    stream = batches.Batches(
-        scenes, settings.crop, settings.images, settings.views, settings.negatives,
-        settings.seed, aug, me.rank, me.count,
-    )  # fmt: skip
+    if settings.backbone:
+        run.model.features.backbone.eval()
+
+        def features():
+            return bank.Bank(
+                folder / "features", scenes.training, run.average, obj.bounds, settings.copies,
+                settings.seed, settings.workers,
+            )  # fmt: skip
+
+        made = features() if first else None
+        processes.from_first(0.0, device)  # the others wait until they are all there
+        stream = bank.Batches(
+            made or features(), settings.images, settings.views, settings.seed, me.rank, me.count
+        )
+    else:
+        stream = batches.Batches(
+            scenes, settings.crop, settings.images, settings.views, settings.negatives,
+            settings.seed, aug, me.rank, me.count,
+        )  # fmt: skip
     loader = batches.loader(stream, run.step, settings.workers, pinned=device != "cpu")
     clock = Clock(settings, run, device, alone=me.count == 1)
     saving, validating = Timer(settings.save_minutes), Timer(settings.validate_minutes)
@@ -219,8 +243,8 @@ def train(settings: runconfig.RunConfig, folder: Path):
         run.update_average()
         run.step += 1
         progress = clock.progress()
-        views = batch["images"].shape[1]
-        meter.add(parts, views, batch["images"].shape[0] * views * me.count, waited)
+        scenes_in, views = batch["k"].shape[:2]
+        meter.add(parts, views, scenes_in * views * me.count, waited)
         bar.update()
         last = progress >= 1
         if first and (run.step % settings.log_steps == 0 or last):

@@ -11,9 +11,12 @@ import pytest
 import torch
 from conftest import random_views
 
-from mvtop_train import bop, data, generate, losses, objects, run, runconfig
+from mvtop_train import bank, bop, closeup, data, generate, losses, objects, run, runconfig
+from mvtop_train import config as configs
 from mvtop_train import train as training
 from mvtop_train.checkpoint import load_weights
+from mvtop_train.inputs import to_views
+from mvtop_train.model import Mvtop
 
 
 @pytest.fixture(scope="module")
@@ -192,3 +195,88 @@ def test_a_network_with_coarser_cells_learns_the_same_coordinates(tiny):
     expected = losses.total(prediction, batch, 8)[1]["coordinates"]
     assert expected > 0
     torch.testing.assert_close(losses.total(prediction, fine, 8)[1]["coordinates"], expected)
+
+
+CLOSEUPS = ("network.closeup=64", "network.closeup_strides=[16, 32]")
+
+
+def test_poses_are_learnt_from_closeups_on_a_frozen_backbone(dataset, tmp_path):
+    run_of(dataset, tmp_path / "first", "steps=5", *CLOSEUPS)
+    first, _, _ = load_weights(tmp_path / "first" / "last.pt")
+    second = ("steps=30", "lr=5e-3", "warmup=10", "copies=2", *CLOSEUPS)
+    second += (f"backbone={tmp_path / 'first' / 'last.pt'}",)
+    records = run_of(dataset, tmp_path / "second", *second)
+    assert records[-1]["loss"] < 0.9 * records[0]["loss"]
+    assert "detection" not in records[0]
+    model, config, step = load_weights(tmp_path / "second" / "last.pt")
+    assert (step, config.closeup) == (30, 64)
+    for name, weight in model.state_dict().items():
+        frozen = name.startswith(("features.backbone", "features.detector", "features.coord"))
+        if frozen:
+            assert torch.equal(weight, first.state_dict()[name]), name
+    moved = "decoder.query.0.weight"
+    assert not torch.equal(model.state_dict()[moved], first.state_dict()[moved])
+    # Its features are kept: the run goes on without them being computed again.
+    written = (tmp_path / "second" / "features" / "features.npy").stat().st_mtime_ns
+    assert run_of(dataset, tmp_path / "second", *second, "steps=35")[-1]["step"] == 35
+    assert (tmp_path / "second" / "features" / "features.npy").stat().st_mtime_ns == written
+
+
+def test_features_of_closeups_are_completed_after_a_kill(dataset, tmp_path, monkeypatch):
+    obj = objects.ball()
+    config = configs.preset("tiny", closeup=64, closeup_strides=(16, 32))
+    torch.manual_seed(0)
+    model = Mvtop(config).eval()
+    scenes = data.load_index(dataset, "train", obj)
+    monkeypatch.setattr(bank, "BATCH", 10)
+
+    def make(folder):
+        return bank.Bank(folder, scenes, model, obj.bounds, copies=2, seed=4, workers=0)
+
+    whole = make(tmp_path / "whole")
+    fill = bank.Bank._fill
+
+    def killed(self, *args):
+        for n, done in enumerate(fill(self, *args)):
+            yield done
+            if n == 1:
+                raise KeyboardInterrupt
+
+    monkeypatch.setattr(bank.Bank, "_fill", killed)
+    with pytest.raises(KeyboardInterrupt):
+        make(tmp_path / "cut")
+    monkeypatch.setattr(bank.Bank, "_fill", fill)
+    resumed = make(tmp_path / "cut")
+    for name, array in whole.arrays.items():
+        np.testing.assert_array_equal(resumed.arrays[name], array)
+    assert np.abs(whole.arrays["features"]).max(-1).min() > 0, "every cell is there"
+    with pytest.raises(SystemExit, match="expected features of"):
+        bank.Bank(tmp_path / "cut", scenes, model, obj.bounds, copies=1, seed=4)
+    batch = bank.Batches(whole, 6, (0, 1.0), 0, 0, 1)[0]
+    # What the network says of cached features is what it says of the pictures.
+    pictures = bank.Pictures([image for s in scenes for image in s] * 2, config, obj.bounds, 4)
+    rows = [int(np.abs(whole.arrays["k"] - k).sum((1, 2)).argmin()) for k in _flat(batch["k"])]
+    views = [pictures[row] for row in rows]
+    shown = closeup.collate_items([views[i : i + 2] for i in range(0, 6, 2)])
+    with torch.no_grad():
+        cached = model(to_views(batch, config)).poses[-1]
+        direct = model(to_views(shown, config)).poses[-1]
+    for a, b in zip(cached, direct, strict=True):
+        torch.testing.assert_close(a, b, rtol=0.05, atol=0.05)  # bf16 and half in between
+
+
+def _flat(k):
+    return k.flatten(0, 1).double().numpy()
+
+
+@pytest.mark.parametrize(
+    "changes, error",
+    [
+        (("backbone=x.pt",), "without close-ups"),
+        (("backbone=none.pt", *CLOSEUPS), "no such file"),
+        (("copies=0",), "at least 1"),
+    ],
+)
+def test_a_second_stage_that_cannot_be_is_one_clear_sentence(dataset, tmp_path, changes, error):
+    with pytest.raises(SystemExit, match=error):
+        run_of(dataset, tmp_path / "run", *changes)

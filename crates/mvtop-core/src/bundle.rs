@@ -34,7 +34,9 @@ pub struct Bundle {
     /// The objects, in the order of the network's class index.
     pub classes: Vec<Class>,
     pub detector: Detector,
-    /// Absolute or relative to the current folder, like `dir`.
+    /// Side of the close-ups that poses are decoded from, px; `None`: from the whole images.
+    pub closeup: Option<CloseUps>,
+    /// On whole images. Absolute or relative to the current folder, like `dir`.
     pub features: PathBuf,
     /// Likewise.
     pub decoder: PathBuf,
@@ -42,6 +44,17 @@ pub struct Bundle {
     pub portable: bool,
     /// Where the bundle comes from, in free form.
     pub provenance: serde_json::Value,
+}
+
+/// How poses are decoded from close-ups, see [`crate::closeup`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct CloseUps {
+    /// Side of the pictures, px.
+    pub size: u32,
+    /// Of the feature levels that are used of them, px, finest first.
+    pub strides: Vec<usize>,
+    /// The graph that runs on them. Absolute or relative to the current folder.
+    pub graph: PathBuf,
 }
 
 /// What the images are brought to.
@@ -99,6 +112,8 @@ struct Manifest {
     los_encoding: LosEncoding,
     classes: Vec<ManifestClass>,
     detector: Detector,
+    #[serde(default)]
+    closeup: Option<ManifestCloseUp>,
     graphs: Graphs,
     portable: bool,
     files: BTreeMap<String, FileRecord>,
@@ -122,8 +137,16 @@ struct ManifestClass {
 }
 
 #[derive(Deserialize)]
+struct ManifestCloseUp {
+    size: u32,
+    strides: Vec<u32>,
+}
+
+#[derive(Deserialize)]
 struct Graphs {
     features: String,
+    #[serde(default)]
+    closeup: Option<String>,
     decoder: String,
 }
 
@@ -224,6 +247,14 @@ impl Bundle {
             los_encoding: manifest.los_encoding,
             classes,
             detector: manifest.detector,
+            closeup: manifest
+                .closeup
+                .zip(manifest.graphs.closeup)
+                .map(|(closeup, graph)| CloseUps {
+                    size: closeup.size,
+                    strides: closeup.strides.iter().map(|&s| s as usize).collect(),
+                    graph: dir.join(graph),
+                }),
             features: dir.join(manifest.graphs.features),
             decoder: dir.join(manifest.graphs.decoder),
             portable: manifest.portable,
@@ -269,6 +300,23 @@ impl Manifest {
                 "stride {stride} does not divide the input {width} x {height}"
             ));
         }
+        match (&self.closeup, &self.graphs.closeup) {
+            (None, None) => {}
+            (Some(ManifestCloseUp { size, strides }), Some(_)) => {
+                let fits = |&stride: &u32| stride > 0 && size.is_multiple_of(stride);
+                if !(1..=MAX_SIDE).contains(size)
+                    || strides.is_empty()
+                    || !strides.is_sorted_by(|a, b| a < b)
+                    || !strides.iter().all(fits)
+                {
+                    return Err(format!(
+                        "closeup is {size} px a side with strides {strides:?}, expected 1 to \
+                         {MAX_SIDE} px and rising strides that divide it"
+                    ));
+                }
+            }
+            _ => return Err("closeup: expected its size and its graph, got one of them".into()),
+        }
         let Detector {
             score_threshold,
             agree_threshold,
@@ -308,10 +356,15 @@ impl Manifest {
                 return Err(format!("file `{name}` lies outside the bundle"));
             }
         }
-        let Graphs { features, decoder } = &self.graphs;
+        let Graphs {
+            features,
+            closeup,
+            decoder,
+        } = &self.graphs;
         let points = self.classes.iter().map(|class| &class.points);
         if let Some(name) = [features, decoder]
             .into_iter()
+            .chain(closeup)
             .chain(points)
             .find(|n| !self.files.contains_key(*n))
         {

@@ -1,5 +1,6 @@
 //! From images to poses: start reading at [`Estimator::predict`].
 
+mod closeups;
 mod sightings;
 mod view;
 
@@ -10,13 +11,13 @@ use std::time::Instant;
 
 use image::RgbImage;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
-use ndarray::{Array2, Array3, Axis};
+use ndarray::{Array2, Array3, Axis, s};
 
 use self::sightings::Sighting;
-use self::view::View;
+use self::view::{Picture, View};
 use crate::bundle::{Bundle, Class};
 use crate::known::KnownBoxes;
-use crate::network::{Decoded, Features, Network, OnnxNetwork, Queries};
+use crate::network::{Decoded, Network, OnnxNetwork, Queries};
 use crate::pose::rotation_from_6d;
 use crate::prediction::{CameraPose, ObjectPose, Prediction, Sigma, Timings};
 use crate::rays::{box_rays, encode};
@@ -98,7 +99,11 @@ impl Estimator {
         let mut clock = Clock::start();
         let reference = reference(rig, options.reference.as_deref())?;
         let views = view::gather(&self.bundle, rig, images)?;
-        let (tensor, rays) = view::stack(&self.bundle, &views)?;
+        let pictures = views
+            .iter()
+            .map(|view| view.picture(&self.bundle))
+            .collect::<Result<Vec<Picture>>>()?;
+        let (tensor, rays) = view::stack(&pictures.iter().collect::<Vec<_>>());
         let prepare = clock.lap();
 
         let features = self.network.features(tensor, rays)?;
@@ -114,7 +119,20 @@ impl Estimator {
         };
         let detect = clock.lap();
 
-        let poses = self.poses(&views, reference, &features, &objects)?;
+        let mut closeup = 0.0;
+        let poses = match (&self.bundle.closeup, &features.memory) {
+            (Some(closeups), _) => {
+                let seen = closeups::take(&self.bundle, &views, reference, &objects, closeups)?;
+                let memory = closeups::memory(self.network.as_ref(), &seen)?;
+                closeup = clock.lap();
+                self.poses_from_closeups(&seen, &memory)?
+            }
+            (None, Some(memory)) => self.poses(&views, &pictures, reference, memory, &objects)?,
+            (None, None) => {
+                let problem = "features: expected memory, as there are no close-ups";
+                return Err(Error::Input(problem.into()));
+            }
+        };
         let decode = clock.lap();
 
         let ref_from_world = rig.cameras[reference].world_from_cam.inverse();
@@ -129,6 +147,7 @@ impl Estimator {
                 prepare,
                 features: features_time,
                 detect,
+                closeup,
                 decode,
                 total: clock.total(),
             },
@@ -141,17 +160,14 @@ impl Estimator {
     fn poses(
         &self,
         views: &[View],
+        pictures: &[Picture],
         reference: usize,
-        features: &Features,
+        memory: &Array3<f32>,
         objects: &[Sighting],
     ) -> Result<Vec<Pose>> {
-        let reference_view = views.iter().position(|view| view.index == reference);
         let mut groups: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (i, object) in objects.iter().enumerate() {
-            let sees = |&v: &usize| object.boxes[v].is_some();
-            let anchor = reference_view
-                .filter(sees)
-                .or_else(|| (0..views.len()).find(sees));
+            let anchor = object.anchor(views, reference);
             groups.entry(anchor.unwrap_or(0)).or_default().push(i);
         }
 
@@ -159,50 +175,83 @@ impl Estimator {
         for (anchor, members) in groups {
             let mut order: Vec<usize> = (0..views.len()).collect();
             order.sort_by_key(|&v| Reverse(v == anchor)); // stable: the others keep their order
-            let sightings: Vec<&Sighting> = members.iter().map(|&i| &objects[i]).collect();
-            let queries = self.queries(views, &order, &sightings);
+            let shown: Vec<&Picture> = order.iter().map(|&v| &pictures[v]).collect();
+            let boxes = |i: usize| order.iter().map(|&v| objects[i].boxes[v]).collect();
+            let members_boxes: Vec<(usize, Vec<_>)> = members
+                .iter()
+                .map(|&i| (objects[i].class, boxes(i)))
+                .collect();
+            let queries = self.queries(&shown, &members_boxes);
             let decoded = if anchor == 0 {
-                self.network.decode(features.memory.view(), &queries)?
+                self.network.decode(memory.view(), &queries)?
             } else {
                 self.network
-                    .decode(features.memory.select(Axis(0), &order).view(), &queries)?
+                    .decode(memory.select(Axis(0), &order).view(), &queries)?
             };
             decoded.check(members.len())?;
             for (q, &i) in members.iter().enumerate() {
-                poses.push((i, pose(&views[anchor].camera.world_from_cam, &decoded, q)?));
+                poses.push((i, pose(&shown[0].camera.world_from_cam, &decoded, q)?));
             }
         }
         poses.sort_by_key(|(i, _)| *i);
         Ok(poses.into_iter().map(|(_, pose)| pose).collect())
     }
 
-    /// The decoder's input for objects anchored in the first view of `order`.
-    fn queries(&self, views: &[View], order: &[usize], objects: &[&Sighting]) -> Queries {
-        let (v_len, q_len) = (order.len(), objects.len());
+    /// Decodes each object from its own close-ups.
+    fn poses_from_closeups(
+        &self,
+        objects: &[closeups::Seen],
+        memory: &Array3<f32>,
+    ) -> Result<Vec<Pose>> {
+        let mut start = 0;
+        let mut poses = Vec::new();
+        for object in objects {
+            let rows = start..start + object.pictures.len();
+            start = rows.end;
+            let shown: Vec<&Picture> = object.pictures.iter().collect();
+            let boxes = object.boxes.iter().copied().map(Some).collect();
+            let queries = self.queries(&shown, &[(object.class, boxes)]);
+            let decoded = self
+                .network
+                .decode(memory.slice(s![rows, .., ..]), &queries)?;
+            decoded.check(1)?;
+            poses.push(pose(&shown[0].camera.world_from_cam, &decoded, 0)?);
+        }
+        Ok(poses)
+    }
+
+    /// The decoder's input for objects anchored in the first of `pictures`.
+    ///
+    /// - `objects`: index of the class, and the box in each of `pictures`, px
+    fn queries(
+        &self,
+        pictures: &[&Picture],
+        objects: &[(usize, Vec<Option<[f64; 4]>>)],
+    ) -> Queries {
+        let (v_len, q_len) = (pictures.len(), objects.len());
         let encoding = self.bundle.los_encoding;
-        let cells = views[0].camera_rays.nrows();
+        let cells = pictures[0].camera_rays.nrows();
         let mut queries = Queries {
             rays: Array3::zeros((v_len, cells, encoding.width())),
             centers: Array3::from_elem((v_len, q_len, 2), 0.5),
             half_sizes: Array3::zeros((v_len, q_len, 2)),
             box_rays: Array3::zeros((v_len, q_len, 12)),
             valid: Array2::zeros((v_len, q_len)),
-            class_index: objects.iter().map(|object| object.class as i64).collect(),
+            class_index: objects.iter().map(|(class, _)| *class as i64).collect(),
         };
-        let world_from_anchor = views[order[0]].camera.world_from_cam;
-        for (row, &v) in order.iter().enumerate() {
-            let view = &views[v];
-            let anchor_from_cam = world_from_anchor.inv_mul(&view.camera.world_from_cam);
-            let rays = encode(view.camera_rays.view(), &anchor_from_cam, encoding);
+        let world_from_anchor = pictures[0].camera.world_from_cam;
+        for (row, picture) in pictures.iter().enumerate() {
+            let anchor_from_cam = world_from_anchor.inv_mul(&picture.camera.world_from_cam);
+            let rays = encode(picture.camera_rays.view(), &anchor_from_cam, encoding);
             queries.rays.index_axis_mut(Axis(0), row).assign(&rays);
-            for (q, object) in objects.iter().enumerate() {
-                let Some(bbox) = object.boxes[v] else {
+            for (q, (_, boxes)) in objects.iter().enumerate() {
+                let Some(bbox) = boxes[row] else {
                     continue;
                 };
-                let Some(rays) = box_rays(view.camera, bbox, &anchor_from_cam) else {
+                let Some(rays) = box_rays(&picture.camera, bbox, &anchor_from_cam) else {
                     continue;
                 };
-                let (center, half_size) = view.net_box(bbox);
+                let (center, half_size) = picture.net_box(bbox);
                 for axis in 0..2 {
                     queries.centers[(row, q, axis)] = center[axis] as f32;
                     queries.half_sizes[(row, q, axis)] = half_size[axis] as f32;

@@ -26,6 +26,8 @@ pub mod detect;
 
 pub mod associate;
 
+pub mod closeup;
+
 pub mod pose;
 
 pub mod prediction;

@@ -8,11 +8,19 @@ use crate::{Error, Result};
 
 /// What runs the network. [`crate::Estimator`] needs no more of it than this.
 pub trait Network: Send + Sync {
-    /// The backbone, encoder and detector, once for all views together.
+    /// The backbone and detector, once for all whole images together; the encoder, too, where poses
+    /// are decoded from these.
     ///
     /// - `images`: `[V, 3, Hn, Wn]`, normalised
     /// - `camera_rays`: `[V, N, 3]`, from [`crate::rays::camera_rays`]
     fn features(&self, images: Array4<f32>, camera_rays: Array3<f32>) -> Result<Features>;
+
+    /// The backbone and encoder, once for all close-ups together, of bundles that have them.
+    ///
+    /// - `pictures`: `[P, 3, size, size]`, from [`crate::closeup::CloseUp::picture`]
+    /// - `camera_rays`: `[P, N, 3]`, from [`crate::closeup::CloseUp::camera_rays`]
+    /// - returns: memory, `[P, N, C]`
+    fn closeups(&self, pictures: Array4<f32>, camera_rays: Array3<f32>) -> Result<Array3<f32>>;
 
     /// The pose decoder, for objects that share an anchor: the view that comes first.
     ///
@@ -26,8 +34,8 @@ pub trait Network: Send + Sync {
 /// What is known of the views before any object is.
 #[derive(Debug, Clone)]
 pub struct Features {
-    /// `[V, N, C]`
-    pub memory: Array3<f32>,
+    /// `[V, N, C]`; `None` where poses are decoded from close-ups
+    pub memory: Option<Array3<f32>>,
     /// `[V, classes, h, w]`, 0 to 1, per cell of the finest level
     pub det_scores: Array4<f32>,
     /// `[V, 4, h, w]`, x0 y0 x1 y1, px of the network's input
@@ -65,13 +73,12 @@ pub struct Decoded {
 impl Features {
     /// Refuses maps that belong to other views or classes.
     pub(crate) fn check(&self, views: usize, classes: usize) -> Result<()> {
-        let (memory, scores, boxes) = (
-            self.memory.shape(),
-            self.det_scores.shape(),
-            self.det_boxes.shape(),
-        );
+        let (scores, boxes) = (self.det_scores.shape(), self.det_boxes.shape());
         let cells = &scores[2..];
-        expect("memory", memory, &[views, memory[1], memory[2]])?;
+        if let Some(memory) = &self.memory {
+            let memory = memory.shape();
+            expect("memory", memory, &[views, memory[1], memory[2]])?;
+        }
         expect("det_scores", scores, &[views, classes, cells[0], cells[1]])?;
         expect("det_boxes", boxes, &[views, 4, cells[0], cells[1]])
     }
@@ -97,9 +104,10 @@ fn expect(name: &'static str, got: &[usize], expected: &[usize]) -> Result<()> {
     })
 }
 
-/// The two graphs of a bundle in ONNX Runtime.
+/// The graphs of a bundle in ONNX Runtime.
 pub struct OnnxNetwork {
     features: onnx::Network,
+    closeup: Option<onnx::Network>,
     decoder: onnx::Network,
     provider: String,
 }
@@ -110,6 +118,10 @@ impl OnnxNetwork {
     pub fn load(runtime: &Runtime, bundle: &Bundle, options: &SessionOptions) -> Result<Self> {
         Ok(Self {
             features: runtime.session(&bundle.features, options)?,
+            closeup: match &bundle.closeup {
+                Some(closeup) => Some(runtime.session(&closeup.graph, options)?),
+                None => None,
+            },
             decoder: runtime.session(&bundle.decoder, options)?,
             provider: options.provider.to_string(),
         })
@@ -123,10 +135,26 @@ impl Network for OnnxNetwork {
             ("camera_rays", camera_rays.view().into()),
         ])?;
         Ok(Features {
-            memory: outputs.take("memory")?,
+            memory: match self.closeup {
+                Some(_) => None,
+                None => Some(outputs.take("memory")?),
+            },
             det_scores: outputs.take("det_scores")?,
             det_boxes: outputs.take("det_boxes")?,
         })
+    }
+
+    fn closeups(&self, pictures: Array4<f32>, camera_rays: Array3<f32>) -> Result<Array3<f32>> {
+        let Some(closeup) = &self.closeup else {
+            return Err(Error::Input(
+                "the bundle has no network for close-ups".into(),
+            ));
+        };
+        let mut outputs = closeup.run(&[
+            ("images", pictures.view().into()),
+            ("camera_rays", camera_rays.view().into()),
+        ])?;
+        outputs.take("memory")
     }
 
     fn decode(&self, memory: ArrayView3<f32>, queries: &Queries) -> Result<Decoded> {

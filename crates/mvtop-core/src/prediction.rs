@@ -57,10 +57,12 @@ pub struct CameraPose {
 pub struct Timings {
     /// Images resized and normalised, lines of sight of the cells computed.
     pub prepare: f64,
-    /// Backbone, encoder and detector.
+    /// Backbone and detector on the whole images, and the encoder where there are no close-ups.
     pub features: f64,
     /// Boxes read off the detector's maps and associated across views.
     pub detect: f64,
+    /// Close-ups of the boxes: pictures, backbone and encoder; 0 where the bundle has none.
+    pub closeup: f64,
     /// Pose decoder.
     pub decode: f64,
     pub total: f64,

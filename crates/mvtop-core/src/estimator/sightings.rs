@@ -22,6 +22,18 @@ pub struct Sighting {
     pub boxes: Vec<Option<[f64; 4]>>,
 }
 
+impl Sighting {
+    /// The view in whose frame its pose is decoded: the reference camera's where that sees it, else
+    /// the first that does.
+    pub fn anchor(&self, views: &[View], reference: usize) -> Option<usize> {
+        let sees = |&v: &usize| self.boxes[v].is_some();
+        let reference = views.iter().position(|view| view.index == reference);
+        reference
+            .filter(sees)
+            .or_else(|| (0..views.len()).find(sees))
+    }
+}
+
 /// Objects that the detector sees, best score first.
 ///
 /// The views are taken for independent witnesses: an object's score is the probability that not

@@ -1,6 +1,7 @@
 //! Rigs, lenses, images, lines of sight and poses.
 
 mod bad_rigs;
+mod closeups;
 mod images;
 mod lenses;
 mod metrics;

@@ -1,0 +1,171 @@
+//! Close-ups: what a box shows, through a virtual camera of its own.
+//!
+//! The camera stands where the real one does, looks at the middle of the box, turned as little as
+//! possible, and has the focal length at which the box's longer side fills [`FILL`] of the picture.
+//! So the pose network sees every object in the same size and place, at the image's own resolution,
+//! without the lens's distortion.
+
+use image::RgbImage;
+use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};
+use ndarray::{Array2, Array3, Axis};
+use rayon::prelude::*;
+
+use crate::camera::{Camera, Distortion, Lens};
+use crate::image::Letterbox;
+use crate::rays::camera_rays;
+
+/// What the longer side of the box takes of the picture; the rest shows what is around it.
+pub const FILL: f64 = 0.6;
+/// Samples along each axis of a pixel, against aliasing.
+const MAX_TAPS: u32 = 8;
+
+/// A virtual pinhole camera that looks at a box of a real one's image.
+#[derive(Debug, Clone)]
+pub struct CloseUp {
+    pub camera: Camera,
+    /// The box in its picture, `[x0, y0, x1, y1]`, px.
+    pub bbox: [f64; 4],
+    /// Samples along each axis of a pixel.
+    taps: u32,
+    cam_from_close: UnitQuaternion<f64>,
+}
+
+impl CloseUp {
+    /// The close-up of `size` px a side of the box `bbox` (px) of an image of `camera`.
+    ///
+    /// `None` where the lens gives no rays for the box, or it spans half the view around.
+    pub fn new(camera: &Camera, bbox: [f64; 4], size: u32) -> Option<Self> {
+        let [x0, y0, x1, y1] = bbox;
+        let (xc, yc) = ((x0 + x1) / 2.0, (y0 + y1) / 2.0);
+        let ray = |u, v| camera.lens.unproject(&Point2::new(u, v));
+        let close_from_cam =
+            UnitQuaternion::rotation_between_axis(&ray(xc, yc)?, &Vector3::z_axis())?;
+        // Where the lines of sight of the box's sides meet the plane one unit ahead.
+        let on_plane = |u, v| {
+            let ray = close_from_cam * ray(u, v)?;
+            (ray.z > 0.0).then(|| [ray.x / ray.z, ray.y / ray.z])
+        };
+        let (left, right) = (on_plane(x0, yc)?[0], on_plane(x1, yc)?[0]);
+        let (top, bottom) = (on_plane(xc, y0)?[1], on_plane(xc, y1)?[1]);
+        let reach = (-left).max(right).max(-top).max(bottom);
+        let side = f64::from(size);
+        let (focal, middle) = (FILL * side / 2.0 / reach, (side - 1.0) / 2.0);
+        if !(focal.is_finite() && focal > 0.0) {
+            return None;
+        }
+        let taps = ((x1 - x0).max(y1 - y0) / (FILL * side)).ceil();
+        let cam_from_close = close_from_cam.inverse();
+        Some(Self {
+            camera: Camera {
+                id: camera.id.clone(),
+                width: size,
+                height: size,
+                lens: Lens {
+                    fx: focal,
+                    fy: focal,
+                    cx: middle,
+                    cy: middle,
+                    distortion: Distortion::None,
+                },
+                world_from_cam: camera.world_from_cam
+                    * Isometry3::from_parts(Vector3::zeros().into(), cam_from_close),
+            },
+            bbox: [left, top, right, bottom].map(|x| x * focal + middle),
+            taps: (taps as u32).clamp(1, MAX_TAPS),
+            cam_from_close,
+        })
+    }
+
+    /// How its picture lies in the network's input: as it is.
+    pub fn letterbox(&self) -> Letterbox {
+        let (width, height) = (self.camera.width, self.camera.height);
+        Letterbox::new(width, height, width, height)
+    }
+
+    /// The picture as the network takes it, from the `image` of the real camera.
+    ///
+    /// A pixel is the mean of some bilinear samples, then `(x/255 - mean)/std`; 0 where its centre is
+    /// off the image.
+    ///
+    /// - returns: `[3, size, size]`
+    pub fn picture(
+        &self,
+        real: &Camera,
+        image: &RgbImage,
+        mean: [f32; 3],
+        std: [f32; 3],
+    ) -> Array3<f32> {
+        let size = self.camera.width as usize;
+        let mut pixels = vec![[0.0; 3]; size * size];
+        pixels.par_iter_mut().enumerate().for_each(|(i, pixel)| {
+            let (u, v) = ((i % size) as f64, (i / size) as f64);
+            if !self.on_image(real, self.direction(u, v)) {
+                return;
+            }
+            let (mut sum, mut count) = ([0.0_f32; 3], 0.0);
+            let offset = |tap: u32| (f64::from(tap) + 0.5) / f64::from(self.taps) - 0.5;
+            for row in 0..self.taps {
+                for column in 0..self.taps {
+                    let direction = self.direction(u + offset(column), v + offset(row));
+                    if let Some(at) = real.lens.project(&direction) {
+                        let rgb = bilinear(image, at);
+                        (0..3).for_each(|c| sum[c] += rgb[c]);
+                        count += 1.0;
+                    }
+                }
+            }
+            if count > 0.0 {
+                *pixel = std::array::from_fn(|c| (sum[c] / count / 255.0 - mean[c]) / std[c]);
+            }
+        });
+        Array3::from_shape_fn((3, size, size), |(c, v, u)| pixels[v * size + u][c])
+    }
+
+    /// Direction in which each feature cell looks, in the close-up's frame; 0 for cells whose centre
+    /// is off the real camera's image.
+    ///
+    /// - returns: `[N, 3]`, as [`camera_rays`]
+    pub fn camera_rays(&self, real: &Camera, strides: &[usize]) -> Array2<f32> {
+        let mut rays = camera_rays(&self.camera, &self.letterbox(), strides);
+        for mut ray in rays.axis_iter_mut(Axis(0)) {
+            let direction = Vector3::from_fn(|i, _| f64::from(ray[i]));
+            if !self.on_image(real, (self.cam_from_close * direction).into()) {
+                ray.fill(0.0);
+            }
+        }
+        rays
+    }
+
+    /// Where pixel (u, v) looks, in the real camera's frame.
+    fn direction(&self, u: f64, v: f64) -> Point3<f64> {
+        let Lens { fx, fy, cx, cy, .. } = self.camera.lens;
+        (self.cam_from_close * Vector3::new((u - cx) / fx, (v - cy) / fy, 1.0)).into()
+    }
+
+    fn on_image(&self, real: &Camera, direction: Point3<f64>) -> bool {
+        real.lens.project(&direction).is_some_and(|at| {
+            (-0.5..=f64::from(real.width) - 0.5).contains(&at.x)
+                && (-0.5..=f64::from(real.height) - 0.5).contains(&at.y)
+        })
+    }
+}
+
+/// RGB, 0 to 255, between the four pixels around `at`; beyond the image its outermost pixels go on.
+fn bilinear(image: &RgbImage, at: Point2<f64>) -> [f32; 3] {
+    let (width, height) = (f64::from(image.width()), f64::from(image.height()));
+    let (u, v) = (at.x.clamp(0.0, width - 1.0), at.y.clamp(0.0, height - 1.0));
+    let (u0, v0) = (u.floor(), v.floor());
+    let (right, below) = ((u - u0) as f32, (v - v0) as f32);
+    let (u0, v0) = (u0 as u32, v0 as u32);
+    let (u1, v1) = (
+        (u0 + 1).min(image.width() - 1),
+        (v0 + 1).min(image.height() - 1),
+    );
+    let [a, b, c, d] = [(u0, v0), (u1, v0), (u0, v1), (u1, v1)]
+        .map(|(u, v)| image.get_pixel(u, v).0.map(f32::from));
+    std::array::from_fn(|i| {
+        let above = a[i] + right * (b[i] - a[i]);
+        let under = c[i] + right * (d[i] - c[i]);
+        above + below * (under - above)
+    })
+}

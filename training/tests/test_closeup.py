@@ -1,0 +1,94 @@
+"""Close-ups are exact cameras, and are exported with the rest."""
+
+import json
+
+import numpy as np
+import onnxruntime
+import pytest
+import torch
+from test_export import decoder_inputs, run
+
+from mvtop_train import closeup, config, export
+from mvtop_train.model import Mvtop
+
+K = np.array([[610.0, 0, 322], [0, 590, 236], [0, 0, 1]])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_closeup_is_the_camera_turned_towards_the_box(seed):
+    rng = np.random.default_rng(seed)
+    middle, extent = rng.uniform([40, 40], [600, 440]), rng.uniform(10, 80, 2)
+    box = np.concatenate([middle - extent / 2, middle + extent / 2])
+    close = closeup.camera_of(K, box, 96)
+    turn = close.close_from_cam
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+    ray = np.linalg.inv(K) @ [*middle, 1]
+    np.testing.assert_allclose(turn @ ray / np.linalg.norm(ray), [0, 0, 1], atol=1e-12)
+    # No turn that takes the ray to the axis is smaller.
+    angle = np.arccos((np.trace(turn) - 1) / 2)
+    assert angle == pytest.approx(np.arccos(ray[2] / np.linalg.norm(ray)), abs=1e-9)
+    reach = np.abs(close.box - 47.5).max()
+    assert reach == pytest.approx(closeup.FILL * 48)
+
+
+def test_a_point_is_where_both_cameras_see_it():
+    """A bright dot of the image is found where the virtual camera projects its ray."""
+    image = np.zeros((480, 640, 3), np.uint8)
+    image[200:203, 150:153] = 255
+    close = closeup.camera_of(K, np.array([130.0, 170, 190, 220]), 96)
+    picture, on_image = closeup.take(image, K, close, 96)
+    v, u = np.meshgrid(np.arange(96), np.arange(96), indexing="ij")
+    weight = picture[..., 0].astype(float)
+    found = np.array([(weight * u).sum(), (weight * v).sum()]) / weight.sum()
+    expected = close.k @ close.close_from_cam @ np.linalg.inv(K) @ [151, 201, 1]
+    np.testing.assert_allclose(found, expected[:2] / expected[2], atol=0.05)
+    assert on_image.all()
+
+
+def test_boxes_are_jittered_without_bias():
+    rng, box = np.random.default_rng(0), np.array([100.0, 50, 180, 150])
+    boxes = np.stack([closeup.jittered(box, rng, 1.0) for _ in range(4000)])
+    np.testing.assert_allclose(boxes.mean(0), box, atol=0.5)
+    assert closeup.jittered(box, rng, 0.0) == pytest.approx(box)
+
+
+@pytest.fixture(scope="module")
+def model():
+    torch.manual_seed(2)
+    return Mvtop(config.preset("tiny", closeup=64, closeup_strides=(16, 32))).eval()
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_exported_closeups_match_torch(model, tmp_path, half):
+    export.write_bundle(model, tmp_path, {}, portable=True, half=half)
+    manifest = json.loads((tmp_path / "model.json").read_text())
+    assert manifest["closeup"] == {"size": 64, "strides": [16, 32]}
+    assert set(manifest["graphs"]) == {"features", "closeup", "decoder"}
+    c, n, torch_seed = model.config, 4 * 4 + 2 * 2, 5
+    torch.manual_seed(torch_seed)
+    rays = torch.nn.functional.normalize(torch.randn(3, n, 3), dim=-1)
+    given = {
+        "features": (export.ExportedDetector, {"images": torch.randn(3, 3, c.height, c.width)}),
+        "closeup": (
+            export.ExportedCloseUps, {"images": torch.randn(3, 3, 64, 64), "camera_rays": rays}
+        ),
+    }  # fmt: skip
+    decoder = decoder_inputs(c, 3, 1)
+    decoder["memory"], decoder["rays"] = torch.randn(3, n, 32), torch.randn(3, n, c.los_channels)
+    given["decoder"] = (export.ExportedDecoder, decoder)
+    tolerance = 2e-2 if half else 1e-4
+    for name, (module, inputs) in given.items():
+        session = onnxruntime.InferenceSession(tmp_path / f"{name}.onnx")
+        with torch.no_grad():
+            expected = module(model)(*inputs.values())
+        expected = (expected,) if torch.is_tensor(expected) else expected
+        for ours, theirs in zip(run(session, inputs), expected, strict=True):
+            scale = theirs.abs().max().item()
+            assert np.abs(ours - theirs.numpy()).max() < tolerance * scale, name
+
+
+def test_half_precision_halves_the_files(model, tmp_path):
+    for half in (False, True):
+        export.write_bundle(model, tmp_path / str(half), {}, portable=True, half=half)
+    whole, half = ((tmp_path / str(h) / "closeup.onnx").stat().st_size for h in (False, True))
+    assert half < 0.75 * whole
