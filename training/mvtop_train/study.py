@@ -42,21 +42,23 @@ class Variant:
     data: str = "mvball"  # or "control": both hemispheres visible, so that one view suffices
 
 
+RAYS = Variant(geometry="rays", los_encoding="plucker_origin", queries=1)
 VARIANTS = {
     "baseline": Variant(),
-    "direction": Variant(los_encoding="direction"),
-    "plucker": Variant(los_encoding="plucker"),
-    "plucker_origin": Variant(los_encoding="plucker_origin"),
-    "no_encoder": Variant(encoder_layers=0),
-    "queries_1": Variant(queries=1),
-    "queries_4": Variant(queries=4),
-    "queries_8": Variant(queries=8),
     "one_view": Variant(views=1),
-    "rays": Variant(geometry="rays", los_encoding="plucker_origin", queries=1),
     "single": Variant(los_encoding="none", views=1),
     "hypotheses": Variant(los_encoding="none", views=1, heads="hypotheses"),
     "single_control": Variant(los_encoding="none", views=1, data="control"),
     "hypotheses_control": Variant(los_encoding="none", views=1, heads="hypotheses", data="control"),
+    "rays": RAYS,
+    # The paper's ablations, of the network that learns to fuse views within the budget.
+    "no_encoder": dataclasses.replace(RAYS, encoder_layers=0),
+    "direction": dataclasses.replace(RAYS, los_encoding="direction"),
+    "origin_direction": dataclasses.replace(RAYS, los_encoding="origin_direction"),
+    "plucker": dataclasses.replace(RAYS, los_encoding="plucker"),
+    "queries_2": dataclasses.replace(RAYS, queries=2),
+    "queries_4": dataclasses.replace(RAYS, queries=4),
+    "queries_8": dataclasses.replace(RAYS, queries=8),
 }
 
 
@@ -108,13 +110,16 @@ class Transformer(nn.Module):
         low, high = (boxes[..., None, :2] + 0.5) / size, (boxes[..., None, 2:] + 0.5) / size
         b, v = boxes.shape[:2]
         dummies = torch.full((b, v, self.dummies, 2), -1.0)
-        valid = torch.cat([torch.ones(b, v, 1), torch.zeros(b, v, self.dummies)], -1)
+        # "Seen" by the reference view, on its axis: where there is no line, nothing can be placed.
+        seen = torch.zeros(b, v, self.dummies)
+        seen[:, 0] = 1
+        ahead = torch.tensor([0.0, 0, 0, 0, 0, 1, 1, 0, 0, 0, 1, 0]).expand(b, v, self.dummies, 12)
         queries = 1 + self.dummies
         return Boxes(
             torch.cat([(low + high) / 2, dummies], 2),
             torch.cat([(high - low) / 2, 0.5 * dummies], 2),
-            torch.cat([box_rays, torch.zeros(b, v, self.dummies, 12)], 2),
-            valid,
+            torch.cat([box_rays, ahead], 2),
+            torch.cat([torch.ones(b, v, 1), seen], -1),
             attended=torch.ones(b, queries),
         )
 

@@ -38,9 +38,9 @@ pub fn objects(prediction: &Prediction, rig: &Rig) -> String {
     let t = &prediction.timings;
     lines.push(String::new());
     lines.push(format!(
-        "prepare {:.1} ms, features {:.1} ms, detect {:.1} ms, decode {:.1} ms, total {:.1} ms on \
-         `{}`",
-        t.prepare, t.features, t.detect, t.decode, t.total, prediction.provider
+        "prepare {:.1} ms, features {:.1} ms, detect {:.1} ms, close-ups {:.1} ms, decode {:.1} ms, \
+         total {:.1} ms on `{}`",
+        t.prepare, t.features, t.detect, t.closeup, t.decode, t.total, prediction.provider
     ));
     lines.join("\n")
 }
