@@ -17,6 +17,9 @@ VIEWS ?= 2
 MODEL ?= models/mvball
 SAMPLES = out/eval/$(SPLIT)-seed$(SEED)-views$(VIEWS)-$(PAIRS)
 
+# Views of the samples that the tables are from (tables.py).
+MOST_hard = 8
+MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
 .PHONY: help demo test build-tests test-rust test-python lint fixtures eval tables pictures bench
@@ -64,7 +67,7 @@ tables: .venv/tables.done $(CLI)  ## errors over views and noise, tables and cur
 
 pictures: tables  ## poses from one and from two views, drawn beside each other: SPLIT=hard|easy
 	$(PY) -m mvtop_train.pictures --model $(MODEL) --split $(SPLIT) --results $(TABLES) \
-	  --samples out/eval/$(SPLIT)-seed$(SEED)-views8-$(PAIRS) --out $(TABLES)/pairs-$(SPLIT).png
+	  --samples out/eval/$(SPLIT)-seed$(SEED)-views$(MOST_$(SPLIT))-$(PAIRS) --out $(TABLES)/pairs-$(SPLIT).png
 
 bench: .venv/run.done  ## criterion benches
 	cargo bench -p mvtop-benches
