@@ -6,6 +6,8 @@ use clap::{Args, Parser, Subcommand};
 use mvtop_core::Options;
 use mvtop_core::onnx::{Provider, SessionOptions};
 
+use crate::audit::args::Audit;
+
 /// 6-DoF poses of objects seen by several calibrated cameras.
 #[derive(Parser)]
 #[command(name = "mvtop-cli", version, about)]
@@ -20,6 +22,9 @@ pub enum Command {
     Infer(Infer),
     /// Compare predictions with the truth over a folder of samples
     Eval(Eval),
+    /// Check a data set
+    #[command(subcommand)]
+    Audit(Audit),
     /// Say what was found of ONNX Runtime and the model, and what to do
     Doctor(Network),
 }

@@ -1,6 +1,7 @@
 //! Command line of mvtop. Exit code 0 when all is well, 2 with one sentence on stderr otherwise.
 
 mod args;
+mod audit;
 mod doctor;
 mod eval;
 mod failure;
@@ -18,6 +19,7 @@ fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Infer(args) => infer::run(&args),
         Command::Eval(args) => eval::run(&args),
+        Command::Audit(args) => audit::run(&args),
         Command::Doctor(args) => doctor::run(&args),
     };
     match done {

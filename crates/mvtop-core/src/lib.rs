@@ -38,6 +38,9 @@ pub mod metrics;
 
 pub mod overlay;
 
+// Beside the flow: what data sets are checked for.
+pub mod audit;
+
 mod error;
 
 pub use camera::{Camera, Distortion, Lens};

@@ -1,0 +1,172 @@
+//! The outcome as a table, as JSON and as CSV.
+
+use std::fmt::Write;
+
+use mvtop_core::audit::{Counts, Histogram, ObjectLeakage, Pose, Split, rotation_deg};
+use serde::Serialize;
+
+use super::{Audited, Measure};
+use crate::failure::{Failure, Result};
+
+impl Measure {
+    /// `0.5 % of the diameter (ADD)`
+    pub fn of(self, limit: f64) -> String {
+        match self {
+            Self::AddPercent => format!("{limit} % of the diameter (ADD)"),
+            Self::RotDeg => format!("{limit} deg of rotation"),
+        }
+    }
+
+    fn key(self) -> &'static str {
+        match self {
+            Self::AddPercent => "add_percent",
+            Self::RotDeg => "rot_deg",
+        }
+    }
+}
+
+/// Counts per object and in total, for people.
+pub fn table(result: &Audited) -> String {
+    let splits = [("a", &result.a), ("b", &result.b)];
+    let mut lines = Vec::new();
+    for ((letter, split), name) in splits.into_iter().zip(&result.names) {
+        let (poses, scenes) = (split.poses(), split.scenes.len());
+        lines.push(format!("{letter}  {name}: {poses} poses, scenes: {scenes}"));
+    }
+    lines.push(format!(
+        "recurring: same translation within {} mm, and a difference of at most {}; repeated: recurs \
+         in its own split",
+        result.within_mm,
+        result.measure.of(result.limit)
+    ));
+    lines.push(String::new());
+    let columns = "poses   same translation         recurring    repeated";
+    lines.push(format!("object  a: {columns}   b: {columns}"));
+    let row = |name: &str, object: &ObjectLeakage| {
+        format!("{name:>6}  {}  {}", cells(&object.a), cells(&object.b))
+    };
+    for object in &result.leakage.objects {
+        lines.push(row(&object.object_id.to_string(), object));
+    }
+    let total = result.leakage.total();
+    lines.push(row("total", &total));
+    lines.push(String::new());
+    lines.push(nearest(result.measure, &total.histogram, total.a.poses));
+    lines.join("\n")
+}
+
+fn cells(counts: &Counts) -> String {
+    let Counts {
+        poses,
+        same_translation,
+        recurring,
+        repeated,
+    } = *counts;
+    format!(
+        "{poses:>8} {same_translation:>9} {:>6.2} % {recurring:>9} {:>6.2} % {repeated:>11}",
+        percent(same_translation, poses),
+        percent(recurring, poses)
+    )
+}
+
+/// What the first bin of the histogram says.
+pub fn nearest(measure: Measure, histogram: &Histogram, poses: u64) -> String {
+    let first = histogram.bins[0];
+    let whose = match measure {
+        Measure::AddPercent => "have any pose of b at most 1 % of the diameter away (ADD)",
+        Measure::RotDeg => "have the same translation and differ by at most 1 deg of rotation",
+    };
+    let share = percent(first, poses);
+    format!("{first} of the {poses} poses of a ({share:.2} %) {whose}")
+}
+
+pub fn percent(part: u64, whole: u64) -> f64 {
+    100.0 * part as f64 / whole.max(1) as f64
+}
+
+/// `docs/audit.md` describes it.
+pub fn json(result: &Audited) -> Result<String> {
+    #[derive(Serialize)]
+    struct Source<'a> {
+        path: &'a str,
+        scenes: usize,
+        poses: usize,
+    }
+    #[derive(Serialize)]
+    struct Report<'a> {
+        schema_version: u32,
+        a: Source<'a>,
+        b: Source<'a>,
+        within_mm: f64,
+        measure: &'static str,
+        limit: f64,
+        total: Total,
+        objects: &'a [ObjectLeakage],
+    }
+    #[derive(Serialize)]
+    struct Total {
+        a: Counts,
+        b: Counts,
+        histogram: Histogram,
+    }
+    let source = |path, split: &Split| Source {
+        path,
+        scenes: split.scenes.len(),
+        poses: split.poses(),
+    };
+    let ObjectLeakage {
+        a, b, histogram, ..
+    } = result.leakage.total();
+    let report = Report {
+        schema_version: 1,
+        a: source(&result.names[0], &result.a),
+        b: source(&result.names[1], &result.b),
+        within_mm: result.within_mm,
+        measure: result.measure.key(),
+        limit: result.limit,
+        total: Total { a, b, histogram },
+        objects: &result.leakage.objects,
+    };
+    serde_json::to_string_pretty(&report)
+        .map(|text| text + "\n")
+        .map_err(|cause| Failure(format!("cannot write JSON: {cause}")))
+}
+
+/// One line for each recurring pose of split a.
+pub fn csv(result: &Audited) -> String {
+    let mut text = format!(
+        "object_id,a_scene,a_image,a_annotation,b_scene,b_image,b_annotation,translation_mm,\
+         rotation_deg{}\n",
+        match result.measure {
+            Measure::AddPercent => ",add_percent",
+            Measure::RotDeg => "",
+        }
+    );
+    let place = |split: &Split, pose: &Pose| {
+        let scene = quoted(&split.scenes[pose.scene as usize]);
+        format!("{scene},{},{}", pose.image, pose.annotation)
+    };
+    for pair in &result.leakage.pairs {
+        let a = &result.a.objects[&pair.object_id][pair.a];
+        let b = &result.b.objects[&pair.object_id][pair.b];
+        let apart = (a.translation_mm - b.translation_mm).norm();
+        let (from, to) = (place(&result.a, a), place(&result.b, b));
+        let (id, angle) = (pair.object_id, rotation_deg(a, b));
+        // Writing to a string does not fail.
+        let _ = write!(text, "{id},{from},{to},{apart},{angle}");
+        if result.measure == Measure::AddPercent {
+            let _ = write!(text, ",{}", pair.difference);
+        }
+        text.push('\n');
+    }
+    text
+}
+
+/// A CSV field; scenes are folders, which may be called anything.
+fn quoted(field: &str) -> String {
+    if field.contains(['"', ',', '\n', '\r']) {
+        format!("\"{}\"", field.replace('"', "\"\""))
+    } else {
+        field.to_owned()
+    }
+}

@@ -1,0 +1,204 @@
+//! The pose annotations of a split in BOP layout: `scene_gt.json` of its scenes.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+use serde::Deserialize;
+
+use crate::{Error, Result};
+
+/// Translations beyond this, 100 km, are taken for broken.
+const FARTHEST_MM: f64 = 1e8;
+
+/// One annotation of one object: its pose `cam_from_obj`, and where it stands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// Index into [`Split::scenes`].
+    pub scene: u32,
+    /// Image id.
+    pub image: u32,
+    /// Place in the image's list of annotations.
+    pub annotation: u32,
+    pub rotation: Matrix3<f64>,
+    pub translation_mm: Vector3<f64>,
+}
+
+/// All poses of a split.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Split {
+    /// Names of the scene folders; `folder/sensor` where each sensor has its own annotations.
+    pub scenes: Vec<String>,
+    /// By object id, in the order of scenes, images and annotations.
+    pub objects: BTreeMap<u32, Vec<Pose>>,
+}
+
+impl Split {
+    pub fn poses(&self) -> usize {
+        self.objects.values().map(Vec::len).sum()
+    }
+}
+
+/// The files that a split's annotations are in.
+#[derive(Debug, Clone)]
+pub struct Files {
+    scenes: Vec<(String, PathBuf)>,
+    /// Size of all files together.
+    pub bytes: u64,
+}
+
+impl Files {
+    /// `scene_gt.json`, or `scene_gt_<sensor>.json`, of each scene in a split's folder, or of the
+    /// folder itself where it is a scene.
+    ///
+    /// # Errors
+    /// [`Error::Read`] where a folder cannot be read, [`Error::Input`] where there is no such file.
+    pub fn find(folder: &Path) -> Result<Self> {
+        // Canonical, so that a file which two splits share is recognised.
+        let folder = fs::canonicalize(folder).map_err(read_error(folder))?;
+        let mut scenes = annotations(&folder)?;
+        if scenes.is_empty() {
+            for path in listed(&folder)? {
+                if path.is_dir() {
+                    scenes.extend(annotations(&path)?);
+                }
+            }
+        }
+        if scenes.is_empty() {
+            return Err(Error::Input(format!(
+                "{}: expected a split, that is a folder of scene folders with scene_gt.json, or \
+                 one such scene, got a folder with none; give the folder of the split, such as \
+                 DATASET/test",
+                folder.display()
+            )));
+        }
+        let sizes = scenes
+            .iter()
+            .map(|(_, path)| Ok(fs::metadata(path).map_err(read_error(path))?.len()));
+        let bytes = sizes.sum::<Result<u64>>()?;
+        Ok(Self { scenes, bytes })
+    }
+
+    /// A file that both have.
+    pub fn shared_with(&self, other: &Self) -> Option<&Path> {
+        let shared = |path: &&PathBuf| other.scenes.iter().any(|(_, theirs)| theirs == *path);
+        let mut paths = self.scenes.iter().map(|(_, path)| path);
+        paths.find(shared).map(PathBuf::as_path)
+    }
+
+    /// Reads all files; `done` is told the size of each one read.
+    ///
+    /// # Errors
+    /// [`Error::Read`] where a file cannot be read, [`Error::Input`] where it does not hold poses.
+    pub fn read(&self, done: impl Fn(u64) + Sync) -> Result<Split> {
+        let read: Vec<Vec<(u32, Pose)>> = self
+            .scenes
+            .par_iter()
+            .enumerate()
+            .map(|(scene, (_, path))| {
+                let bytes = fs::read(path).map_err(read_error(path))?;
+                let poses = parse(&bytes, scene as u32)
+                    .map_err(|problem| Error::Input(format!("{}: {problem}", path.display())))?;
+                done(bytes.len() as u64);
+                Ok(poses)
+            })
+            .collect::<Result<_>>()?;
+        let mut split = Split {
+            scenes: self.scenes.iter().map(|(name, _)| name.clone()).collect(),
+            objects: BTreeMap::new(),
+        };
+        for (object, pose) in read.into_iter().flatten() {
+            split.objects.entry(object).or_default().push(pose);
+        }
+        Ok(split)
+    }
+}
+
+/// The files with annotations of one scene, each with its name.
+fn annotations(scene: &Path) -> Result<Vec<(String, PathBuf)>> {
+    let folder = scene.file_name().unwrap_or_default().to_string_lossy();
+    let named = |path: PathBuf| {
+        let stem = path.file_name()?.to_str()?.strip_suffix(".json")?;
+        let sensor = stem.strip_prefix("scene_gt")?;
+        match sensor.strip_prefix('_') {
+            None if sensor.is_empty() => Some((folder.to_string(), path)),
+            // `scene_gt_info.json` and `scene_gt_info_<sensor>.json` hold boxes.
+            Some(sensor) if sensor.split('_').next() != Some("info") => {
+                Some((format!("{folder}/{sensor}"), path))
+            }
+            _ => None,
+        }
+    };
+    Ok(listed(scene)?.into_iter().filter_map(named).collect())
+}
+
+/// What is in a folder, sorted.
+fn listed(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries = fs::read_dir(folder).and_then(|entries| {
+        entries
+            .map(|entry| Ok(entry?.path()))
+            .collect::<io::Result<Vec<_>>>()
+    });
+    let mut paths = entries.map_err(read_error(folder))?;
+    paths.sort();
+    Ok(paths)
+}
+
+fn parse(bytes: &[u8], scene: u32) -> Result<Vec<(u32, Pose)>, String> {
+    #[derive(Deserialize)]
+    struct Annotation {
+        obj_id: u32,
+        #[serde(rename = "cam_R_m2c")]
+        rotation: [f64; 9],
+        #[serde(rename = "cam_t_m2c")]
+        translation_mm: [f64; 3],
+    }
+    let images: BTreeMap<u32, Vec<Annotation>> =
+        serde_json::from_slice(bytes).map_err(|cause| {
+            format!(
+                "expected {{IMAGE: [{{\"obj_id\": ID, \"cam_R_m2c\": 9 numbers, \"cam_t_m2c\": 3 \
+                 numbers}}]}}, got: {cause}"
+            )
+        })?;
+    let mut poses = Vec::new();
+    for (image, annotations) in images {
+        for (annotation, read) in annotations.into_iter().enumerate() {
+            let rotation = Matrix3::from_row_slice(&read.rotation);
+            let off = (rotation * rotation.transpose() - Matrix3::identity()).norm();
+            let translation_mm = Vector3::from(read.translation_mm);
+            if off > 1e-2 || rotation.determinant() < 0.0 {
+                return Err(format!(
+                    "annotation {annotation} of image {image}: expected a rotation in cam_R_m2c, \
+                     got {:?}",
+                    read.rotation
+                ));
+            }
+            if translation_mm.amax() > FARTHEST_MM {
+                return Err(format!(
+                    "annotation {annotation} of image {image}: expected millimetres of at most \
+                     {FARTHEST_MM:e} in cam_t_m2c, got {:?}",
+                    read.translation_mm
+                ));
+            }
+            let pose = Pose {
+                scene,
+                image,
+                annotation: annotation as u32,
+                rotation,
+                translation_mm,
+            };
+            poses.push((read.obj_id, pose));
+        }
+    }
+    Ok(poses)
+}
+
+fn read_error(path: &Path) -> impl Fn(io::Error) -> Error + '_ {
+    |cause| Error::Read {
+        path: path.to_owned(),
+        cause,
+    }
+}
