@@ -59,13 +59,13 @@ fn main() -> Result<(), Failure> {
         planted += u64::from(i % 10 < 3);
     }
 
-    let begin = Instant::now();
+    let watch = Watch::start();
     write_split(&folder.join("test"), &test)?;
     write_split(&folder.join("train"), &train)?;
     write_models(&folder.join("models"), &mut random)?;
-    println!("written      {:6.2} s", begin.elapsed().as_secs_f64());
+    watch.print("written", "");
 
-    let begin = Instant::now();
+    let watch = Watch::start();
     let files = [
         Files::find(&folder.join("test"))?,
         Files::find(&folder.join("train"))?,
@@ -73,11 +73,9 @@ fn main() -> Result<(), Failure> {
     let [a, b] = [files[0].read(|_| ())?, files[1].read(|_| ())?];
     let models = load_models(&folder.join("models"), common_objects(&a, &b)?.into_iter())?;
     let megabytes = (files[0].bytes + files[1].bytes) as f64 / 1e6;
-    println!(
-        "read         {:6.2} s  {megabytes:.0} MB, {} and {} poses",
-        begin.elapsed().as_secs_f64(),
-        a.poses(),
-        b.poses()
+    watch.print(
+        "read",
+        &format!("{megabytes:.0} MB, {} and {} poses", a.poses(), b.poses()),
     );
 
     for (name, models) in [("ADD", Some(&models)), ("rotation", None)] {
@@ -86,19 +84,44 @@ fn main() -> Result<(), Failure> {
             limit: 1.0,
             models,
         };
-        let begin = Instant::now();
+        let watch = Watch::start();
         let found = leakage(&a, &b, &settings)?.total().a;
-        println!(
-            "by {name:9} {:6.2} s  {} recur of {planted} planted, {} have the same translation",
-            begin.elapsed().as_secs_f64(),
-            found.recurring,
-            found.same_translation
+        let (recur, same) = (found.recurring, found.same_translation);
+        watch.print(
+            &format!("by {name}"),
+            &format!("{recur} recur of {planted} planted, {same} have the same translation"),
         );
         if found.recurring != planted {
             return Err("poses were lost or invented".into());
         }
     }
     Ok(())
+}
+
+/// Prints what took how long, on the clock and, on Linux, of processor time: the latter does not
+/// depend on what else the machine does.
+struct Watch(Instant, Option<f64>);
+
+impl Watch {
+    fn start() -> Self {
+        Self(Instant::now(), processor_s())
+    }
+
+    fn print(&self, name: &str, text: &str) {
+        let clock = self.0.elapsed().as_secs_f64();
+        let processor = processor_s().zip(self.1).map(|(now, then)| now - then);
+        let processor = processor.map_or("?".into(), |s| format!("{s:.2}"));
+        println!("{name:12} {clock:6.2} s, {processor:>5} s of processor time  {text}");
+    }
+}
+
+/// User and system time of this process, seconds; from proc(5), in ticks of 10 ms.
+fn processor_s() -> Option<f64> {
+    let text = std::fs::read_to_string("/proc/self/stat").ok()?;
+    let (_, after_name) = text.rsplit_once(')')?;
+    let fields: Vec<&str> = after_name.split_whitespace().collect();
+    let ticks = |at: usize| fields.get(at)?.parse::<f64>().ok();
+    Some((ticks(11)? + ticks(12)?) / 100.0)
 }
 
 fn shifted(pose: &Pose, by_mm: Vector3<f64>) -> Pose {

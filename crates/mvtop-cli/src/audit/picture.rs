@@ -53,9 +53,9 @@ pub fn svg(result: &Audited) -> String {
         );
     };
     let splits = format!("a: {}   b: {}", result.names[0], result.names[1]);
-    text(&mut svg, LEFT, 24.0, "start", &splits);
+    text(&mut svg, 16.0, 24.0, "start", &splits);
     let summary = nearest(result.measure, histogram, total.a.poses);
-    text(&mut svg, LEFT, 44.0, "start", &summary);
+    text(&mut svg, 16.0, 44.0, "start", &summary);
     for tick in (0..=top / step).map(|i| i * step) {
         let y = y(tick);
         let _ = writeln!(
