@@ -3,8 +3,9 @@
     python -m mvtop_train.run --config training/runs/small-gpu.toml --minutes 25
 
 Scenes are rendered by all cores while the network already trains on those that are there. The
-training ends when the time is nearly over, its learning rate annealed. A second call goes on where
-a killed one was. The run folder gets `bundle/`, `evaluation.json` and all that `train.py` writes.
+training ends when the time is nearly over, its learning rate annealed. Networks with close-ups
+learn their poses in a second stage, in `poses/`. A second call goes on where a killed one was. The
+run folder gets `bundle/`, `evaluation.json` and all that `train.py` writes.
 """
 
 import argparse
@@ -75,12 +76,12 @@ class Generator:
         self.process.wait()
 
 
-def evaluate(settings: runconfig.RunConfig, folder: Path) -> dict:
-    """Errors of the run's average on the test split, on crops with lightly jittered true boxes."""
+def evaluate(settings: runconfig.RunConfig, folder: Path, weights: Path) -> dict:
+    """Errors of the run's average on the test split, with lightly jittered true boxes."""
     from . import checkpoint, data, objects, processes, train
 
     me = processes.join()
-    model, config, step = checkpoint.load_weights(folder / "weights.pt")
+    model, config, step = checkpoint.load_weights(weights)
     obj = objects.read(Path(settings.data), settings.object or None)
     scenes = data.load_index(Path(settings.data), TEST_SPLIT, obj)
     result = {"step": step, "split": TEST_SPLIT, "scenes": len(scenes)}
@@ -110,17 +111,25 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
                 f"error: --minutes: expected more than {minutes - left:.1f} (first scenes, and "
                 f"generate.reserve for the end), got {minutes:g}; fix: more of them"
             )
-        train.train(dataclasses.replace(settings, minutes=left), folder)
+        second = {**runconfig.SECOND, **settings.second}
+        share = second.pop("share") if settings.closeup else 0.0
+        train.train(dataclasses.replace(settings, minutes=left * (1 - share)), folder)
         generator.check()
     finally:
         generator.stop()
-    bundle = folder / "bundle"
+    bundle, weights = folder / "bundle", folder / "weights.pt"
+    if share:
+        poses = dataclasses.replace(
+            settings, backbone=str(weights), init="", minutes=left * share, **second
+        )
+        train.train(poses, folder / "poses")
+        weights = folder / "poses" / "weights.pt"
     subprocess.run(
-        [sys.executable, "-m", "mvtop_train.export", "--weights", str(folder / "weights.pt"),
+        [sys.executable, "-m", "mvtop_train.export", "--weights", str(weights),
          "--data", settings.data, "--out", str(bundle)],
         check=True,
     )  # fmt: skip
-    print(json.dumps(evaluate(settings, folder), indent=1))
+    print(json.dumps(evaluate(settings, folder, weights), indent=1))
     print(f"{folder}: {(time.monotonic() - begun) / 60:.1f} minutes of {minutes:g}")
 
 

@@ -46,6 +46,12 @@ class RunConfig:
     save_minutes: float = 3.0
     validate_minutes: float = 20.0
     generate: dict = field(default_factory=dict)  # what `mvtop_train.run` generates
+    second: dict = field(default_factory=dict)  # its second stage, of networks with close-ups
+
+    @property
+    def closeup(self) -> int:
+        """Side of the network's close-ups, px; 0: it has none."""
+        return self.network.get("closeup", configs.PRESETS[self.preset].closeup)
 
     def network_config(self, classes) -> configs.Config:
         return configs.preset(self.preset, classes=classes, **self.network)
@@ -61,7 +67,7 @@ class RunConfig:
 # What may differ when a run is resumed: how long, where and how often, but not what is learnt.
 MAY_CHANGE = {
     "data", "init", "steps", "minutes", "workers", "log_steps", "save_minutes",
-    "validate_minutes", "generate",
+    "validate_minutes", "generate", "second",
 }  # fmt: skip
 GENERATE = {
     "scenes": 6000,  # of the training split
@@ -71,6 +77,13 @@ GENERATE = {
     "start": 300,  # scenes with which the training starts
     "workers": 0,  # 0: all cores
     "reserve": 2.0,  # minutes kept for export and evaluation
+}
+SECOND = {
+    "share": 0.4,  # of the time of the training
+    "copies": 5,  # as in `RunConfig`, and those that follow
+    "views": (0.15, 0.6, 0.15, 0.1),
+    "lr": 1e-3,
+    "warmup": 50,
 }
 _FIELDS = {f.name: f for f in dataclasses.fields(RunConfig)}
 
@@ -120,6 +133,7 @@ def _checked(fields: dict, source) -> RunConfig:
         "augmentation": dataclasses.asdict(Augmentation(1.0)),
         "loss": losses.WEIGHTS,
         "generate": GENERATE,
+        "second": SECOND,
     }
     for table, examples in tables.items():
         content = fields.get(table, {})
@@ -127,10 +141,11 @@ def _checked(fields: dict, source) -> RunConfig:
         for key, value in content.items():
             content[key] = _typed(key, value, examples[key], f"{source}: {table}")
     config = RunConfig(**fields)
-    closeup = {**dataclasses.asdict(configs.PRESETS[config.preset]), **config.network}["closeup"]
+    share = config.second.get("share", 0.5)
     for wrong, key, expected in (
-        (config.backbone and not closeup, "backbone", "none for networks without close-ups"),
+        (config.backbone and not config.closeup, "backbone", "none for networks without close-ups"),
         (config.copies < 1, "copies", "at least 1"),
+        (not 0 < share < 1, "second", "a share of the time between 0 and 1"),
         (config.precision not in ("bf16", "fp32"), "precision", "'bf16' or 'fp32'"),
         (config.images < len(config.views), "images", "at least as many as views of a scene"),
         (config.crop <= 0 or config.crop % 32, "crop", "a multiple of 32"),

@@ -195,6 +195,7 @@ def train(settings: runconfig.RunConfig, folder: Path):
     # Torchvision's FPN makes maps that are not used.
     model = processes.distributed(run.model, me, unused=config.backbone != "conv")
     aug = settings.augmentation_of(config)
+    clock = Clock(settings, run, device, alone=me.count == 1)
     if settings.backbone:
         run.model.features.backbone.eval()
 
@@ -215,7 +216,6 @@ def train(settings: runconfig.RunConfig, folder: Path):
             settings.seed, aug, me.rank, me.count,
         )  # fmt: skip
     loader = batches.loader(stream, run.step, settings.workers, pinned=device != "cpu")
-    clock = Clock(settings, run, device, alone=me.count == 1)
     saving, validating = Timer(settings.save_minutes), Timer(settings.validate_minutes)
     meter, log = Meter(), Log(run) if first else None
     bar = tqdm(

@@ -41,6 +41,9 @@ log_steps = 5
 """
 
 
+CLOSEUPS = ("network.closeup=64", "network.closeup_strides=[16, 32]")
+
+
 def config_of(dataset, folder):
     path = folder / "tiny.toml"
     path.write_text(f"data = {json.dumps(str(dataset))}\n{CONFIG}")
@@ -137,16 +140,19 @@ def test_a_run_is_not_resumed_with_another_config(dataset, tmp_path):
     assert kept == runconfig.load(config_of(dataset, tmp_path), ["steps=1"])
 
 
-def test_from_nothing_to_a_bundle(dataset, tmp_path):
+@pytest.mark.parametrize("closeups", [(), CLOSEUPS])
+def test_from_nothing_to_a_bundle(dataset, tmp_path, closeups):
     """The scenes of the data set are whole, so that the generator adds those of the test split."""
-    changes = ["steps=3"]
+    changes = ["steps=3", "second.copies=1", *closeups]
     changes += [f"generate.{x}" for x in ("scenes=6", "start=6", "test=1", "workers=1")]
     settings = runconfig.load(config_of(dataset, tmp_path), changes)
     run.run(settings, tmp_path / "run", minutes=30)
     result = json.loads((tmp_path / "run" / "evaluation.json").read_text())
     assert result["step"] == 3 and result["scenes"] == 1
     assert 0 < result["views_2"]["rot_mean_deg"] <= 180
-    assert json.loads((tmp_path / "run" / "bundle" / "model.json").read_text())["preset"] == "tiny"
+    manifest = json.loads((tmp_path / "run" / "bundle" / "model.json").read_text())
+    assert manifest["preset"] == "tiny" and ("closeup" in manifest) == bool(closeups)
+    assert (tmp_path / "run" / "poses" / "weights.pt").exists() == bool(closeups)
 
 
 def test_crops_without_the_object_show_nothing_of_it(dataset):
@@ -195,9 +201,6 @@ def test_a_network_with_coarser_cells_learns_the_same_coordinates(tiny):
     expected = losses.total(prediction, batch, 8)[1]["coordinates"]
     assert expected > 0
     torch.testing.assert_close(losses.total(prediction, fine, 8)[1]["coordinates"], expected)
-
-
-CLOSEUPS = ("network.closeup=64", "network.closeup_strides=[16, 32]")
 
 
 def test_poses_are_learnt_from_closeups_on_a_frozen_backbone(dataset, tmp_path):
