@@ -1,0 +1,43 @@
+//! Command line of mvtop. Exit code 0 when all is well, 2 with one sentence on stderr otherwise.
+//!
+//! A library, so that Python's wheel installs the same command.
+
+mod args;
+mod audit;
+mod doctor;
+mod eval;
+mod failure;
+mod infer;
+mod model_dir;
+mod table;
+
+use std::ffi::OsString;
+
+use clap::Parser;
+
+use args::{Cli, Command};
+
+/// Runs the command that `args` name, the first being the program's own name; returns the exit code.
+pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
+    let cli = match Cli::try_parse_from(args) {
+        Ok(cli) => cli,
+        Err(answer) => {
+            // Help and version come here as well. There is nowhere left to say that printing failed.
+            let _ = answer.print();
+            return if answer.use_stderr() { 2 } else { 0 };
+        }
+    };
+    let done = match cli.command {
+        Command::Infer(args) => infer::run(&args),
+        Command::Eval(args) => eval::run(&args),
+        Command::Audit(args) => audit::run(&args),
+        Command::Doctor(args) => doctor::run(&args),
+    };
+    match done {
+        Ok(()) => 0,
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            2
+        }
+    }
+}
