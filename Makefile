@@ -22,7 +22,8 @@ MOST_hard = 8
 MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
-.PHONY: help demo test build-tests test-rust test-python lint fixtures eval tables pictures bench
+.PHONY: help demo test build-tests test-rust test-python lint fixtures eval tables pictures bench \
+  wheel test-wheel stubs test-ray
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -31,7 +32,7 @@ demo: .venv/run.done $(CLI)  ## poses of the shipped two-view example, with over
 	$(CLI) infer --rig examples/mvball/rig.json examples/mvball/*.png \
 	  --truth examples/mvball/truth.json --overlay out/demo --force
 
-test: lint test-rust test-python  ## every test, format and lint check
+test: lint test-rust test-python test-wheel  ## every test, format and lint check
 
 # One selection of targets for both, so that dependencies are built once. `cargo test` alone does
 # not make the shared library that the training calls.
@@ -49,8 +50,34 @@ test-python: .venv/train.done build-tests
 lint: .venv/train.done
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets -- -D warnings
-	$(PY) -m ruff check training
-	$(PY) -m ruff format --check training
+	$(PY) -m ruff check training crates/mvtop-py
+	$(PY) -m ruff check --config crates/mvtop-py/pyproject.toml examples benches
+	$(PY) -m ruff format --check training crates/mvtop-py
+	$(PY) -m ruff format --check --config crates/mvtop-py/pyproject.toml examples benches
+
+WHEELS := target/wheels
+
+wheel: .venv/train.done  ## the Python wheel, in target/wheels
+	rm -f $(WHEELS)/mvtop-*.whl
+	$(PY) -m maturin build --release --strip --locked -m crates/mvtop-py/Cargo.toml --out $(WHEELS)
+
+test-wheel: wheel
+	scripts/try-wheel.sh $(WHEELS)/mvtop-*.whl
+	$(PY) -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps \
+	  $(WHEELS)/mvtop-*.whl
+	$(PY) -m pytest -q crates/mvtop-py/tests
+	$(PY) -m maturin generate-stubs --profile release --locked -m crates/mvtop-py/Cargo.toml \
+	  --out out/stubs
+	diff out/stubs/mvtop/_mvtop.pyi crates/mvtop-py/python/mvtop/_mvtop.pyi # else: make stubs
+	$(PY) -m mypy --config-file crates/mvtop-py/pyproject.toml crates/mvtop-py/python \
+	  examples/infer.py examples/ray_bop.py
+
+stubs: .venv/train.done  ## write the types of the Python module's compiled part anew
+	$(PY) -m maturin generate-stubs --profile release --locked -m crates/mvtop-py/Cargo.toml \
+	  --out crates/mvtop-py/python
+
+test-ray: test-wheel .venv/ray.done  ## a whole BOP data set on a local Ray cluster, a worker killed
+	$(PY) -m pytest -q examples
 
 fixtures: .venv/train.done  ## write the parity fixtures anew
 	$(PY) -m mvtop_train.fixtures
@@ -92,4 +119,8 @@ $(CLI):
 
 .venv/train.done: .venv/tables.done
 	$(PY) -m pip install --quiet --disable-pip-version-check -e 'training[train,test]'
+	touch $@
+
+.venv/ray.done: .venv/train.done
+	$(PY) -m pip install --quiet --disable-pip-version-check -e 'training[ray]'
 	touch $@

@@ -2,7 +2,7 @@
 
 mod fields;
 mod parse;
-pub(crate) mod transform;
+pub mod transform;
 mod unit;
 
 use std::fs::File;

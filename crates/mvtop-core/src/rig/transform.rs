@@ -14,7 +14,7 @@ const FARTHEST: f64 = 1e7;
 ///
 /// - `place`: how to name it in an error
 /// - `unit`: metres per unit of its translation
-pub(crate) fn read(place: String, value: &Value, unit: f64) -> Checked<Isometry3<f64>> {
+pub fn read(place: String, value: &Value, unit: f64) -> Checked<Isometry3<f64>> {
     let (translation, rotation) = match value {
         Value::Array(rows) => from_matrix(&place, rows),
         Value::Object(_) => from_parts(&place, value),

@@ -1,0 +1,178 @@
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from mvtop import _runtime
+from mvtop._mvtop import NativeEstimator, Rig
+from mvtop._prediction import Prediction, Source
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Image = NDArray[np.uint8] | str | os.PathLike[str]
+    Images = Sequence[Image] | NDArray[np.uint8] | Mapping[str, Image]
+    Boxes = str | os.PathLike[str] | Iterable[Mapping[str, Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectClass:
+    """One of the objects that a network knows."""
+
+    name: str
+    id: int
+    diameter_m: float
+    """Largest distance between two points of its surface, metres."""
+    points: NDArray[np.float64]
+    """(P, 3), points on its surface, object frame, metres."""
+
+
+class Estimator:
+    """A loaded network, ready for any number of predictions with any rigs.
+
+    Threads may share it; their predictions run one after the other. It can be pickled, and used in
+    a forked process: both load the network anew.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        provider: str = "cpu",
+        threads: int = 0,
+        ort_lib: str | os.PathLike[str] | None = None,
+    ) -> None:
+        self._path = os.path.abspath(path)
+        self._options: dict[str, Any] = {
+            "provider": provider,
+            "threads": threads,
+            "ort_lib": ort_lib,
+        }
+        self._native = self._load()
+
+    @classmethod
+    def load(
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        provider: str = "cpu",
+        threads: int = 0,
+        ort_lib: str | os.PathLike[str] | None = None,
+    ) -> Estimator:
+        """Loads a model bundle, a folder with `model.json`.
+
+        - provider: what executes the network: "cpu", "cuda", "tensorrt", "openvino",
+          "openvino-bf16", "coreml" or "xnnpack", if the installed onnxruntime has it
+        - threads: inside one operation of the network; 0 for one per physical core
+        - ort_lib: ONNX Runtime's library; by default $ORT_DYLIB_PATH, else the one of the installed
+          package `onnxruntime`. One process can use only one.
+
+        Raises OSError where a file cannot be read, mvtop.Error where the bundle, the library or the
+        provider cannot be used.
+        """
+        return cls(path, provider=provider, threads=threads, ort_lib=ort_lib)
+
+    def _load(self) -> NativeEstimator:
+        library = self._options["ort_lib"] or _runtime.library()
+        return NativeEstimator(
+            self._path, library, self._options["provider"], self._options["threads"]
+        )
+
+    def _here(self) -> NativeEstimator:
+        """The network in this process: its threads do not survive a fork."""
+        native = self._native
+        if not native.is_of_this_process():
+            self._native = native = self._load()
+        return native
+
+    @property
+    def classes(self) -> list[ObjectClass]:
+        """The objects that the network knows."""
+        native = self._native
+        return [
+            ObjectClass(name, number, diameter, native.points(i))
+            for i, (name, number, diameter) in enumerate(native.classes())
+        ]
+
+    def predict(
+        self,
+        images: Images,
+        rig: Rig,
+        *,
+        reference: str | None = None,
+        boxes: Boxes | None = None,
+    ) -> Prediction:
+        """Finds the objects that the network knows, and their poses.
+
+        - images: RGB arrays of uint8 and shape (H, W, 3), or paths of PNG and JPEG files: one for
+          each camera in the rig's order, or a dict by camera id for some of them
+        - reference: id of the camera in whose frame poses are given; the rig's by default
+        - boxes: to use instead of detecting: [{"class": name, "boxes": {camera: [x0, y0, x1, y1]}}]
+          in px, or the path of a JSON file with {"objects": that list}
+
+        Raises ValueError where images, reference or boxes do not fit the rig or the network.
+        """
+        given = _by_camera(images, rig)
+        native = self._here()
+        prediction, report = native.predict(rig, given, reference, _boxes(boxes))
+        return Prediction.from_report(json.loads(report), rig, Source(native, prediction, given))
+
+    def __repr__(self) -> str:
+        return f"Estimator({self._path!r}, provider={self._options['provider']!r})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _unpickled, (self._path, self._options)
+
+
+def _unpickled(path: str, options: dict[str, Any]) -> Estimator:
+    return Estimator(path, **options)
+
+
+def _by_camera(images: Images, rig: Rig) -> list[tuple[int, Any]]:
+    ids = [camera.id for camera in rig.cameras]
+    known = ", ".join(ids)
+    if isinstance(images, Mapping):
+        for camera in images:
+            if camera not in ids:
+                raise ValueError(
+                    f"images: no camera `{camera}` in the rig, expected one of: {known}"
+                )
+        return [(ids.index(camera), image) for camera, image in images.items()]
+    if isinstance(images, (str, bytes, os.PathLike)) or not hasattr(images, "__len__"):
+        raise ValueError(
+            "images: expected a list of arrays or paths, or a dict by camera id, "
+            f"got {type(images).__name__}"
+        )
+    if len(images) != len(ids):
+        raise ValueError(
+            f"images: expected {len(ids)}, one for each camera of the rig ({known}), got "
+            f"{len(images)}; to use some of the cameras, give a dict by camera id"
+        )
+    return list(enumerate(images))
+
+
+def _boxes(boxes: Boxes | None) -> list[Any] | None:
+    """The name of each object and its boxes by camera id."""
+    if boxes is None:
+        return None
+    given: Any = boxes
+    try:
+        if isinstance(boxes, (str, os.PathLike)):
+            with open(boxes, encoding="utf-8") as file:
+                given = json.load(file)["objects"]
+        return [
+            (
+                str(known["class"]),
+                {str(camera): [float(x) for x in box] for camera, box in known["boxes"].items()},
+            )
+            for known in given
+        ]
+    except (KeyError, TypeError, AttributeError, ValueError) as cause:
+        raise ValueError(
+            'boxes: expected [{"class": name, "boxes": {camera: [x0, y0, x1, y1]}}], got what '
+            f"gives {type(cause).__name__}: {cause}"
+        ) from None

@@ -1,0 +1,357 @@
+from _typeshed import SupportsGetItem, SupportsLenAndGetItem
+from numpy import float32, float64, uint8
+from numpy.typing import ArrayLike, NDArray
+from os import PathLike
+from typing import Any, SupportsFloat, SupportsIndex, final
+
+__all__ = ["Camera", "Mesh", "NativeEstimator", "NativePrediction", "Rig", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "average_recall", "box_rays", "camera_rays", "deformable_sampling", "encode_rays", "recall", "rotation_error_deg", "rotation_from_6d", "run_cli", "translation_error", "vsd"]
+
+@final
+class Camera:
+    """
+    A calibrated camera: its lens, and its place in the world.
+
+    Camera frame: x right, y down, z forward. Pixels: integer coordinates are pixel centres, the
+    top-left one at (0, 0). Distortion is OpenCV's, in OpenCV's order.
+    """
+    @property
+    def K(self, /) -> NDArray[float64]:
+        """
+        (3, 3), intrinsics, px.
+        """
+    def __new__(cls, /, K: ArrayLike, size: SupportsLenAndGetItem[SupportsIndex], *, distortion: ArrayLike | None = None, model: str = "pinhole", world_from_cam: ArrayLike | None = None, id: str = "cam0") -> Camera:
+        """
+        A camera from arrays.
+
+        - K: (3, 3), intrinsics in px: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]
+        - size: width and height of its images, px
+        - distortion: of "pinhole" 0, 4, 5 or 8 of k1 k2 p1 p2 k3 k4 k5 k6, of "fisheye" k1 k2 k3 k4
+        - model: "pinhole" (Brown-Conrady) or "fisheye" (Kannala-Brandt)
+        - world_from_cam: (4, 4), camera frame to world frame, metres; the identity by default
+
+        Raises ValueError for anything that hints at a mistake, as a rig file does.
+        """
+    def __repr__(self, /) -> str: ...
+    @property
+    def distortion(self, /) -> NDArray[float64]:
+        """
+        Coefficients in OpenCV's order; none for an ideal pinhole.
+        """
+    @property
+    def id(self, /) -> str: ...
+    @property
+    def model(self, /) -> str:
+        """
+        "pinhole" or "fisheye".
+        """
+    def project(self, /, points: ArrayLike) -> NDArray[float64]:
+        """
+        Pixels at which the lens images points of the camera frame.
+
+        - points: (..., 3), any unit
+        - returns: (..., 2), px, also outside the image; NaN for what the lens cannot image: behind
+          the camera, or past the angle at which the distortion would fold the image back
+        """
+    @property
+    def size(self, /) -> tuple[int, int]:
+        """
+        Width and height of its images, px.
+        """
+    def unproject(self, /, pixels: ArrayLike) -> NDArray[float64]:
+        """
+        Directions of the rays that the lens images at pixels: the exact inverse of `project`.
+
+        - pixels: (..., 2), px
+        - returns: (..., 3), camera frame, of length 1; NaN where no ray meets the pixel
+        """
+    @property
+    def world_from_cam(self, /) -> NDArray[float64]:
+        """
+        (4, 4), camera frame to world frame, metres.
+        """
+
+@final
+class Mesh:
+    """
+    A triangle mesh in the object's frame, for depth images.
+    """
+    def __new__(cls, /, vertices: ArrayLike, triangles: SupportsGetItem[int, SupportsLenAndGetItem[SupportsIndex]]) -> Mesh:
+        """
+        - vertices: (P, 3)
+        - triangles: three vertices' numbers each; both sides are seen
+        """
+    def depth(self, /, cam_from_obj: ArrayLike, camera: Camera, *, half_pixel: bool = False) -> NDArray[float32]:
+        """
+        Depth image, in the unit of the vertices and the pose.
+
+        - half_pixel: pixels are centred at (0.5, 0.5), as in bop_toolkit's renderers
+        - returns: (H, W), float32, of the camera's size; 0 where there is nothing
+
+        Raises ValueError for a lens with distortion.
+        """
+
+@final
+class NativeEstimator:
+    """
+    A network that is loaded in this process.
+    """
+    def __new__(cls, /, bundle: str | PathLike[str], ort_lib: str | PathLike[str] | None, provider: str, threads: SupportsIndex) -> NativeEstimator: ...
+    def classes(self, /) -> list[tuple[str, int, float]]:
+        """
+        Name and number of each class, with its diameter in metres.
+        """
+    def draw(self, /, prediction: NativePrediction, rig: Rig, images: SupportsGetItem[int, tuple[SupportsIndex, Any]]) -> list[NDArray[uint8]]:
+        """
+        Copies of the images with the predicted objects drawn onto them.
+        """
+    @staticmethod
+    def images(rig: Rig, images: SupportsGetItem[int, tuple[SupportsIndex, Any]]) -> list[NDArray[uint8]]:
+        """
+        The images as arrays.
+        """
+    def is_of_this_process(self, /) -> bool:
+        """
+        Whether it was loaded in the process that asks, and not in one that this was forked from.
+        """
+    def points(self, /, class_index: SupportsIndex) -> NDArray[float64]:
+        """
+        (P, 3), points on the surface of a class, metres.
+        """
+    def predict(self, /, rig: Rig, images: SupportsGetItem[int, tuple[SupportsIndex, Any]], reference: str | None, boxes: SupportsGetItem[int, tuple[str, dict[str, SupportsLenAndGetItem[SupportsFloat | SupportsIndex]]]] | None) -> tuple[NativePrediction, str]:
+        """
+        The prediction, and its report as JSON. Images are given by the index of their camera.
+        """
+
+@final
+class NativePrediction:
+    """
+    What the core's estimator answered, for drawing.
+    """
+
+@final
+class Rig:
+    """
+    The cameras that look at a scene together.
+    """
+    def __len__(self, /) -> int: ...
+    def __new__(cls, /, cameras: SupportsGetItem[int, Camera], reference: str | None = None) -> Rig:
+        """
+        A rig of these cameras; `reference` is the id of the one in whose frame poses are given, the
+        first by default.
+
+        Raises ValueError for anything that hints at a mistake, as a rig file does.
+        """
+    def __reduce__(self, /) -> tuple[Any, tuple[str]]:
+        """
+        For pickle.
+        """
+    def __repr__(self, /) -> str: ...
+    @property
+    def cameras(self, /) -> list[Camera]: ...
+    @classmethod
+    def from_arrays(cls, /, K: ArrayLike, world_from_cam: ArrayLike, sizes: ArrayLike, *, distortion: ArrayLike | None = None, model: str = "pinhole", ids: SupportsGetItem[int, str] | None = None, reference: str | None = None) -> Rig:
+        """
+        A rig of V cameras of one lens model.
+
+        - K: (V, 3, 3), or (3, 3) for all; intrinsics, px
+        - world_from_cam: (V, 4, 4), camera frame to world frame, metres
+        - sizes: (V, 2), or (2,) for all; widths and heights of the images, px
+        - distortion: (V, n), or (n,) for all; see Camera
+        - ids: names of the cameras, "cam0", "cam1", ... by default
+        """
+    @classmethod
+    def from_json(cls, /, text: str) -> Rig:
+        """
+        Reads the text of a rig file.
+        """
+    @classmethod
+    def load(cls, /, path: str | PathLike[str]) -> Rig:
+        """
+        Reads a rig file (docs/rig.md).
+
+        Raises OSError where it cannot be read, ValueError where it is refused.
+        """
+    @property
+    def reference(self, /) -> str:
+        """
+        Id of the camera in whose frame poses are given.
+        """
+    def to_json(self, /) -> str:
+        """
+        The text of a rig file, in metres.
+        """
+
+@final
+class Surface:
+    """
+    Points on an object's surface, made ready for measuring many poses.
+
+    Poses are (..., 4, 4), object frame to any one frame, in the unit of the points; one of truth
+    and estimate may be a single one. Errors are (...), in the unit of the points.
+    """
+    def __new__(cls, /, points: ArrayLike) -> Surface:
+        """
+        - points: (P, 3), object frame
+        """
+    def add(self, /, truth: ArrayLike, estimate: ArrayLike) -> NDArray[float64]:
+        """
+        ADD: average distance of the points under both poses (Hinterstoisser et al. 2012).
+        """
+    def add_or_add_s(self, /, truth: ArrayLike, estimate: ArrayLike, symmetric: bool) -> NDArray[float64]:
+        """
+        ADD-(S): ADD-S for symmetric objects, ADD for others.
+        """
+    def add_s(self, /, truth: ArrayLike, estimate: ArrayLike) -> NDArray[float64]:
+        """
+        ADD-S, also ADI: average distance of the points under the true pose to the nearest point
+        under the estimated one.
+        """
+    def mspd(self, /, truth: ArrayLike, estimate: ArrayLike, camera: Camera, symmetries: Symmetries | None = None) -> NDArray[float64]:
+        """
+        MSPD: greatest distance of the points' pixels, px, for the symmetry where that is least
+        (BOP); infinite where the lens cannot image a point.
+
+        - truth, estimate: object frame to camera frame
+        """
+    def mssd(self, /, truth: ArrayLike, estimate: ArrayLike, symmetries: Symmetries | None = None) -> NDArray[float64]:
+        """
+        MSSD: greatest distance of the points, for the symmetry where that is least (BOP).
+        """
+
+@final
+class Symmetries:
+    """
+    Motions of an object that do not change how it looks, the identity among them.
+    """
+    def __len__(self, /) -> int:
+        """
+        Number of motions.
+        """
+    def __new__(cls, /, discrete: ArrayLike | None = None, continuous: SupportsGetItem[int, tuple[ArrayLike, ArrayLike]] = ..., *, max_step: SupportsFloat | SupportsIndex = 0.01) -> Symmetries:
+        """
+        The identity and the discrete symmetries, each followed by every turn about each axis, as in
+        BOP's models_info.json.
+
+        - discrete: (S, 4, 4), without the identity, in the unit of the points
+        - continuous: axis and a point on it, (3,) each
+        - max_step: of the turns, as a share of the diameter; 0.01 is BOP's
+        """
+
+def auc_exact(errors: SupportsGetItem[int, SupportsFloat | SupportsIndex], max: SupportsFloat | SupportsIndex) -> float | None:
+    """
+    Exact area under the recall curve from 0 to `max`, over `max`.
+    """
+
+def auc_poet(errors: SupportsGetItem[int, SupportsFloat | SupportsIndex], max: SupportsFloat | SupportsIndex) -> float | None:
+    """
+    The area of PoET's evaluation, `max` there being 0.1 m.
+    """
+
+def auc_posecnn(errors: SupportsGetItem[int, SupportsFloat | SupportsIndex], max: SupportsFloat | SupportsIndex) -> float | None:
+    """
+    The area of PoseCNN's and CosyPose's evaluations, `max` there being 0.1 m.
+    """
+
+def average_recall(errors: SupportsGetItem[int, SupportsFloat | SupportsIndex], thresholds: SupportsGetItem[int, SupportsFloat | SupportsIndex]) -> float | None:
+    """
+    Mean of the recalls at several thresholds: BOP's average recall for one kind of error.
+    """
+
+def box_rays(camera: Camera, box: ArrayLike, ref_from_cam: ArrayLike) -> NDArray[float32] | None:
+    """
+    Lines of sight of a box: camera centre o, direction d through the box's centre, and how far the
+    directions to its sides lie to the left and right, and above and below.
+
+    - box: x0, y0, x1, y1, px of the image
+    - ref_from_cam: (4, 4), metres
+    - returns: (12,), float32, [o, d, 10 e_x, 10 e_y] in the reference camera's frame; None where a
+      pixel of it has no ray
+    """
+
+def camera_rays(camera: Camera, strides: SupportsGetItem[int, SupportsIndex], *, net_size: tuple[SupportsIndex, SupportsIndex] | None = None) -> NDArray[float32]:
+    """
+    Direction in which each cell of the network's feature maps looks, in the camera's own frame.
+
+    - strides: of the levels, network pixels per cell
+    - net_size: width and height of the network's input, px, into which the image is scaled to fit;
+      the image's own by default
+    - returns: (N, 3), float32, of length 1, levels in the order of strides, each row by row; 0 for
+      cells that lie in the padding or that no ray meets
+    """
+
+def deformable_sampling(value: ArrayLike, locations: ArrayLike, weights: ArrayLike, levels: SupportsGetItem[int, tuple[SupportsIndex, SupportsIndex]]) -> NDArray[float32]:
+    """
+    Weighted bilinear reads of a multi-level feature map (Zhu et al., "Deformable DETR", eq. 3).
+
+    - value: (B, N, H, D), the cells of all levels, finest first, row by row
+    - locations: (B, Q, H, L, K, 2), x and y from 0 to 1 over the full extent of a level; what is
+      read outside is 0, and what is not finite contributes nothing
+    - weights: (B, Q, H, L, K)
+    - levels: height and width of each level, cells
+    - returns: (B, Q, H * D), float32
+    """
+
+def encode_rays(camera_rays: ArrayLike, ref_from_cam: ArrayLike, encoding: str = "plucker") -> NDArray[float32]:
+    """
+    Lines of sight in the reference camera's frame: unit direction d, origin o, moment d x o, as the
+    paper prints it (textbooks write o x d).
+
+    - camera_rays: (N, 3), directions in the camera's frame; 0 where there is none
+    - ref_from_cam: (4, 4), metres
+    - encoding: "direction" [d], "origin_direction" [o, d], "plucker" [d, d x o] or
+      "plucker_origin" [d, d x o, o]
+    - returns: (N, 3, 6 or 9), float32; 0 where there is no ray
+    """
+
+def recall(errors: SupportsGetItem[int, SupportsFloat | SupportsIndex], threshold: SupportsFloat | SupportsIndex) -> float | None:
+    """
+    Share of errors below a threshold; of ADD at 0.1 diameters, the usual "ADD recall". None
+    without errors; an object that was not found counts as infinity.
+    """
+
+def rotation_error_deg(truth: ArrayLike, estimate: ArrayLike, symmetries: Symmetries | None = None) -> NDArray[float64]:
+    """
+    Least angle between the estimated rotation and a symmetric one of the true, degrees.
+
+    - truth, estimate: (..., 4, 4) poses or (..., 3, 3) rotations; one of the two may be a single one
+    - returns: (...)
+    """
+
+def rotation_from_6d(values: ArrayLike) -> NDArray[float64]:
+    """
+    Rotations from six numbers (Zhou et al. 2019): a, then b; columns x = a/|a|,
+    z = (x × b)/|x × b|, y = z × x.
+
+    - values: (..., 6)
+    - returns: (..., 3, 3)
+
+    Raises ValueError where a or b is 0, or the two are parallel.
+    """
+
+def run_cli(args: SupportsGetItem[int, str]) -> int:
+    """
+    The command line `mvtop-cli`: `args` begin with the program's name. Returns the exit code.
+    """
+
+def translation_error(truth: ArrayLike, estimate: ArrayLike, symmetries: Symmetries | None = None) -> NDArray[float64]:
+    """
+    Least distance between the estimated origin and a symmetric one of the true, in the unit of the
+    poses.
+
+    - truth, estimate: (..., 4, 4); one of the two may be a single one
+    - returns: (...)
+    """
+
+def vsd(estimate: ArrayLike, truth: ArrayLike, measured: ArrayLike, camera: Camera, *, delta: SupportsFloat | SupportsIndex, taus: SupportsGetItem[int, SupportsFloat | SupportsIndex] | None = None, diameter: SupportsFloat | SupportsIndex | None = None, truncated_linear: bool = False) -> list[float]:
+    """
+    VSD: share of the visible pixels of both poses where the object's surfaces do not coincide
+    (BOP).
+
+    - estimate, truth: (H, W), depth images of the object, see Mesh.depth
+    - measured: (H, W), depth image of the scene, 0 where nothing was measured
+    - delta: how far a surface may lie behind the measured one and still be seen; BOP: 15 mm
+    - taus: misalignment tolerances; BOP's shares of the diameter by default
+    - diameter: divides distances where given, as BOP does
+    - truncated_linear: the cost of the first definition, of 2016, instead of a step
+    - returns: one number for each tolerance, 0 to 1
+    """

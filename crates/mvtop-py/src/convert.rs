@@ -1,0 +1,217 @@
+//! Between numpy's arrays and the core's types.
+
+use image::RgbImage;
+use nalgebra::{Isometry3, Matrix3, Rotation3};
+use ndarray::{ArrayD, ArrayViewD, Axis, s};
+use numpy::{
+    AllowTypeChange, Element, PyArrayDyn, PyArrayLikeDyn, PyReadonlyArray3, PyUntypedArray,
+    PyUntypedArrayMethods, ToPyArray,
+};
+use pyo3::inspect::PyStaticExpr;
+use pyo3::prelude::*;
+use pyo3::{Borrowed, type_hint_identifier, type_hint_subscript};
+
+use crate::error::value;
+
+/// Anything that numpy makes an array of numbers from.
+pub struct ArrayLike<'py>(Bound<'py, PyAny>);
+
+impl<'py> FromPyObject<'_, 'py> for ArrayLike<'py> {
+    type Error = PyErr;
+    const INPUT_TYPE: PyStaticExpr = type_hint_identifier!("numpy.typing", "ArrayLike");
+
+    fn extract(any: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        Ok(Self(any.to_owned()))
+    }
+}
+
+/// Lengths of an array's last axes; 0 is any length.
+pub type LastAxes<'a> = &'a [usize];
+
+impl ArrayLike<'_> {
+    /// The numbers, if they are finite and the array ends in these axes.
+    ///
+    /// - `leading`: how many more axes there are; `None` for any number
+    pub fn read<T>(&self, name: &str, leading: Option<usize>, last: LastAxes) -> PyResult<ArrayD<T>>
+    where
+        T: Element + Copy + Into<f64> + 'static,
+        for<'a, 'p> Vec<T>: FromPyObject<'a, 'p>,
+    {
+        let array = self.any_number::<T>(name, leading, last)?;
+        for &number in &array {
+            let number: f64 = number.into();
+            if !number.is_finite() {
+                return Err(value(format!(
+                    "{name}: expected finite numbers, got {number}"
+                )));
+            }
+        }
+        Ok(array)
+    }
+
+    /// The same, but NaN and infinity are numbers as well.
+    pub fn any_number<T>(
+        &self,
+        name: &str,
+        leading: Option<usize>,
+        last: LastAxes,
+    ) -> PyResult<ArrayD<T>>
+    where
+        T: Element + Copy + 'static,
+        for<'a, 'p> Vec<T>: FromPyObject<'a, 'p>,
+    {
+        let expected = || {
+            let mut axes: Vec<String> = match leading {
+                None => vec!["...".into()],
+                Some(count) => vec!["any".into(); count],
+            };
+            axes.extend(last.iter().map(|&length| match length {
+                0 => "any".to_owned(),
+                _ => length.to_string(),
+            }));
+            format!("numbers of shape ({})", axes.join(", "))
+        };
+        let array: PyArrayLikeDyn<T, AllowTypeChange> = self.0.extract().map_err(|_| {
+            let got = self.0.get_type();
+            value(format!("{name}: expected {}, got {got}", expected()))
+        })?;
+        let array = array.as_array();
+        let shape = array.shape();
+        let axes_fit = match leading {
+            None => shape.len() >= last.len(),
+            Some(count) => shape.len() == count + last.len(),
+        };
+        let lengths_fit = |shape: &[usize]| {
+            shape[shape.len() - last.len()..]
+                .iter()
+                .zip(last)
+                .all(|(&got, &expected)| expected == 0 || got == expected)
+        };
+        if !axes_fit || !lengths_fit(shape) {
+            return Err(value(format!(
+                "{name}: expected {}, got shape {shape:?}",
+                expected()
+            )));
+        }
+        Ok(array.to_owned())
+    }
+
+    /// As many numbers.
+    pub fn vector<const N: usize>(&self, name: &str) -> PyResult<[f64; N]> {
+        let array = self.read::<f64>(name, Some(0), &[N])?;
+        Ok(std::array::from_fn(|i| array[[i]]))
+    }
+
+    /// A rigid transform: rows of the homogeneous matrix.
+    pub fn pose(&self, name: &str) -> PyResult<Isometry3<f64>> {
+        pose(name, self.read::<f64>(name, Some(0), &[4, 4])?.view())
+    }
+}
+
+/// The rigid transform of a 4x4 matrix; an error of rounding in its rotation is taken out.
+pub fn pose(name: &str, matrix: ArrayViewD<f64>) -> PyResult<Isometry3<f64>> {
+    let rows: Vec<Vec<f64>> = matrix
+        .outer_iter()
+        .map(|row| row.iter().copied().collect())
+        .collect();
+    mvtop_core::rig::transform::read(name.to_owned(), &serde_json::json!(rows), 1.0).map_err(value)
+}
+
+/// The same, of a rotation's 3x3 matrix as well.
+pub fn pose_or_rotation(name: &str, matrix: ArrayViewD<f64>) -> PyResult<Isometry3<f64>> {
+    if matrix.shape() != [3, 3] {
+        return pose(name, matrix);
+    }
+    let mut rows = ndarray::Array2::<f64>::eye(4);
+    let matrix = matrix.into_dimensionality::<ndarray::Ix2>();
+    let matrix = matrix.map_err(|cause| value(format!("{name}: {cause}")))?;
+    rows.slice_mut(s![..3, ..3]).assign(&matrix);
+    pose(name, rows.view().into_dyn())
+}
+
+/// Rows of a rotation's matrix, one after the other.
+pub fn rotation_rows(rotation: &Rotation3<f64>) -> [f64; 9] {
+    let matrix: &Matrix3<f64> = rotation.matrix();
+    std::array::from_fn(|i| matrix[(i / 3, i % 3)])
+}
+
+/// The matrix of every leading index, one after the other.
+pub fn matrices(array: &ArrayD<f64>) -> Vec<ArrayViewD<'_, f64>> {
+    let mut all = vec![array.view()];
+    while all.first().is_some_and(|part| part.ndim() > 2) {
+        all = all
+            .into_iter()
+            .flat_map(|part| {
+                let count = part.len_of(Axis(0));
+                (0..count).map(move |i| part.clone().index_axis_move(Axis(0), i))
+            })
+            .collect();
+    }
+    all
+}
+
+/// An array that goes to Python as numpy's of 64-bit floats.
+pub struct F64(pub ArrayD<f64>);
+
+/// The same of 32-bit floats.
+pub struct F32(pub ArrayD<f32>);
+
+/// An image, `[H, W, 3]`.
+pub struct Rgb(pub RgbImage);
+
+macro_rules! into_numpy {
+    ($type:ty, $number:ty, $dtype:literal, $array:expr) => {
+        impl<'py> IntoPyObject<'py> for $type {
+            type Target = PyArrayDyn<$number>;
+            type Output = Bound<'py, Self::Target>;
+            type Error = PyErr;
+            const OUTPUT_TYPE: PyStaticExpr = type_hint_subscript!(
+                type_hint_identifier!("numpy.typing", "NDArray"),
+                type_hint_identifier!("numpy", $dtype)
+            );
+
+            fn into_pyobject(self, py: Python<'py>) -> PyResult<Self::Output> {
+                let array: fn(Self) -> PyResult<ArrayD<$number>> = $array;
+                Ok(array(self)?.to_pyarray(py))
+            }
+        }
+    };
+}
+
+into_numpy!(F64, f64, "float64", |array| Ok(array.0));
+into_numpy!(F32, f32, "float32", |array| Ok(array.0));
+into_numpy!(Rgb, u8, "uint8", |image| {
+    let (width, height) = (image.0.width() as usize, image.0.height() as usize);
+    shaped(&[height, width, 3], image.0.into_raw())
+});
+
+/// An array of known shape.
+pub fn shaped<T>(shape: &[usize], numbers: Vec<T>) -> PyResult<ArrayD<T>> {
+    ArrayD::from_shape_vec(shape, numbers).map_err(|cause| value(format!("array: {cause}")))
+}
+
+/// An 8-bit RGB image of numpy's; `None` for what is no array of numpy's at all.
+pub fn image(name: &str, any: &Bound<PyAny>) -> PyResult<Option<RgbImage>> {
+    let Ok(array) = any.cast::<PyUntypedArray>() else {
+        return Ok(None);
+    };
+    let refuse = || {
+        let (dtype, shape) = (array.dtype(), array.shape());
+        value(format!(
+            "{name}: expected an RGB array of uint8 and shape (H, W, 3), got {dtype} and {shape:?}"
+        ))
+    };
+    let array: PyReadonlyArray3<u8> = any.extract().map_err(|_| refuse())?;
+    let array = array.as_array();
+    let (height, width, channels) = array.dim();
+    let (Ok(width), Ok(height), 3) = (u32::try_from(width), u32::try_from(height), channels) else {
+        return Err(refuse());
+    };
+    let bytes = match array.as_slice() {
+        Some(bytes) => bytes.to_vec(),
+        None => array.iter().copied().collect(),
+    };
+    RgbImage::from_raw(width, height, bytes)
+        .map(Some)
+        .ok_or_else(refuse)
+}

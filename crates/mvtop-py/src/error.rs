@@ -1,0 +1,33 @@
+//! The core's errors as Python's exceptions, with the core's sentences.
+
+use std::io;
+
+use mvtop_core::Error;
+use pyo3::PyErr;
+use pyo3::exceptions::{PyFileNotFoundError, PyValueError};
+
+mod imported {
+    pyo3::import_exception!(mvtop._error, Error);
+}
+
+/// `ValueError` for values and shapes, `OSError` for files that cannot be read, `mvtop.Error` for
+/// the rest: what is wrong with ONNX Runtime or a model bundle.
+pub fn python(error: Error) -> PyErr {
+    let sentence = error.to_string();
+    match error {
+        // Of the cause's kind, so that a missing file is a `FileNotFoundError`.
+        Error::Read { cause, .. } => io::Error::new(cause.kind(), sentence).into(),
+        Error::Bundle { path, .. } if !path.exists() => PyFileNotFoundError::new_err(sentence),
+        Error::Rig { .. }
+        | Error::Distortion(_)
+        | Error::Image { .. }
+        | Error::Shape { .. }
+        | Error::Input(_)
+        | Error::Rotation6d(_) => PyValueError::new_err(sentence),
+        _ => imported::Error::new_err(sentence),
+    }
+}
+
+pub fn value(sentence: String) -> PyErr {
+    PyValueError::new_err(sentence)
+}

@@ -1,0 +1,35 @@
+//! The compiled part of the Python package `mvtop`; what users see is in `python/mvtop`.
+
+mod cli;
+mod convert;
+mod error;
+mod estimator;
+mod metrics;
+mod process;
+mod rays;
+mod rig;
+mod rotations;
+mod sampling;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+mod _mvtop {
+    #[pymodule_export]
+    use super::cli::run_cli;
+    #[pymodule_export]
+    use super::estimator::{NativeEstimator, NativePrediction};
+    #[pymodule_export]
+    use super::metrics::{
+        Mesh, Surface, Symmetries, auc_exact, auc_poet, auc_posecnn, average_recall, recall,
+        rotation_error_deg, translation_error, vsd,
+    };
+    #[pymodule_export]
+    use super::rays::{box_rays, camera_rays, encode_rays};
+    #[pymodule_export]
+    use super::rig::{Camera, Rig};
+    #[pymodule_export]
+    use super::rotations::rotation_from_6d;
+    #[pymodule_export]
+    use super::sampling::deformable_sampling;
+}

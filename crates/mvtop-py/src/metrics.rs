@@ -1,0 +1,337 @@
+//! Errors of poses.
+
+use mvtop_core::metrics;
+use nalgebra::{Isometry3, Point3, Unit, Vector3};
+use ndarray::{ArrayD, Ix2};
+use pyo3::prelude::*;
+use rayon::prelude::*;
+
+use crate::convert::{ArrayLike, F32, F64, matrices, pose_or_rotation, shaped};
+use crate::error::{python, value};
+use crate::process::compute;
+use crate::rig::Camera;
+
+/// Motions of an object that do not change how it looks, the identity among them.
+#[pyclass(frozen, module = "mvtop.metrics")]
+pub struct Symmetries(metrics::Symmetries);
+
+#[pymethods]
+impl Symmetries {
+    /// The identity and the discrete symmetries, each followed by every turn about each axis, as in
+    /// BOP's models_info.json.
+    ///
+    /// - discrete: (S, 4, 4), without the identity, in the unit of the points
+    /// - continuous: axis and a point on it, (3,) each
+    /// - max_step: of the turns, as a share of the diameter; 0.01 is BOP's
+    #[new]
+    #[pyo3(signature = (discrete = None, continuous = vec![], *, max_step = 0.01))]
+    fn new(
+        discrete: Option<ArrayLike>,
+        continuous: Vec<(ArrayLike, ArrayLike)>,
+        max_step: f64,
+    ) -> PyResult<Self> {
+        let discrete = match discrete {
+            Some(array) => poses("discrete", &array.read("discrete", Some(1), &[4, 4])?)?,
+            None => Vec::new(),
+        };
+        let mut axes = Vec::new();
+        for (axis, offset) in &continuous {
+            let axis = Vector3::from(axis.vector::<3>("axis")?);
+            let axis = Unit::try_new(axis, 1e-9)
+                .ok_or_else(|| value("axis: expected a direction, got 0".into()))?;
+            let offset = Point3::from(offset.vector::<3>("offset")?);
+            axes.push(metrics::ContinuousSymmetry { axis, offset });
+        }
+        let all = metrics::Symmetries::new(&discrete, &axes, max_step).map_err(python)?;
+        Ok(Self(all))
+    }
+
+    /// Number of motions.
+    fn __len__(&self) -> usize {
+        self.0.motions().len()
+    }
+}
+
+/// Points on an object's surface, made ready for measuring many poses.
+///
+/// Poses are (..., 4, 4), object frame to any one frame, in the unit of the points; one of truth
+/// and estimate may be a single one. Errors are (...), in the unit of the points.
+#[pyclass(frozen, module = "mvtop.metrics")]
+pub struct Surface(metrics::Surface);
+
+#[pymethods]
+impl Surface {
+    /// - points: (P, 3), object frame
+    #[new]
+    fn new(points: ArrayLike) -> PyResult<Self> {
+        let points = points.any_number("points", Some(1), &[3])?;
+        let surface = metrics::Surface::new(&points3(&points)).map_err(python)?;
+        Ok(Self(surface))
+    }
+
+    /// ADD: average distance of the points under both poses (Hinterstoisser et al. 2012).
+    fn add(&self, py: Python, truth: ArrayLike, estimate: ArrayLike) -> PyResult<F64> {
+        pairs(py, &truth, &estimate, |truth, estimate| {
+            self.0.add(truth, estimate)
+        })
+    }
+
+    /// ADD-S, also ADI: average distance of the points under the true pose to the nearest point
+    /// under the estimated one.
+    fn add_s(&self, py: Python, truth: ArrayLike, estimate: ArrayLike) -> PyResult<F64> {
+        pairs(py, &truth, &estimate, |truth, estimate| {
+            self.0.add_s(truth, estimate)
+        })
+    }
+
+    /// ADD-(S): ADD-S for symmetric objects, ADD for others.
+    fn add_or_add_s(
+        &self,
+        py: Python,
+        truth: ArrayLike,
+        estimate: ArrayLike,
+        symmetric: bool,
+    ) -> PyResult<F64> {
+        pairs(py, &truth, &estimate, |truth, estimate| {
+            self.0.add_or_add_s(truth, estimate, symmetric)
+        })
+    }
+
+    /// MSSD: greatest distance of the points, for the symmetry where that is least (BOP).
+    #[pyo3(signature = (truth, estimate, symmetries = None))]
+    fn mssd(
+        &self,
+        py: Python,
+        truth: ArrayLike,
+        estimate: ArrayLike,
+        symmetries: Option<PyRef<Symmetries>>,
+    ) -> PyResult<F64> {
+        let symmetries = or_none(symmetries);
+        pairs(py, &truth, &estimate, |truth, estimate| {
+            self.0.mssd(truth, estimate, &symmetries)
+        })
+    }
+
+    /// MSPD: greatest distance of the points' pixels, px, for the symmetry where that is least
+    /// (BOP); infinite where the lens cannot image a point.
+    ///
+    /// - truth, estimate: object frame to camera frame
+    #[pyo3(signature = (truth, estimate, camera, symmetries = None))]
+    fn mspd(
+        &self,
+        py: Python,
+        truth: ArrayLike,
+        estimate: ArrayLike,
+        camera: PyRef<Camera>,
+        symmetries: Option<PyRef<Symmetries>>,
+    ) -> PyResult<F64> {
+        let symmetries = or_none(symmetries);
+        let lens = &camera.core().lens;
+        pairs(py, &truth, &estimate, |truth, estimate| {
+            self.0.mspd(truth, estimate, &symmetries, lens)
+        })
+    }
+}
+
+/// A triangle mesh in the object's frame, for depth images.
+#[pyclass(frozen, module = "mvtop.metrics")]
+pub struct Mesh(metrics::Mesh);
+
+#[pymethods]
+impl Mesh {
+    /// - vertices: (P, 3)
+    /// - triangles: three vertices' numbers each; both sides are seen
+    #[new]
+    fn new(vertices: ArrayLike, triangles: Vec<[u32; 3]>) -> PyResult<Self> {
+        let vertices = points3(&vertices.any_number("vertices", Some(1), &[3])?);
+        let mesh = metrics::Mesh::new(vertices, triangles).map_err(python)?;
+        Ok(Self(mesh))
+    }
+
+    /// Depth image, in the unit of the vertices and the pose.
+    ///
+    /// - half_pixel: pixels are centred at (0.5, 0.5), as in bop_toolkit's renderers
+    /// - returns: (H, W), float32, of the camera's size; 0 where there is nothing
+    ///
+    /// Raises ValueError for a lens with distortion.
+    #[pyo3(signature = (cam_from_obj, camera, *, half_pixel = false))]
+    fn depth(
+        &self,
+        py: Python,
+        cam_from_obj: ArrayLike,
+        camera: PyRef<Camera>,
+        half_pixel: bool,
+    ) -> PyResult<F32> {
+        let pose = cam_from_obj.pose("cam_from_obj")?;
+        let camera = camera.core();
+        let centre = match half_pixel {
+            true => metrics::PixelCentre::Half,
+            false => metrics::PixelCentre::Integer,
+        };
+        let size = [camera.width, camera.height];
+        let depth = compute(py, || self.0.depth(&pose, &camera.lens, size, centre))?;
+        Ok(F32(depth.map_err(python)?.into_dyn()))
+    }
+}
+
+/// VSD: share of the visible pixels of both poses where the object's surfaces do not coincide
+/// (BOP).
+///
+/// - estimate, truth: (H, W), depth images of the object, see Mesh.depth
+/// - measured: (H, W), depth image of the scene, 0 where nothing was measured
+/// - delta: how far a surface may lie behind the measured one and still be seen; BOP: 15 mm
+/// - taus: misalignment tolerances; BOP's shares of the diameter by default
+/// - diameter: divides distances where given, as BOP does
+/// - truncated_linear: the cost of the first definition, of 2016, instead of a step
+/// - returns: one number for each tolerance, 0 to 1
+#[pyfunction]
+#[pyo3(signature = (estimate, truth, measured, camera, *, delta, taus = None, diameter = None, truncated_linear = false))]
+#[allow(clippy::too_many_arguments)] // as many as the definition has
+pub fn vsd(
+    py: Python,
+    estimate: ArrayLike,
+    truth: ArrayLike,
+    measured: ArrayLike,
+    camera: PyRef<Camera>,
+    delta: f64,
+    taus: Option<Vec<f64>>,
+    diameter: Option<f64>,
+    truncated_linear: bool,
+) -> PyResult<Vec<f64>> {
+    let depth = |name: &str, array: &ArrayLike| {
+        let image = array.read::<f32>(name, Some(2), &[])?;
+        let image = image.into_dimensionality::<Ix2>();
+        image.map_err(|cause| value(format!("{name}: {cause}")))
+    };
+    let estimate = depth("estimate", &estimate)?;
+    let truth = depth("truth", &truth)?;
+    let measured = depth("measured", &measured)?;
+    let options = metrics::VsdOptions {
+        delta,
+        taus: taus.unwrap_or_else(|| metrics::VSD_TAUS.to_vec()),
+        diameter,
+        cost: match truncated_linear {
+            true => metrics::MatchingCost::TruncatedLinear,
+            false => metrics::MatchingCost::Step,
+        },
+    };
+    let lens = &camera.core().lens;
+    py.detach(|| metrics::vsd(&estimate, &truth, &measured, lens, &options))
+        .map_err(python)
+}
+
+/// Least angle between the estimated rotation and a symmetric one of the true, degrees.
+///
+/// - truth, estimate: (..., 4, 4) poses or (..., 3, 3) rotations; one of the two may be a single one
+/// - returns: (...)
+#[pyfunction]
+#[pyo3(signature = (truth, estimate, symmetries = None))]
+pub fn rotation_error_deg(
+    py: Python,
+    truth: ArrayLike,
+    estimate: ArrayLike,
+    symmetries: Option<PyRef<Symmetries>>,
+) -> PyResult<F64> {
+    let symmetries = or_none(symmetries);
+    pairs(py, &truth, &estimate, |truth, estimate| {
+        metrics::rotation_error_deg(truth, estimate, &symmetries)
+    })
+}
+
+/// Least distance between the estimated origin and a symmetric one of the true, in the unit of the
+/// poses.
+///
+/// - truth, estimate: (..., 4, 4); one of the two may be a single one
+/// - returns: (...)
+#[pyfunction]
+#[pyo3(signature = (truth, estimate, symmetries = None))]
+pub fn translation_error(
+    py: Python,
+    truth: ArrayLike,
+    estimate: ArrayLike,
+    symmetries: Option<PyRef<Symmetries>>,
+) -> PyResult<F64> {
+    let symmetries = or_none(symmetries);
+    pairs(py, &truth, &estimate, |truth, estimate| {
+        metrics::translation_error(truth, estimate, &symmetries)
+    })
+}
+
+/// Share of errors below a threshold; of ADD at 0.1 diameters, the usual "ADD recall". None
+/// without errors; an object that was not found counts as infinity.
+#[pyfunction]
+pub fn recall(errors: Vec<f64>, threshold: f64) -> Option<f64> {
+    metrics::recall(&errors, threshold)
+}
+
+/// Mean of the recalls at several thresholds: BOP's average recall for one kind of error.
+#[pyfunction]
+pub fn average_recall(errors: Vec<f64>, thresholds: Vec<f64>) -> Option<f64> {
+    metrics::average_recall(&errors, &thresholds)
+}
+
+/// Exact area under the recall curve from 0 to `max`, over `max`.
+#[pyfunction]
+pub fn auc_exact(errors: Vec<f64>, max: f64) -> Option<f64> {
+    metrics::auc_exact(&errors, max)
+}
+
+/// The area of PoseCNN's and CosyPose's evaluations, `max` there being 0.1 m.
+#[pyfunction]
+pub fn auc_posecnn(errors: Vec<f64>, max: f64) -> Option<f64> {
+    metrics::auc_posecnn(&errors, max)
+}
+
+/// The area of PoET's evaluation, `max` there being 0.1 m.
+#[pyfunction]
+pub fn auc_poet(errors: Vec<f64>, max: f64) -> Option<f64> {
+    metrics::auc_poet(&errors, max)
+}
+
+fn or_none(symmetries: Option<PyRef<Symmetries>>) -> metrics::Symmetries {
+    symmetries.map(|given| given.0.clone()).unwrap_or_default()
+}
+
+fn points3(array: &ArrayD<f64>) -> Vec<Point3<f64>> {
+    array
+        .outer_iter()
+        .map(|p| Point3::new(p[[0]], p[[1]], p[[2]]))
+        .collect()
+}
+
+fn poses(name: &str, array: &ArrayD<f64>) -> PyResult<Vec<Isometry3<f64>>> {
+    let all = matrices(array);
+    all.into_iter()
+        .map(|matrix| pose_or_rotation(name, matrix))
+        .collect()
+}
+
+/// An error of each true pose with its estimate.
+fn pairs(
+    py: Python,
+    truth: &ArrayLike,
+    estimate: &ArrayLike,
+    error: impl Fn(&Isometry3<f64>, &Isometry3<f64>) -> f64 + Sync,
+) -> PyResult<F64> {
+    let truth = truth.read::<f64>("truth", None, &[0, 0])?;
+    let estimate = estimate.read::<f64>("estimate", None, &[0, 0])?;
+    let leading = |array: &ArrayD<f64>| array.shape()[..array.ndim() - 2].to_vec();
+    let shape = match truth.ndim() {
+        2 => leading(&estimate),
+        _ => leading(&truth),
+    };
+    if estimate.ndim() > 2 && leading(&estimate) != shape {
+        return Err(value(format!(
+            "expected as many true poses as estimates, or one of either, got shapes {:?} and {:?}",
+            truth.shape(),
+            estimate.shape()
+        )));
+    }
+    let (truth, estimate) = (poses("truth", &truth)?, poses("estimate", &estimate)?);
+    let count: usize = shape.iter().product();
+    let errors = compute(py, || {
+        let one = |i: usize| error(&truth[i % truth.len()], &estimate[i % estimate.len()]);
+        (0..count).into_par_iter().map(one).collect::<Vec<f64>>()
+    })?;
+    Ok(F64(shaped(&shape, errors)?))
+}

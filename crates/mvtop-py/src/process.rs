@@ -1,0 +1,90 @@
+//! Threads after a fork.
+//!
+//! A forked process has only the thread that forked: rayon's global pool would be waited for
+//! forever, and so would the threads of a loaded network.
+
+use std::process;
+use std::ptr;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicPtr, Ordering};
+
+use pyo3::prelude::*;
+use rayon::ThreadPool;
+
+use crate::error::value;
+
+/// The process in which rayon's global pool has its threads.
+static FIRST: OnceLock<u32> = OnceLock::new();
+/// The pool of a forked process. A pointer, because a lock may be held at the moment of a fork.
+static FORKED: AtomicPtr<Pool> = AtomicPtr::new(ptr::null_mut());
+
+struct Pool {
+    process: u32,
+    threads: ThreadPool,
+}
+
+/// Does some work, in this process's own rayon threads and without Python's lock.
+pub fn compute<T: Send>(py: Python, work: impl FnOnce() -> T + Send) -> PyResult<T> {
+    py.detach(|| {
+        if *FIRST.get_or_init(process::id) == process::id() {
+            Ok(work())
+        } else {
+            Ok(forked()?.threads.install(work))
+        }
+    })
+}
+
+fn forked() -> PyResult<&'static Pool> {
+    let known = FORKED.load(Ordering::Acquire);
+    // SAFETY: what is stored comes from `Box::leak`.
+    if let Some(pool) = unsafe { known.as_ref() }
+        && pool.process == process::id()
+    {
+        return Ok(pool);
+    }
+    let threads = rayon::ThreadPoolBuilder::new()
+        .build()
+        .map_err(|cause| value(format!("threads of a forked process: {cause}")))?;
+    let process = process::id();
+    let pool = Box::leak(Box::new(Pool { process, threads }));
+    // Two threads that come here at once make a pool each; both work, one is kept.
+    FORKED.store(pool, Ordering::Release);
+    Ok(pool)
+}
+
+/// To be called once ONNX Runtime is loaded: lets processes that are forked from this one exit.
+///
+/// At exit the library (seen in 1.31) waits for a thread of its own, which a forked process does not
+/// have. Such a process ends before it comes to that, after Python's own cleaning up; one that
+/// ends by `_exit`, as those of `multiprocessing` do, never comes to it.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+pub fn let_forks_exit() {
+    use std::ffi::{c_int, c_void};
+    use std::sync::Once;
+
+    unsafe extern "C" {
+        fn on_exit(function: extern "C" fn(c_int, *mut c_void), argument: *mut c_void) -> c_int;
+        fn fflush(stream: *mut c_void) -> c_int;
+        fn _exit(status: c_int) -> !;
+    }
+
+    extern "C" fn end(status: c_int, loaded_in: *mut c_void) {
+        if loaded_in as usize != process::id() as usize {
+            // SAFETY: a null pointer stands for all streams.
+            unsafe {
+                fflush(ptr::null_mut());
+                _exit(status)
+            }
+        }
+    }
+
+    static REGISTERED: Once = Once::new();
+    REGISTERED.call_once(|| {
+        // SAFETY: the argument is a number, and `end` lives as long as the process. Without memory
+        // for it, forked processes hang at exit, as they would without mvtop.
+        unsafe { on_exit(end, process::id() as usize as *mut c_void) };
+    });
+}
+
+#[cfg(not(all(target_os = "linux", target_env = "gnu")))]
+pub fn let_forks_exit() {}

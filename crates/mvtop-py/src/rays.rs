@@ -1,0 +1,90 @@
+//! Lines of sight.
+
+use mvtop_core::image::Letterbox;
+use mvtop_core::rays::LosEncoding;
+use ndarray::Ix2;
+use pyo3::prelude::*;
+
+use crate::convert::{ArrayLike, F32};
+use crate::error::value;
+use crate::process::compute;
+use crate::rig::Camera;
+
+/// Direction in which each cell of the network's feature maps looks, in the camera's own frame.
+///
+/// - strides: of the levels, network pixels per cell
+/// - net_size: width and height of the network's input, px, into which the image is scaled to fit;
+///   the image's own by default
+/// - returns: (N, 3), float32, of length 1, levels in the order of strides, each row by row; 0 for
+///   cells that lie in the padding or that no ray meets
+#[pyfunction]
+#[pyo3(signature = (camera, strides, *, net_size = None))]
+pub fn camera_rays(
+    py: Python,
+    camera: PyRef<Camera>,
+    strides: Vec<usize>,
+    net_size: Option<(u32, u32)>,
+) -> PyResult<F32> {
+    let camera = camera.core();
+    let (width, height) = net_size.unwrap_or((camera.width, camera.height));
+    if strides.contains(&0) || width == 0 || height == 0 {
+        return Err(value(format!(
+            "strides and net_size: expected numbers above 0, got {strides:?} and {width}x{height}"
+        )));
+    }
+    let letterbox = Letterbox::new(camera.width, camera.height, width, height);
+    let rays = compute(py, || {
+        mvtop_core::rays::camera_rays(camera, &letterbox, &strides)
+    })?;
+    Ok(F32(rays.into_dyn()))
+}
+
+/// Lines of sight in the reference camera's frame: unit direction d, origin o, moment d x o, as the
+/// paper prints it (textbooks write o x d).
+///
+/// - camera_rays: (N, 3), directions in the camera's frame; 0 where there is none
+/// - ref_from_cam: (4, 4), metres
+/// - encoding: "direction" [d], "origin_direction" [o, d], "plucker" [d, d x o] or
+///   "plucker_origin" [d, d x o, o]
+/// - returns: (N, 3, 6 or 9), float32; 0 where there is no ray
+#[pyfunction]
+#[pyo3(signature = (camera_rays, ref_from_cam, encoding = "plucker"))]
+pub fn encode_rays(
+    py: Python,
+    camera_rays: ArrayLike,
+    ref_from_cam: ArrayLike,
+    encoding: &str,
+) -> PyResult<F32> {
+    let encoding: LosEncoding = serde_json::from_value(encoding.into()).map_err(|_| {
+        value(format!(
+            "encoding: expected \"direction\", \"origin_direction\", \"plucker\" or \
+             \"plucker_origin\", got {encoding:?}"
+        ))
+    })?;
+    let rays = camera_rays.read::<f32>("camera_rays", Some(1), &[3])?;
+    let rays = rays
+        .into_dimensionality::<Ix2>()
+        .map_err(|cause| value(format!("camera_rays: {cause}")))?;
+    let pose = ref_from_cam.pose("ref_from_cam")?;
+    let lines = py.detach(|| mvtop_core::rays::encode(rays.view(), &pose, encoding));
+    Ok(F32(lines.into_dyn()))
+}
+
+/// Lines of sight of a box: camera centre o, direction d through the box's centre, and how far the
+/// directions to its sides lie to the left and right, and above and below.
+///
+/// - box: x0, y0, x1, y1, px of the image
+/// - ref_from_cam: (4, 4), metres
+/// - returns: (12,), float32, [o, d, 10 e_x, 10 e_y] in the reference camera's frame; None where a
+///   pixel of it has no ray
+#[pyfunction]
+pub fn box_rays(
+    camera: PyRef<Camera>,
+    r#box: ArrayLike,
+    ref_from_cam: ArrayLike,
+) -> PyResult<Option<F32>> {
+    let bounds = r#box.vector("box")?;
+    let pose = ref_from_cam.pose("ref_from_cam")?;
+    let rays = mvtop_core::rays::box_rays(camera.core(), bounds, &pose);
+    Ok(rays.map(|rays| F32(ndarray::arr1(&rays).into_dyn())))
+}

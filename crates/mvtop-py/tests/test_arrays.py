@@ -1,0 +1,275 @@
+"""Cameras, rays, sampling and rotations as functions of arrays."""
+
+import cv2
+import numpy as np
+import pytest
+
+import mvtop
+
+K = np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]])
+BROWN = [0.09, -0.22, 0.001, -0.002, 0.05]
+KANNALA = [-0.006, 0.016, -0.024, 0.0155]
+
+
+def turn(rng, *shape):
+    """Random rotations, from QR of random matrices."""
+    q, r = np.linalg.qr(rng.normal(size=(*shape, 3, 3)))
+    q = q * np.sign(np.diagonal(r, axis1=-2, axis2=-1))[..., None, :]
+    q[..., 0] *= np.linalg.det(q)[..., None]
+    return q
+
+
+def pose(rng, *shape):
+    matrix = np.zeros((*shape, 4, 4))
+    matrix[..., :3, :3] = turn(rng, *shape)
+    matrix[..., :3, 3] = rng.normal(size=(*shape, 3))
+    matrix[..., 3, 3] = 1
+    return matrix
+
+
+def test_pinhole_projects_by_hand():
+    camera = mvtop.Camera(K, (640, 480))
+    # 500 * 0.1 / 2 + 320 and 510 * -0.2 / 2 + 240.
+    assert camera.project([0.1, -0.2, 2.0]).tolist() == [345.0, 189.0]
+    assert np.isnan(camera.project([0.1, -0.2, -2.0])).all()
+    ray = camera.unproject([345.0, 189.0])
+    np.testing.assert_allclose(ray, np.array([0.05, -0.1, 1]) / np.sqrt(1.0125), atol=1e-12)
+
+
+@pytest.mark.parametrize("model, distortion", [("pinhole", BROWN), ("fisheye", KANNALA)])
+def test_lenses_project_like_opencv_and_back(model, distortion, rng):
+    camera = mvtop.Camera(K, (640, 480), distortion=distortion, model=model)
+    points = rng.uniform([-0.4, -0.4, 0.8], [0.4, 0.4, 1.5], size=(5, 7, 3))
+    project = cv2.fisheye.projectPoints if model == "fisheye" else cv2.projectPoints
+    if model == "fisheye":
+        zero = np.zeros(3)
+        expected, _ = project(points.reshape(-1, 1, 3), zero, zero, K, np.array(distortion))
+    else:
+        expected, _ = project(
+            points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), K, np.array(distortion)
+        )
+    pixels = camera.project(points)
+    np.testing.assert_allclose(pixels, expected.reshape(5, 7, 2), atol=1e-9)
+    directions = points / np.linalg.norm(points, axis=-1, keepdims=True)
+    np.testing.assert_allclose(camera.unproject(pixels), directions, atol=1e-9)
+
+
+def test_cameras_give_back_what_they_were_made_from(rng):
+    world_from_cam = pose(rng)
+    camera = mvtop.Camera(
+        K, (640, 480), distortion=KANNALA, model="fisheye", world_from_cam=world_from_cam, id="left"
+    )
+    assert (camera.id, camera.size, camera.model) == ("left", (640, 480), "fisheye")
+    np.testing.assert_array_equal(camera.K, K)
+    np.testing.assert_array_equal(camera.distortion, KANNALA)
+    np.testing.assert_allclose(camera.world_from_cam, world_from_cam, atol=1e-12)
+
+
+def test_rigs_from_arrays_from_cameras_and_from_text_are_the_same(rng):
+    poses = pose(rng, 3)
+    ids = ["a", "b", "c"]
+    by_arrays = mvtop.Rig.from_arrays(
+        K, poses, (640, 480), distortion=BROWN, ids=ids, reference="b"
+    )
+    cameras = [
+        mvtop.Camera(K, (640, 480), distortion=BROWN, world_from_cam=p, id=i)
+        for p, i in zip(poses, ids, strict=True)
+    ]
+    assert mvtop.Rig(cameras, "b").to_json() == by_arrays.to_json()
+    assert mvtop.Rig.from_json(by_arrays.to_json()).to_json() == by_arrays.to_json()
+    assert (len(by_arrays), by_arrays.reference) == (3, "b")
+    for camera, expected in zip(by_arrays.cameras, poses, strict=True):
+        np.testing.assert_allclose(camera.world_from_cam, expected, atol=1e-12)
+    each = mvtop.Rig.from_arrays(
+        np.stack([K] * 3), poses, [(640, 480)] * 3, distortion=[BROWN] * 3, ids=ids, reference="b"
+    )
+    assert each.to_json() == by_arrays.to_json()
+    assert [camera.id for camera in mvtop.Rig.from_arrays(K, poses, (640, 480)).cameras] == [
+        "cam0",
+        "cam1",
+        "cam2",
+    ]
+
+
+EYE = np.eye(4)
+SKEWED = K + np.array([[0, 3.0, 0], [0, 0, 0], [0, 0, 0]])
+MIRRORED = np.diag([1, 1, -1, 1.0])
+MILLIMETRES = np.stack([EYE, EYE])
+MILLIMETRES[1, 0, 3] = 800
+
+
+@pytest.mark.parametrize(
+    "mistake, sentence",
+    [
+        (lambda: mvtop.Camera(SKEWED, (640, 480)), "K must be"),
+        (lambda: mvtop.Camera(K[:2], (640, 480)), "K: expected numbers of shape (3, 3), got"),
+        (lambda: mvtop.Camera(K * np.nan, (640, 480)), "K: expected finite numbers, got NaN"),
+        (lambda: mvtop.Camera("K", (640, 480)), "K: expected numbers of shape (3, 3), got"),
+        (lambda: mvtop.Camera(K, (640, 0)), "`height`"),
+        (lambda: mvtop.Camera(K, (640, 480), distortion=[1, 2]), "0, 4, 5 or 8"),
+        (lambda: mvtop.Camera(K, (640, 480), model="orthographic"), "model"),
+        (lambda: mvtop.Camera(K, (640, 480), world_from_cam=2 * EYE), "last row"),
+        (
+            lambda: mvtop.Camera(K, (640, 480), world_from_cam=MIRRORED),
+            "reflection",
+        ),
+        (lambda: mvtop.Camera(K, (640, 480)).project([1.0, 2.0]), "points: expected numbers of"),
+        (lambda: mvtop.Rig([]), "cameras"),
+        (lambda: mvtop.Rig([mvtop.Camera(K, (640, 480))], "top"), "no camera `top`"),
+        (lambda: mvtop.Rig.from_arrays(K, MILLIMETRES, (640, 480)), "unit"),
+        (lambda: mvtop.Rig.from_arrays([K] * 3, EYE[None], (640, 480)), "K: expected one for"),
+        (
+            lambda: mvtop.Rig.from_arrays(K, EYE[None], (640, 480), ids=["a", "b"]),
+            "ids: expected",
+        ),
+        (lambda: mvtop.Rig.from_json("{}"), "rig: "),
+        (lambda: mvtop.rotation_from_6d([1, 0, 0, 2, 0, 0]), "parallel"),
+        (lambda: mvtop.encode_rays([[0, 0, 1]], EYE, "cartesian"), "encoding: expected"),
+        (lambda: mvtop.encode_rays([[0, 0, 1]], EYE[:3]), "ref_from_cam: expected"),
+        (lambda: mvtop.camera_rays(mvtop.Camera(K, (640, 480)), [0]), "strides"),
+        (lambda: mvtop.metrics.Surface([[0, 0, 0]]).add(2 * EYE, EYE), "last row"),
+        (lambda: mvtop.metrics.Surface(np.zeros((0, 3))), "expected at least one point"),
+        (
+            lambda: mvtop.metrics.rotation_error_deg(np.stack([EYE] * 2), np.stack([EYE] * 3)),
+            "as many true poses",
+        ),
+    ],
+)
+def test_mistakes_are_value_errors(mistake, sentence):
+    with pytest.raises(ValueError) as refusal:
+        mistake()
+    assert sentence in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_rays_look_through_the_centres_of_cells():
+    camera = mvtop.Camera(K, (640, 480))
+    rays = mvtop.camera_rays(camera, [32, 64])
+    assert rays.shape == (15 * 20 + 8 * 10, 3) and rays.dtype == np.float32
+    u, v = np.meshgrid((np.arange(20) + 0.5) * 32 - 0.5, (np.arange(15) + 0.5) * 32 - 0.5)
+    expected = camera.unproject(np.stack([u, v], axis=-1)).reshape(-1, 3)
+    np.testing.assert_allclose(rays[:300], expected, atol=1e-6)
+    # Half as large, in the upper half of a square.
+    padded = mvtop.camera_rays(camera, [32], net_size=(320, 320)).reshape(10, 10, 3)
+    assert (padded[8:] == 0).all() and (np.linalg.norm(padded[:7], axis=-1) > 0.999).all()
+
+
+def test_plucker_moments_are_those_of_any_point_of_the_line(rng):
+    rays = rng.normal(size=(20, 3))
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    ref_from_cam = pose(rng)
+    lines = mvtop.encode_rays(rays, ref_from_cam)
+    d, m = lines[:, :3], lines[:, 3:]
+    np.testing.assert_allclose(d, rays @ ref_from_cam[:3, :3].T, atol=1e-6)
+    point = ref_from_cam[:3, 3] + 1.7 * d
+    np.testing.assert_allclose(m, np.cross(d, point), atol=1e-5)
+    all_ = mvtop.encode_rays(rays, ref_from_cam, "plucker_origin")
+    np.testing.assert_array_equal(all_[:, :6], lines)
+    np.testing.assert_allclose(all_[:, 6:], np.tile(ref_from_cam[:3, 3], (20, 1)), atol=1e-6)
+    assert mvtop.encode_rays(rays, ref_from_cam, "direction").shape == (20, 3)
+    assert (mvtop.encode_rays(np.zeros((1, 3)), ref_from_cam) == 0).all()
+
+
+def test_box_rays_are_those_of_its_middle_and_sides(rng):
+    camera = mvtop.Camera(K, (640, 480), distortion=BROWN)
+    ref_from_cam = pose(rng)
+    turned = ref_from_cam[:3, :3]
+    rays = mvtop.box_rays(camera, [100, 50, 180, 90], ref_from_cam)
+    middle, left, right, top, bottom = camera.unproject(
+        [[140, 70], [100, 70], [180, 70], [140, 50], [140, 90]]
+    )
+    expected = [ref_from_cam[:3, 3], turned @ middle]
+    expected += [turned @ (right - left) * 5, turned @ (bottom - top) * 5]
+    np.testing.assert_allclose(rays, np.concatenate(expected), atol=1e-5)
+
+
+def test_sampling_is_a_weighted_sum_of_bilinear_reads(rng):
+    levels = [(4, 6), (2, 3)]
+    value = rng.normal(size=(2, 30, 3, 5))
+    locations = rng.uniform(-0.2, 1.2, size=(2, 7, 3, 2, 4, 2))
+    weights = rng.uniform(size=(2, 7, 3, 2, 4))
+    expected = np.zeros((2, 7, 3, 5))
+    first = 0
+    for level, (height, width) in enumerate(levels):
+        cells = value[:, first : first + height * width].reshape(2, height, width, 3, 5)
+        first += height * width
+        x = locations[:, :, :, level, :, 0] * width - 0.5
+        y = locations[:, :, :, level, :, 1] * height - 0.5
+        for b, q, h, k in np.ndindex(2, 7, 3, 4):
+            for row in range(height):
+                for column in range(width):
+                    share = max(0, 1 - abs(x[b, q, h, k] - column))
+                    share *= max(0, 1 - abs(y[b, q, h, k] - row))
+                    weight = weights[b, q, h, level, k] * share
+                    expected[b, q, h] += weight * cells[b, row, column, h]
+    sampled = mvtop.deformable_sampling(value, locations, weights, levels)
+    np.testing.assert_allclose(sampled, expected.reshape(2, 7, 15), atol=1e-5)
+    with pytest.raises(ValueError, match="value: expected"):
+        mvtop.deformable_sampling(value[:, 1:], locations, weights, levels)
+
+
+def test_six_numbers_give_the_rotation_of_the_conventions(rng):
+    six = rng.normal(size=(3, 8, 6))
+    rotations = mvtop.rotation_from_6d(six)
+    x = six[..., :3] / np.linalg.norm(six[..., :3], axis=-1, keepdims=True)
+    z = np.cross(x, six[..., 3:])
+    z /= np.linalg.norm(z, axis=-1, keepdims=True)
+    np.testing.assert_allclose(rotations, np.stack([x, np.cross(z, x), z], axis=-1), atol=1e-12)
+
+
+def test_errors_of_poses_by_hand(rng):
+    quarter = EYE.copy()
+    quarter[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    moved = EYE.copy()
+    moved[:3, 3] = [0.3, 0, 0.4]
+    half = quarter @ quarter
+    both = np.stack([quarter, moved])
+    np.testing.assert_allclose(mvtop.metrics.rotation_error_deg(EYE, both), [90, 0], atol=1e-6)
+    np.testing.assert_allclose(mvtop.metrics.translation_error(both, EYE), [0, 0.5], atol=1e-12)
+    # A quarter turn about z moves (1, 0, 0) by sqrt(2) and leaves (0, 0, 1) where it is.
+    points = [[1, 0, 0], [0, 0, 1]]
+    surface = mvtop.metrics.Surface(points)
+    np.testing.assert_allclose(surface.add(EYE, both), [np.sqrt(0.5), 0.5])
+    np.testing.assert_allclose(surface.mssd(EYE, both), [np.sqrt(2), 0.5])
+    np.testing.assert_allclose(surface.add_or_add_s(EYE, both, False), surface.add(EYE, both))
+    about_z = mvtop.metrics.Symmetries(continuous=[([0, 0, 1], [0, 0, 0])])
+    assert len(about_z) == 315  # ceil(pi / 0.01)
+    assert mvtop.metrics.rotation_error_deg(EYE, quarter, about_z) < 0.6
+    np.testing.assert_allclose(mvtop.metrics.Surface([[1, 0, 0], [-1, 0, 0]]).add_s(EYE, half), 0)
+    # A pixel is 2 mm wide at 1 m: 10 mm to the side are 5 px.
+    beside = EYE.copy()
+    beside[0, 3] = 0.01
+    camera = mvtop.Camera(K, (640, 480))
+    ahead = EYE.copy()
+    ahead[2, 3] = 1
+    np.testing.assert_allclose(
+        mvtop.metrics.Surface([[0, 0, 0]]).mspd(ahead, beside @ ahead, camera), 5
+    )
+    assert mvtop.metrics.rotation_error_deg(turn(rng, 2, 3), np.eye(3)).shape == (2, 3)
+
+
+def test_depth_images_and_what_differs_between_them():
+    # A square of 0.2 m at 1 m: 100 px wide, around the principal point.
+    corners = [[-0.1, -0.1, 0], [0.1, -0.1, 0], [0.1, 0.1, 0], [-0.1, 0.1, 0]]
+    square = mvtop.metrics.Mesh(corners, [[0, 1, 2], [0, 2, 3]])
+    camera = mvtop.Camera([[500, 0, 319.5], [0, 500, 239.5], [0, 0, 1]], (640, 480))
+    ahead = EYE.copy()
+    ahead[2, 3] = 1
+    truth = square.depth(ahead, camera)
+    assert truth.shape == (480, 640) and truth.dtype == np.float32
+    assert (truth > 0).sum() == 100 * 100 and truth[240, 320] == 1
+    # Moved by a quarter of its width, it shares three of five quarters with where it was.
+    ahead[0, 3] = 0.05
+    estimate = square.depth(ahead, camera)
+    (off,) = mvtop.metrics.vsd(
+        estimate, truth, np.zeros_like(truth), camera, delta=0.015, taus=[0.1]
+    )
+    assert off == pytest.approx(2 / 5)
+
+
+def test_recalls_by_hand():
+    errors = [0.01, 0.03, 0.05, np.inf]
+    assert mvtop.metrics.recall(errors, 0.05) == 0.5
+    assert mvtop.metrics.average_recall(errors, [0.02, 0.1]) == 0.5
+    assert mvtop.metrics.auc_exact(errors, 0.1) == pytest.approx((0.9 + 0.7 + 0.5) / 4)
+    assert mvtop.metrics.recall([], 1) is None

@@ -1,0 +1,221 @@
+"""Predictions from Python: what comes back, and what is refused."""
+
+import json
+import pickle
+
+import cv2
+import numpy as np
+import pytest
+
+import mvtop
+
+
+def numbers(prediction):
+    """All of a prediction but the time that it took."""
+    report = prediction.to_dict()
+    del report["timings_ms"]
+    return report
+
+
+@pytest.fixture(scope="module")
+def arrays(paths):
+    return [cv2.imread(str(path))[..., ::-1] for path in paths]  # a view with negative strides
+
+
+@pytest.fixture(scope="module")
+def prediction(estimator, rig, arrays, truth):
+    return estimator.predict(arrays, rig, boxes=truth)
+
+
+def test_answers_what_the_command_line_answers(prediction, cli, paths):
+    sample = paths[0].parent
+    done = cli(
+        "infer",
+        "--model",
+        sample.parent,
+        "--rig",
+        sample / "rig.json",
+        "--json",
+        *paths,
+        "--boxes",
+        sample / "truth.json",
+    )
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert list(report.pop("timings_ms")) == list(prediction.timings_ms)
+    assert report["objects"]
+    assert numbers(prediction) == report
+
+
+def test_arrays_and_paths_and_dicts_are_the_same_images(estimator, rig, paths, arrays, truth):
+    ids = [camera.id for camera in rig.cameras]
+    given = [
+        arrays,
+        [np.ascontiguousarray(image) for image in arrays],
+        np.stack(arrays),
+        paths,
+        [str(path) for path in paths],
+        dict(reversed(list(zip(ids, arrays, strict=True)))),
+    ]
+    all_ = [numbers(estimator.predict(images, rig, boxes=truth)) for images in given]
+    assert all(report == all_[0] for report in all_)
+
+
+def test_poses_and_quaternions_agree(estimator, rig, arrays, truth):
+    reference = rig.cameras[1]
+    assert reference.id != rig.reference
+    found = estimator.predict(arrays, rig, boxes=truth, reference=reference.id).objects[0]
+    np.testing.assert_allclose(
+        reference.world_from_cam @ found.ref_from_obj, found.world_from_obj, atol=1e-9
+    )
+    for camera in rig.cameras:
+        np.testing.assert_allclose(
+            camera.world_from_cam @ found.cam_from_obj[camera.id], found.world_from_obj, atol=1e-9
+        )
+    w, x, y, z = found.quat_wxyz
+    assert list(found.quat_xyzw) == [x, y, z, w]
+    # Rotation of a quaternion, by its definition: v + 2 q x (q x v + w v).
+    v, q = np.array([0.3, -0.5, 0.7]), np.array([x, y, z])
+    turned = v + 2 * np.cross(q, np.cross(q, v) + w * v)
+    np.testing.assert_allclose(found.ref_from_obj[:3, :3] @ v, turned, atol=1e-9)
+
+
+def test_boxes_are_those_given(prediction, truth):
+    boxes = prediction.objects[0].boxes
+    assert set(boxes) == set(truth[0]["boxes"])
+    for camera, box in boxes.items():
+        np.testing.assert_allclose(box, truth[0]["boxes"][camera], atol=1e-6)
+    assert prediction.objects[0].score == 1
+
+
+def test_some_cameras_are_given_by_their_ids(estimator, rig, arrays, truth):
+    found = estimator.predict({rig.cameras[2].id: arrays[2]}, rig, boxes=truth).objects[0]
+    assert list(found.cameras) == [rig.cameras[2].id]
+
+
+def test_bop_lines_have_millimetres_and_rows(prediction, rig):
+    first, other = rig.cameras[0].id, rig.cameras[1].id
+    text = prediction.to_bop_csv(7, {first: 3, other: 4})
+    header, *rows = text.splitlines()
+    assert header == "scene_id,im_id,obj_id,score,R,t,time"
+    assert len(rows) == 2 * len(prediction.objects)
+    found = prediction.objects[0]
+    for row, camera, image in [(rows[0], first, 3), (rows[len(rows) // 2], other, 4)]:
+        scene_id, im_id, obj_id, score, rotation, translation, time = row.split(",")
+        assert (int(scene_id), int(im_id), int(obj_id)) == (7, image, found.class_id)
+        assert float(score) == found.score
+        pose = found.cam_from_obj[camera]
+        assert [float(x) for x in rotation.split()] == list(pose[:3, :3].ravel())
+        np.testing.assert_allclose([float(x) for x in translation.split()], 1e3 * pose[:3, 3])
+        assert float(time) == pytest.approx(prediction.timings_ms["total"] / 1e3)
+    alone = prediction.to_bop_csv(7, 3, header=False)
+    assert alone.splitlines() == [row for row in rows if row.startswith("7,3,")]
+    with pytest.raises(ValueError, match="camera `none`"):
+        prediction.to_bop_csv(7, {"none": 3})
+
+
+def test_pickled_predictions_have_numbers_but_no_images(prediction):
+    again = pickle.loads(pickle.dumps(prediction))
+    assert numbers(again) == numbers(prediction)
+    assert len(pickle.dumps(prediction)) < 50_000
+    with pytest.raises(ValueError, match="pickled"):
+        again.overlay()
+
+
+def test_pickled_estimators_and_rigs_predict_the_same(estimator, rig, arrays, prediction, truth):
+    estimator, rig = pickle.loads(pickle.dumps((estimator, rig)))
+    again = estimator.predict(arrays, rig, boxes=truth)
+    np.testing.assert_allclose(
+        again.objects[0].ref_from_obj, prediction.objects[0].ref_from_obj, atol=1e-9
+    )
+
+
+def test_overlay_is_the_command_lines(prediction, cli, paths, tmp_path):
+    sample = paths[0].parent
+    done = cli(
+        "infer",
+        "--model",
+        sample.parent,
+        "--rig",
+        sample / "rig.json",
+        *paths,
+        "--boxes",
+        sample / "truth.json",
+        "--overlay",
+        tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    pictures = prediction.overlay()
+    assert len(pictures) == len(paths)
+    for camera, picture in pictures.items():
+        expected = cv2.imread(str(tmp_path / f"{camera}.png"))[..., ::-1]
+        np.testing.assert_array_equal(picture, expected)
+
+
+def test_classes_have_their_points(estimator):
+    (known,) = estimator.classes
+    assert (known.name, known.id) == ("mvball", 1)
+    spread = np.linalg.norm(known.points[:, None] - known.points[None], axis=-1).max()
+    assert 0.9 * known.diameter_m < spread < 1.01 * known.diameter_m
+
+
+REFUSED = {
+    "no list": (lambda a: {"images": a[0].tobytes()}, "images: expected a list"),
+    "a path": (lambda a: {"images": "cam0.png"}, "images: expected a list"),
+    "too few": (lambda a: {"images": a[:1]}, "images: expected 4, one for each camera"),
+    "unknown camera": (lambda a: {"images": {"top": a[0]}}, "no camera `top` in the rig"),
+    "none": (lambda a: {"images": {}}, "no image given"),
+    "floats": (
+        lambda a: {"images": [x / 255 for x in a]},
+        "`cam0`: expected an RGB array of",
+    ),
+    "grey": (lambda a: {"images": [x[..., 0] for x in a]}, "shape (H, W, 3), got uint8 and"),
+    "four channels": (
+        lambda a: {"images": [np.dstack([x, x[..., 0]]) for x in a]},
+        "got uint8 and",
+    ),
+    "another size": (lambda a: {"images": [x[:-2] for x in a]}, "expected an image of"),
+    "no image": (lambda a: {"images": [None] * 4}, "or a path, got"),
+    "unknown reference": (lambda a: {"reference": "top"}, "reference: no camera `top`"),
+    "boxes of no class": (lambda a: {"boxes": [{"boxes": {}}]}, "boxes: expected"),
+    "short box": (
+        lambda a: {"boxes": [{"class": "mvball", "boxes": {"cam0": [1, 2, 3]}}]},
+        "",
+    ),
+    "unknown class": (lambda a: {"boxes": [{"class": "cup", "boxes": {}}]}, "cup"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_mistakes_are_value_errors_of_one_sentence(case, estimator, rig, arrays):
+    mistake, sentence = REFUSED[case]
+    with pytest.raises(ValueError) as refusal:
+        estimator.predict(**{"images": arrays, "rig": rig, **mistake(arrays)})
+    assert sentence in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_files_that_cannot_be_read_are_os_errors(estimator, rig, tmp_path):
+    with pytest.raises(FileNotFoundError, match="cannot read"):
+        estimator.predict({"cam0": tmp_path / "none.png"}, rig)
+    with pytest.raises(FileNotFoundError, match="cannot read"):
+        mvtop.Rig.load(tmp_path / "none.json")
+    with pytest.raises(FileNotFoundError, match="model.json: cannot be read"):
+        mvtop.Estimator.load(tmp_path / "none")
+    with pytest.raises(OSError):
+        estimator.predict({"cam0": estimator}, rig, boxes=tmp_path / "none.json")
+
+
+def test_a_broken_bundle_is_an_mvtop_error(tmp_path):
+    (tmp_path / "model.json").write_text("{}")
+    with pytest.raises(mvtop.Error, match="model.json"):
+        mvtop.Estimator.load(tmp_path)
+
+
+def test_unknown_providers_and_missing_libraries_are_named(estimator, tmp_path):
+    with pytest.raises(ValueError, match="`tpu`: expected one of cpu"):
+        mvtop.Estimator.load(estimator._path, provider="tpu")
+    with pytest.raises(mvtop.Error, match="cuda"):
+        mvtop.Estimator.load(estimator._path, provider="cuda")
+    with pytest.raises(mvtop.Error, match="already loaded"):
+        mvtop.Estimator.load(estimator._path, ort_lib=tmp_path / "other.so")

@@ -1,0 +1,172 @@
+"""mvtop as one module among others: imports, threads, forks."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+# Predicts in this process and compares with what the first prediction gave.
+HEAD = """
+import sys, mvtop
+sample = "fixtures/tiny/sample"
+rig = mvtop.Rig.load(f"{sample}/rig.json")
+images = [f"{sample}/{camera.id}.png" for camera in rig.cameras]
+def pose(estimator):
+    found = estimator.predict(images, rig, boxes=f"{sample}/truth.json").objects
+    return found[0].ref_from_obj.tolist()
+"""
+
+
+def test_import_brings_nothing_else_along(in_new_process):
+    script = """
+import os, sys, threading
+before, variables = set(sys.modules), dict(os.environ)
+import mvtop
+brought = {name.split(".")[0] for name in set(sys.modules) - before}
+heavy = brought & {"numpy", "onnxruntime", "torch", "rerun", "subprocess", "asyncio"}
+assert not heavy, heavy
+assert dict(os.environ) == variables and threading.active_count() == 1
+assert not os.path.exists("/proc/self/task") or len(os.listdir("/proc/self/task")) == 1
+"""
+    in_new_process(script)
+
+
+@pytest.mark.parametrize("other", ["onnxruntime", "torch"])
+@pytest.mark.parametrize("first", [True, False])
+def test_works_beside(other, first, in_new_process):
+    use = {
+        "onnxruntime": """
+session = onnxruntime.InferenceSession("fixtures/tiny/portable/features.onnx")
+assert session.get_inputs()
+""",
+        "torch": "assert torch.ones(300, 300).mm(torch.ones(300, 300))[0, 0] == 300\n",
+    }[other]
+    predict = HEAD + "here = pose(mvtop.Estimator.load('fixtures/tiny'))\n"
+    parts = [f"import {other}\n{use}", predict]
+    script = (
+        "".join(parts if first else reversed(parts))
+        + use
+        + ("assert pose(mvtop.Estimator.load('fixtures/tiny')) == here\n")
+    )
+    in_new_process(script)
+
+
+def test_threads_share_an_estimator(in_new_process):
+    script = (
+        HEAD
+        + """
+from concurrent.futures import ThreadPoolExecutor
+estimator = mvtop.Estimator.load("fixtures/tiny", threads=2)
+with ThreadPoolExecutor(4) as threads:
+    poses = list(threads.map(lambda _: pose(estimator), range(12)))
+assert all(p == poses[0] for p in poses)
+"""
+    )
+    in_new_process(script)
+
+
+def test_python_runs_on_while_it_computes(in_new_process):
+    # Under Python's lock, no other thread could note a time within a call.
+    script = (
+        HEAD
+        + """
+import threading, time
+estimator = mvtop.Estimator.load("fixtures/tiny")
+noted, done = [], threading.Event()
+def note():
+    while not done.is_set():
+        noted.append(time.perf_counter())
+        time.sleep(0.0005)
+threading.Thread(target=note).start()
+within = 0
+for _ in range(200):
+    start = time.perf_counter()
+    estimator._native.predict(rig, list(enumerate(images)), None, None)
+    end = time.perf_counter()
+    margin = (end - start) / 4
+    within += sum(start + margin < t < end - margin for t in list(noted))
+    if within > 3:
+        break
+done.set()
+assert within > 3
+"""
+    )
+    in_new_process(script)
+
+
+FORKS = {
+    "os.fork": """
+import os
+child = os.fork()
+if child == 0:
+    os._exit(0 if pose(estimator) == here else 1)
+assert os.waitpid(child, 0)[1] == 0
+""",
+    # The child ends as a program does, so that all it has is dropped.
+    "fork and exit": """
+import os
+child = os.fork()
+if child == 0:
+    assert pose(estimator) == here
+    del estimator
+    sys.exit(0)
+assert os.waitpid(child, 0)[1] == 0
+""",
+    "multiprocessing": """
+import multiprocessing
+with multiprocessing.get_context("fork").Pool(2) as pool:
+    assert pool.map(pose, [estimator] * 4) == [here] * 4
+""",
+    "fork of a fork": """
+import os
+child = os.fork()
+if child == 0:
+    assert pose(estimator) == here
+    grandchild = os.fork()
+    if grandchild == 0:
+        os._exit(0 if pose(estimator) == here else 1)
+    os._exit(os.waitpid(grandchild, 0)[1] != 0)
+assert os.waitpid(child, 0)[1] == 0
+""",
+}
+
+
+@pytest.mark.parametrize("how", FORKS)
+def test_forked_processes_predict_the_same(how, in_new_process):
+    script = (
+        HEAD
+        + """
+estimator = mvtop.Estimator.load("fixtures/tiny", threads=2)
+here = pose(estimator)
+"""
+        + FORKS[how]
+        + """
+assert pose(estimator) == here
+"""
+    )
+    in_new_process(script)
+
+
+def test_interrupt_ends_the_command_at_once(tmp_path):
+    # Without a handler of its own, the program dies of the signal, as every command does.
+    program = Path(sys.executable).parent / "mvtop-cli"
+    fifo = tmp_path / "rig.json"
+    import os
+    import signal
+
+    os.mkfifo(fifo)
+    running = subprocess.Popen([program, "infer", "--rig", fifo, "image.png"])
+    with open(fifo, "w"):  # opens once the program waits for the rig
+        running.send_signal(signal.SIGINT)
+        assert running.wait(timeout=60) == -signal.SIGINT
+
+
+def test_the_command_answers_like_the_program(cli):
+    assert cli("--version").stdout.startswith("mvtop-cli ")
+    wrong = cli("infer", "--rig", "none.json", "a.png")
+    assert (wrong.returncode, wrong.stdout) == (2, "")
+    assert wrong.stderr.startswith("error: cannot read none.json")
+    assert cli("fly").returncode == 2
+    doctor = cli("doctor", "--model", "fixtures/tiny")
+    assert doctor.returncode == 0 and "all well" in doctor.stdout, doctor.stdout + doctor.stderr

@@ -1,0 +1,40 @@
+"""What goes to the Rerun viewer."""
+
+import numpy as np
+import rerun as rr
+
+from mvtop._viewer import line_of_sight
+
+
+def test_recording_has_cameras_images_sights_and_objects(estimator, rig, paths, truth, tmp_path):
+    prediction = estimator.predict(paths, rig, boxes=truth)
+    recording = rr.RecordingStream("mvtop_test")
+    file = tmp_path / "prediction.rrd"
+    recording.save(file)
+    prediction.to_rerun(recording, path="scene")
+    recording.flush()
+    recording.disconnect()
+    bytes_ = file.read_bytes()
+    for entity in [f"/scene/cameras/{camera.id}/image/rgb" for camera in rig.cameras] + [
+        "/scene/objects/0_mvball/points",
+        "/scene/objects/0_mvball/axes",
+        "/scene/sights/0_mvball",
+    ]:
+        assert entity.encode() in bytes_, entity
+
+
+def test_lines_of_sight_end_beside_the_object(estimator, rig, paths, truth):
+    prediction = estimator.predict(paths, rig, boxes=truth)
+    found = prediction.objects[0]
+    for camera in rig.cameras:
+        line = line_of_sight(camera, found)
+        if camera.id not in found.boxes:
+            assert line is None
+            continue
+        np.testing.assert_allclose(line[0], camera.world_from_cam[:3, 3], atol=1e-12)
+        # Its end is imaged at the middle of the box.
+        end = np.linalg.inv(camera.world_from_cam) @ [*line[1], 1]
+        x0, y0, x1, y1 = found.boxes[camera.id]
+        np.testing.assert_allclose(
+            camera.project(end[:3]), [(x0 + x1) / 2, (y0 + y1) / 2], atol=1e-6
+        )
