@@ -42,7 +42,7 @@ def rng():
 def in_new_process():
     """Runs a script in another Python; returns what it prints."""
 
-    def run(script: str, *arguments: str, timeout: float = 120) -> str:
+    def run(script: str, *arguments: str, timeout: float = 600) -> str:
         done = subprocess.run(
             [sys.executable, "-c", script, *arguments],
             cwd=ROOT,
@@ -63,7 +63,7 @@ def cli():
 
     def run(*arguments) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
-            [program, *map(str, arguments)], cwd=ROOT, capture_output=True, text=True, timeout=120
+            [program, *map(str, arguments)], cwd=ROOT, capture_output=True, text=True, timeout=600
         )
 
     return run
