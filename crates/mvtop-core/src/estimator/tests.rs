@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::bundle::{Class, CloseUps, Detector, Input};
+use crate::closeup::CloseUp;
 use crate::image::Letterbox;
 use crate::network::Features;
 use crate::rays::LosEncoding;
@@ -630,20 +631,68 @@ fn closeups_look_at_their_object_from_every_camera_that_sees_it() {
     assert_eq!(prediction.objects.len(), 2);
     for object in &prediction.objects {
         let by_reference = object.cameras[0].bbox.is_some();
-        let (ball, anchor) = if by_reference {
-            (first, 0)
-        } else {
-            (second, 1)
-        };
+        let ball = if by_reference { first } else { second };
         let off = object.world_from_obj.translation.vector - Vector3::from(ball);
         // The middle of a box is not quite the middle of its close-up's box.
         assert!(off.norm() < 5e-3, "{off}");
-        // The answer's z axis is the close-up's: from the anchor towards the object.
-        let towards = Vector3::from(ball) - rig.cameras[anchor].world_from_cam.translation.vector;
-        let axis = object.world_from_obj.rotation * Vector3::z();
-        assert!(axis.angle(&towards) < 1e-3);
+        // Each answer is turned as its anchor's close-up: together they are their mean.
+        let turns: Vec<UnitQuaternion<f64>> = (rig.cameras.iter())
+            .zip(&object.cameras)
+            .filter_map(|(camera, seen)| CloseUp::new(camera, seen.bbox?, CLOSE))
+            .map(|closeup| closeup.camera.world_from_cam.rotation)
+            .collect();
+        assert_eq!(turns.len(), if by_reference { 3 } else { 2 });
+        let expected = match turns[..] {
+            [a, b] => a.slerp(&b, 0.5),
+            _ => mean_rotation(turns.into_iter()),
+        };
+        assert!(object.world_from_obj.rotation.angle_to(&expected) < 1e-6);
     }
     assert!(prediction.timings.closeup > 0.0);
+}
+
+#[test]
+fn mean_of_rotations_by_hand() {
+    let axis = Vector3::new(0.6, 0.0, 0.8);
+    let middle = UnitQuaternion::from_scaled_axis(Vector3::new(2.0, -1.0, 0.5));
+    let around = |degrees: f64| {
+        let turn = middle * UnitQuaternion::from_scaled_axis(axis * degrees.to_radians());
+        // The same rotation by the opposite quaternion.
+        if degrees > 0.0 {
+            UnitQuaternion::new_unchecked(-turn.into_inner())
+        } else {
+            turn
+        }
+    };
+    for angles in [
+        &[0.0][..],
+        &[-20.0, 20.0],
+        &[-35.0, 0.0, 35.0],
+        &[-50.0, -9.0, 9.0, 50.0],
+    ] {
+        let mean = mean_rotation(angles.iter().map(|&degrees| around(degrees)));
+        assert!(mean.angle_to(&middle) < 1e-9, "{angles:?}");
+    }
+}
+
+#[test]
+fn pose_from_closeups_does_not_depend_on_the_reference() {
+    let mut rig = rig();
+    let seen: [(usize, &[[f64; 3]]); 3] = [(0, &BALLS), (1, &BALLS), (2, &BALLS)];
+    let mut found = Vec::new();
+    for reference in 0..3 {
+        rig.reference = reference;
+        let network = Triangulation(Geometry::new(&rig, &seen));
+        let estimator = Estimator::new(closeup_bundle(), Box::new(network));
+        let prediction = estimator
+            .predict(&rig, &images(&rig, &[0, 1, 2]), &PredictOptions::default())
+            .unwrap();
+        found.push(prediction.objects[0].world_from_obj);
+    }
+    for pose in &found[1..] {
+        assert!((pose.translation.vector - found[0].translation.vector).norm() < 1e-6);
+        assert!(pose.rotation.angle_to(&found[0].rotation) < 1e-6);
+    }
 }
 
 #[test]
