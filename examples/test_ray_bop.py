@@ -21,8 +21,8 @@ import ray_bop
 ROOT = Path(__file__).resolve().parents[1]
 MODEL = ROOT / "models/mvball"
 SCENES = 16
-# A busy machine takes longer to start a cluster than Ray allows it by default.
-PATIENT = {**os.environ, "RAY_raylet_start_wait_time_s": "240"}
+# A busy machine starts a cluster later than Ray expects, and starves workers that are as nice.
+PATIENT = {**os.environ, "RAY_raylet_start_wait_time_s": "240", "RAY_worker_niceness": "0"}
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def test_a_killed_worker_costs_nothing(data, expected, tmp_path):
             os.kill(int(worker.rpartition("-")[2]), signal.SIGKILL)
             if not (out / "shards" / f"{number}.csv").exists():
                 killed = number
-        time.sleep(0.01)
+        time.sleep(0.03)
     assert job.wait(timeout=600) == 0, (tmp_path / "log").read_text()[-3000:]
     assert killed is not None
     assert poses((out / "results.csv").read_text()) == expected

@@ -5,9 +5,6 @@ into frame a. Units: metres, pixels, radians; others where a name ends in `_deg`
 axes and lenses are OpenCV's: x right, y down, z forward; integer pixel coordinates are centres.
 """
 
-from mvtop import metrics
-from mvtop._error import Error
-from mvtop._estimator import Estimator, ObjectClass
 from mvtop._mvtop import (
     Camera,
     Rig,
@@ -17,7 +14,13 @@ from mvtop._mvtop import (
     encode_rays,
     rotation_from_6d,
 )
-from mvtop._prediction import CameraPose, ObjectPose, Prediction, Sigma
+
+TYPE_CHECKING = False  # type checkers know the name; importing it takes longer than all the rest
+if TYPE_CHECKING:
+    from mvtop import metrics
+    from mvtop._error import Error
+    from mvtop._estimator import Estimator, ObjectClass
+    from mvtop._prediction import CameraPose, ObjectPose, Prediction, Sigma
 
 __all__ = [
     "Camera",
@@ -36,3 +39,30 @@ __all__ = [
     "metrics",
     "rotation_from_6d",
 ]
+
+# Loaded when first asked for, so that `import mvtop` takes no time.
+_HOMES = {
+    "Error": "mvtop._error",
+    "Estimator": "mvtop._estimator",
+    "ObjectClass": "mvtop._estimator",
+    "CameraPose": "mvtop._prediction",
+    "ObjectPose": "mvtop._prediction",
+    "Prediction": "mvtop._prediction",
+    "Sigma": "mvtop._prediction",
+}
+
+
+def __getattr__(name: str) -> object:
+    import importlib
+
+    if name == "metrics":
+        return importlib.import_module("mvtop.metrics")
+    if name in _HOMES:
+        value = getattr(importlib.import_module(_HOMES[name]), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module 'mvtop' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
