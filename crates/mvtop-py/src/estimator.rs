@@ -17,6 +17,9 @@ use crate::error::{python, value};
 use crate::process::{compute, let_forks_exit};
 use crate::rig::Rig;
 
+/// An object's class, and its boxes by camera id.
+type Boxes = (String, BTreeMap<String, [f64; 4]>);
+
 /// A network that is loaded in this process.
 #[pyclass(frozen, module = "mvtop._mvtop")]
 pub struct NativeEstimator {
@@ -81,7 +84,7 @@ impl NativeEstimator {
         rig: PyRef<Rig>,
         images: Vec<(usize, Bound<'py, PyAny>)>,
         reference: Option<String>,
-        boxes: Option<Vec<(String, BTreeMap<String, [f64; 4]>)>>,
+        boxes: Option<Vec<Boxes>>,
     ) -> PyResult<(NativePrediction, String)> {
         let rig = rig.core();
         let images = load(py, rig, images)?;
