@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 use mvtop_core::Options;
+use mvtop_core::bop::Grouping;
 use mvtop_core::onnx::{Provider, SessionOptions};
 
 use crate::audit::args::Audit;
@@ -90,11 +91,19 @@ Examples:
   A calibration that is off by 0.5 degrees and 5 mm:
     mvtop-cli eval --samples out/eval --rig-noise-deg 0.5 --rig-noise-mm 5
   True boxes, each side off by 5 % of the box's size:
-    mvtop-cli eval --samples out/eval --true-boxes --box-noise 0.05")]
+    mvtop-cli eval --samples out/eval --true-boxes --box-noise 0.05
+  A split of a data set in BOP's layout, two frames of a scene at a time (docs/bop.md); the same
+  command goes on after an interruption:
+    mvtop-cli eval --dataset ycbv --split test --views 2 --report out/ycbv
+  All cameras of a frame:
+    mvtop-cli eval --dataset ipd --split val --grouping frame --report out/ipd")]
 pub struct Eval {
     /// Folder of sample folders
-    #[arg(long, value_name = "DIR")]
-    pub samples: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present = "dataset")]
+    pub samples: Option<PathBuf>,
+
+    #[command(flatten)]
+    pub split: Split,
 
     /// Use the true boxes instead of detecting objects
     #[arg(long)]
@@ -126,15 +135,67 @@ pub struct Eval {
     pub resolved_deg: f64,
 
     /// Write one line of JSON for each object of the truth to this file
-    #[arg(long, value_name = "FILE.jsonl")]
+    #[arg(
+        long,
+        value_name = "FILE.jsonl",
+        group = "written",
+        conflicts_with = "dataset"
+    )]
     pub out: Option<PathBuf>,
 
-    /// Overwrite the file if it exists
-    #[arg(long, requires = "out")]
+    /// Overwrite the file if it exists; with --report, begin anew
+    #[arg(long, requires = "written")]
     pub force: bool,
 
     #[command(flatten)]
     pub network: Network,
+}
+
+/// A split of a data set in BOP's layout, and how to go through it.
+#[derive(Args)]
+pub struct Split {
+    /// Folder of a data set in BOP's layout, instead of --samples
+    #[arg(
+        long,
+        value_name = "DIR",
+        conflicts_with = "samples",
+        requires = "report"
+    )]
+    pub dataset: Option<PathBuf>,
+
+    /// Folder of the data set that holds the scenes
+    #[arg(
+        long,
+        value_name = "NAME",
+        default_value = "test",
+        requires = "dataset"
+    )]
+    pub split: String,
+
+    /// What is seen together: frames of a `scene`, or the cameras of a `frame`
+    #[arg(long, value_name = "WHAT", default_value_t, requires = "dataset")]
+    pub grouping: Grouping,
+
+    /// Camera files whose images are references: CAM of scene_camera_CAM.json [default: the first]
+    #[arg(long, value_name = "CAM", requires = "dataset")]
+    pub sensor: Option<String>,
+
+    /// BOP's test targets, a multi-view list, or pairs.json [default: every image]
+    #[arg(long, value_name = "FILE", requires = "dataset")]
+    pub targets: Option<PathBuf>,
+
+    /// Ids of the objects to evaluate [default: those the model knows]
+    #[arg(
+        long,
+        value_name = "ID,...",
+        value_delimiter = ',',
+        requires = "dataset"
+    )]
+    pub objects: Option<Vec<u32>>,
+
+    /// Folder for the results: CSV in BOP's format, JSON, and a page with plots
+    #[arg(long, value_name = "DIR", group = "written", requires = "dataset")]
+    pub report: Option<PathBuf>,
 }
 
 #[derive(Args)]

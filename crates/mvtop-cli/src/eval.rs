@@ -1,14 +1,20 @@
 //! `eval`: errors of the poses over many samples whose truth is known.
 
+mod dataset;
+mod html;
+mod journal;
 mod noise;
 mod outcome;
+mod plot;
 mod sample;
+mod score;
 mod summary;
 
 use std::collections::HashSet;
 use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
+use mvtop_core::prediction::ObjectPose;
 use mvtop_core::{Estimator, Prediction};
 
 use self::noise::Noise;
@@ -20,7 +26,17 @@ use crate::failure::{Failure, Result, may_write, print};
 use crate::{model_dir, table};
 
 pub fn run(args: &Eval) -> Result<()> {
-    let folders = folders(&args.samples)?;
+    match (&args.samples, &args.split.dataset, &args.split.report) {
+        (Some(samples), ..) => of_samples(args, samples),
+        (None, Some(root), Some(report)) => dataset::run(args, root, report),
+        _ => Err(Failure(
+            "expected --samples DIR, or --dataset DIR and --report DIR".into(),
+        )),
+    }
+}
+
+fn of_samples(args: &Eval, samples: &Path) -> Result<()> {
+    let folders = folders(samples)?;
     if let Some(out) = &args.out {
         may_write(out, args.force)?;
     }
@@ -28,16 +44,8 @@ pub fn run(args: &Eval) -> Result<()> {
         &model_dir::find(args.network.model.as_deref())?,
         &args.network.options(),
     )?;
-    let noise = Noise {
-        seed: args.noise_seed,
-        rig_deg: args.rig_noise_deg,
-        rig_mm: args.rig_noise_mm,
-        boxes: args.box_noise,
-    };
-
-    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} samples, {eta} left")
-        .unwrap_or_else(|_| ProgressStyle::default_bar());
-    let bar = ProgressBar::new(folders.len() as u64).with_style(style);
+    let noise = noise(args);
+    let bar = progress(folders.len(), "samples");
     let mut views = None;
     let mut all = Vec::new();
     let mut extra = 0;
@@ -52,11 +60,13 @@ pub fn run(args: &Eval) -> Result<()> {
             )));
         }
         let prediction = sample.predict(&estimator, args.true_boxes, &noise)?;
-        extra += unmatched(&sample, &prediction);
-        let Sample {
-            name, rig, truth, ..
-        } = &sample;
-        all.extend(outcomes(name, rig, truth, count, &prediction, &estimator));
+        let nearest: Vec<_> = sample
+            .truth
+            .iter()
+            .map(|known| table::nearest(known, &prediction))
+            .collect();
+        extra += unmatched(&nearest, &prediction);
+        all.extend(outcomes(&sample, count, &prediction, &nearest, &estimator));
         bar.inc(1);
     }
     bar.finish_and_clear();
@@ -69,12 +79,30 @@ pub fn run(args: &Eval) -> Result<()> {
     print(&serde_json::to_string(&summary).map_err(json_error)?)
 }
 
-/// Predicted objects that are no true object's nearest.
-fn unmatched(sample: &Sample, prediction: &Prediction) -> usize {
-    let matched: HashSet<*const _> = sample
-        .truth
+fn noise(args: &Eval) -> Noise {
+    Noise {
+        seed: args.noise_seed,
+        rig_deg: args.rig_noise_deg,
+        rig_mm: args.rig_noise_mm,
+        boxes: args.box_noise,
+    }
+}
+
+fn progress(length: usize, of: &str) -> ProgressBar {
+    let style =
+        ProgressStyle::with_template(&format!("{{bar:40}} {{pos}}/{{len}} {of}, {{eta}} left"))
+            .unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::new(length as u64).with_style(style)
+}
+
+/// Predicted objects that are no true object's.
+///
+/// - `matched`: by true object
+fn unmatched(matched: &[Option<&ObjectPose>], prediction: &Prediction) -> usize {
+    let matched: HashSet<*const _> = matched
         .iter()
-        .filter_map(|known| Some(std::ptr::from_ref(table::nearest(known, prediction)?)))
+        .flatten()
+        .map(|&found| std::ptr::from_ref(found))
         .collect();
     prediction.objects.len() - matched.len()
 }
@@ -85,11 +113,7 @@ fn write_lines(path: &Path, outcomes: &[Outcome]) -> Result<()> {
         .iter()
         .map(|outcome| Ok(serde_json::to_string(outcome).map_err(json_error)? + "\n"))
         .collect::<Result<_>>()?;
-    let mut partial = path.as_os_str().to_owned();
-    partial.push(".partial");
-    std::fs::write(&partial, lines.concat())
-        .and_then(|()| std::fs::rename(&partial, path))
-        .map_err(|cause| Failure(format!("cannot write {}: {cause}", path.display())))
+    journal::write_whole(path, &lines.concat())
 }
 
 fn json_error(cause: serde_json::Error) -> Failure {

@@ -36,6 +36,8 @@ pub mod report;
 
 pub mod metrics;
 
+pub mod bop;
+
 pub mod overlay;
 
 // Beside the flow: what data sets are checked for.

@@ -1,7 +1,7 @@
 //! What the estimator answers. [`crate::report`] writes it as JSON.
 
 use nalgebra::Isometry3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Poses of all objects, and how long each stage took.
 #[derive(Debug, Clone)]
@@ -33,7 +33,7 @@ pub struct ObjectPose {
 }
 
 /// The error that the network expects of its own pose.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Sigma {
     /// Expected angle between the true and the predicted rotation, degrees.
     pub rot_deg: f64,
@@ -53,7 +53,7 @@ pub struct CameraPose {
 }
 
 /// Wall time of each stage, milliseconds.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Timings {
     /// Images resized and normalised, lines of sight of the cells computed.
     pub prepare: f64,

@@ -2,16 +2,16 @@
 
 use mvtop_core::known::KnownPose;
 use mvtop_core::pose::{add, rotation_error_deg, translation_error};
-use mvtop_core::prediction::{Sigma, Timings};
+use mvtop_core::prediction::{ObjectPose, Sigma, Timings};
 use mvtop_core::report::rows;
-use mvtop_core::{Estimator, Prediction, Rig};
+use mvtop_core::{Estimator, Prediction};
 use nalgebra::Point3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
-use crate::table;
+use super::sample::Sample;
 
 /// One object of a sample's truth. What is predicted is null where it was not found.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Outcome {
     pub sample: String,
     /// Its place in the sample's truth.
@@ -32,23 +32,24 @@ pub struct Outcome {
     pub timings_ms: Timings,
 }
 
-/// The objects of a sample's truth, each with the nearest prediction of its class.
+/// The objects of a sample's truth, each with what was predicted for it.
+///
+/// - `matched`: by true object
 pub fn outcomes(
-    sample: &str,
-    rig: &Rig,
-    truth: &[KnownPose],
+    sample: &Sample,
     views: usize,
     prediction: &Prediction,
+    matched: &[Option<&ObjectPose>],
     estimator: &Estimator,
 ) -> Vec<Outcome> {
-    let outcome = |(object, known): (usize, &KnownPose)| {
-        let nearest = table::nearest(known, prediction);
+    let rig = &sample.rig;
+    let outcome = |(object, (known, &nearest)): (usize, (&KnownPose, &Option<&ObjectPose>))| {
         let error = |of: fn(&KnownPose, &nalgebra::Isometry3<f64>) -> f64| {
             nearest.map(|found| of(known, &found.world_from_obj))
         };
         let seen = nearest.iter().flat_map(|found| &found.cameras);
         Outcome {
-            sample: sample.to_owned(),
+            sample: sample.name.clone(),
             object,
             class: known.seen.class.clone(),
             views,
@@ -74,5 +75,6 @@ pub fn outcomes(
             timings_ms: prediction.timings,
         }
     };
-    truth.iter().enumerate().map(outcome).collect()
+    let known = sample.truth.iter().zip(matched);
+    known.enumerate().map(outcome).collect()
 }

@@ -112,7 +112,7 @@ fn mean(values: &[f64]) -> Option<f64> {
 }
 
 /// Middle of sorted values, the mean of the two middle ones where their number is even.
-fn median(sorted: &[f64]) -> Option<f64> {
+pub fn median(sorted: &[f64]) -> Option<f64> {
     let upper = sorted.get(sorted.len() / 2)?;
     let lower = sorted.get(sorted.len().saturating_sub(1) / 2)?;
     Some((lower + upper) / 2.0)

@@ -1,6 +1,7 @@
 //! Rigs, lenses, images, lines of sight and poses.
 
 mod bad_rigs;
+mod bop;
 mod closeups;
 mod images;
 mod lenses;

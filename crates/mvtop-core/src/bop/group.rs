@@ -1,0 +1,146 @@
+//! Which images are used together.
+
+use std::fmt;
+use std::str::FromStr;
+
+use super::scene::{Scene, ViewId};
+use super::targets::Target;
+use crate::{Error, Result};
+
+/// What a set of views consists of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Grouping {
+    /// Frames of one scene, taken by one camera that moves: YCB-V, T-LESS, MV-ball.
+    #[default]
+    Scene,
+    /// Cameras of one frame, each with its own files: IPD, XYZ-IBD, ITODD-MV.
+    Frame,
+}
+
+impl FromStr for Grouping {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "scene" => Ok(Self::Scene),
+            "frame" => Ok(Self::Frame),
+            _ => Err("expected `scene` (frames of a scene) or `frame` (cameras of a frame)".into()),
+        }
+    }
+}
+
+impl fmt::Display for Grouping {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Scene => "scene",
+            Self::Frame => "frame",
+        })
+    }
+}
+
+/// Views to predict from together, and the objects asked for.
+pub type Group = Target;
+
+/// The groups of one scene.
+///
+/// - `views`: images per group, the reference included; all there are without it
+/// - `sensor`: of the reference image, where a target or the lack of targets leaves it open; the
+///   first one by default
+/// - `targets`: of this scene; every image is a reference without them
+///
+/// With [`Grouping::Scene`] the others are spread evenly over the frames of the same sensor that
+/// follow the reference, from the first again after the last. With [`Grouping::Frame`] they are the
+/// other sensors' images of the same number, in the order of the sensors' names.
+///
+/// # Errors
+/// [`Error::Input`] where the scene lacks an image that a target names, or has fewer than `views`.
+pub fn groups(
+    scene: &Scene,
+    grouping: Grouping,
+    views: Option<usize>,
+    sensor: Option<&str>,
+    targets: Option<&[&Target]>,
+) -> Result<Vec<Group>> {
+    let first = scene.views.keys().next().map_or("", |id| &id.sensor);
+    let sensor = sensor.unwrap_or(first);
+    let every = || -> Vec<Group> {
+        let of_sensor = scene.views.keys().filter(|id| id.sensor == sensor);
+        of_sensor
+            .map(|id| Group {
+                scene: scene.id,
+                views: vec![id.clone()],
+                objects: None,
+            })
+            .collect()
+    };
+    let mut groups = match targets {
+        Some(targets) => targets.iter().map(|&target| target.clone()).collect(),
+        None => every(),
+    };
+    if groups.is_empty() {
+        return Err(Error::Input(format!(
+            "{}: expected images of sensor `{sensor}`, got none",
+            scene.folder.display()
+        )));
+    }
+    for group in &mut groups {
+        for id in &mut group.views {
+            // Targets of one sensor's data sets do not name it, whatever its files end in.
+            if id.sensor.is_empty() && !scene.views.contains_key(id) {
+                id.sensor = sensor.to_owned();
+            }
+            if !scene.views.contains_key(id) {
+                return Err(Error::Input(format!(
+                    "{}: expected image {id}, which is a target, got none; unpack the data set's \
+                     images there or give other targets",
+                    scene.folder.display()
+                )));
+            }
+        }
+        if let [reference] = &group.views[..] {
+            let others = candidates(scene, grouping, reference);
+            group.views.extend(spread(&others, grouping, views));
+        }
+        let count = group.views.len();
+        match views {
+            Some(views) if count < views => {
+                return Err(Error::Input(format!(
+                    "{}: expected {views} views with image {}, as asked for, got {count}; ask for \
+                     fewer views",
+                    scene.folder.display(),
+                    group.views[0]
+                )));
+            }
+            Some(views) => group.views.truncate(views),
+            None => {}
+        }
+    }
+    Ok(groups)
+}
+
+/// What can go with a reference, in order.
+fn candidates(scene: &Scene, grouping: Grouping, reference: &ViewId) -> Vec<ViewId> {
+    let alike = |id: &&ViewId| {
+        *id != reference
+            && match grouping {
+                Grouping::Scene => id.sensor == reference.sensor,
+                Grouping::Frame => id.image == reference.image,
+            }
+    };
+    let mut others: Vec<ViewId> = scene.views.keys().filter(alike).cloned().collect();
+    if grouping == Grouping::Scene {
+        let after = others.partition_point(|id| id.image < reference.image);
+        others.rotate_left(after);
+    }
+    others
+}
+
+fn spread(others: &[ViewId], grouping: Grouping, views: Option<usize>) -> Vec<ViewId> {
+    let count = views.map_or(others.len(), |views| (views - 1).min(others.len()));
+    let place = |k: usize| match grouping {
+        // The reference has place 0 among one more than there are others.
+        Grouping::Scene => (k + 1) * (others.len() + 1) / (count + 1) - 1,
+        Grouping::Frame => k,
+    };
+    (0..count).map(|k| others[place(k)].clone()).collect()
+}

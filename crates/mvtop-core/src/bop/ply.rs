@@ -1,0 +1,359 @@
+//! Meshes from PLY files, text or binary.
+//!
+//! Vertices and faces are all that is wanted of a format that can hold anything, so this reads it
+//! itself; the crates for it bring a parser generator along.
+//!
+//! Source: <https://paulbourke.net/dataformats/ply/>.
+
+use std::path::Path;
+
+use nalgebra::Point3;
+
+use crate::metrics::Mesh;
+use crate::{Error, Result};
+
+/// Largest file that is read.
+const MAX_FILE_BYTES: u64 = 1 << 30;
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Format {
+    Text,
+    LittleEndian,
+    BigEndian,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Type {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+struct Property {
+    name: String,
+    /// Type of the length in front of a list.
+    list: Option<Type>,
+    item: Type,
+}
+
+struct Element {
+    name: String,
+    count: u64,
+    properties: Vec<Property>,
+}
+
+/// What is left of the file, and how to read it.
+struct Body<'a> {
+    rest: &'a [u8],
+    format: Format,
+}
+
+/// Reads vertices and faces; faces of more than three vertices become fans of triangles.
+///
+/// - `unit`: metres per unit of the file; 0.001 for BOP's models
+///
+/// # Errors
+/// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it is no PLY file with
+/// vertices or a face names a vertex that is not there.
+pub fn load_ply(path: &Path, unit: f64) -> Result<Mesh> {
+    let refuse = |problem: String| {
+        Error::Input(format!(
+            "{}: expected a PLY file with vertices and faces, got: {problem}",
+            path.display()
+        ))
+    };
+    let unreadable = |cause| Error::Read {
+        path: path.to_owned(),
+        cause,
+    };
+    let size = std::fs::metadata(path).map_err(unreadable)?.len();
+    if size > MAX_FILE_BYTES {
+        return Err(refuse(format!("{size} bytes, more than a model has")));
+    }
+    let bytes = std::fs::read(path).map_err(unreadable)?;
+    let (vertices, faces) = parse(&bytes).map_err(&refuse)?;
+    let mut triangles = Vec::new();
+    for (i, face) in faces.iter().enumerate() {
+        // Saturates: a number that is no index is none of a vertex either.
+        let exact = face.iter().all(|&v| v.fract() == 0.0 && v >= 0.0);
+        let indices: Vec<u32> = face.iter().map(|&v| v as u32).collect();
+        match &indices[..] {
+            _ if !exact => return Err(refuse(format!("face {i} of {face:?}"))),
+            [first, rest @ ..] => {
+                triangles.extend(rest.windows(2).map(|pair| [*first, pair[0], pair[1]]));
+            }
+            [] => {}
+        }
+    }
+    let vertices = vertices
+        .into_iter()
+        .map(|v| Point3::from(v) * unit)
+        .collect();
+    Mesh::new(vertices, triangles).map_err(|error| refuse(error.to_string()))
+}
+
+type Parsed<T> = Result<T, String>;
+
+/// Vertices, and the vertices' numbers of each face.
+fn parse(bytes: &[u8]) -> Parsed<(Vec<[f64; 3]>, Vec<Vec<f64>>)> {
+    let (elements, mut body) = header(bytes)?;
+    let (mut vertices, mut faces) = (Vec::new(), Vec::new());
+    for Element {
+        name,
+        count,
+        properties,
+    } in elements
+    {
+        let place = |wanted: &[&str]| {
+            properties
+                .iter()
+                .position(|property| wanted.contains(&property.name.as_str()))
+        };
+        let axes = [place(&["x"]), place(&["y"]), place(&["z"])];
+        let indices = place(&["vertex_indices", "vertex_index"]);
+        for row in 0..count {
+            let mut values: Vec<Vec<f64>> = Vec::with_capacity(properties.len());
+            for property in &properties {
+                let at = |problem| format!("{problem} in {name} {row}");
+                values.push(body.property(property).map_err(at)?);
+            }
+            match (name.as_str(), axes, indices) {
+                ("vertex", [Some(x), Some(y), Some(z)], _) => {
+                    let axis = |i: usize| values[i].first().copied().unwrap_or(f64::NAN);
+                    vertices.push([axis(x), axis(y), axis(z)]);
+                }
+                ("face", _, Some(indices)) => faces.push(values.swap_remove(indices)),
+                _ => {}
+            }
+        }
+    }
+    if vertices.is_empty() {
+        return Err("no vertex with x, y and z".into());
+    }
+    Ok((vertices, faces))
+}
+
+fn header(bytes: &[u8]) -> Parsed<(Vec<Element>, Body<'_>)> {
+    let mut rest = bytes;
+    let mut line = || {
+        let end = rest.iter().position(|&byte| byte == b'\n')?;
+        let (line, after) = rest.split_at(end);
+        rest = &after[1..];
+        std::str::from_utf8(line).ok().map(str::trim)
+    };
+    if line() != Some("ply") {
+        return Err("a file that does not begin with `ply`".into());
+    }
+    let mut format = None;
+    let mut elements: Vec<Element> = Vec::new();
+    loop {
+        let line = line().ok_or("a header without end_header")?;
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let wrong = || format!("the header line `{line}`");
+        match words[..] {
+            ["end_header"] => break,
+            ["format", name, "1.0"] => {
+                format = Some(match name {
+                    "ascii" => Format::Text,
+                    "binary_little_endian" => Format::LittleEndian,
+                    "binary_big_endian" => Format::BigEndian,
+                    _ => return Err(wrong()),
+                });
+            }
+            ["element", name, count] => elements.push(Element {
+                name: name.to_owned(),
+                count: count.parse().map_err(|_| wrong())?,
+                properties: Vec::new(),
+            }),
+            ["property", ref about @ .., name] => {
+                let (list, item) = match about {
+                    ["list", length, item] => (Some(Type::named(length)), Type::named(item)),
+                    [item] => (None, Type::named(item)),
+                    _ => return Err(wrong()),
+                };
+                let (Some(item), false) = (item, list == Some(None)) else {
+                    return Err(wrong());
+                };
+                elements
+                    .last_mut()
+                    .ok_or_else(wrong)?
+                    .properties
+                    .push(Property {
+                        name: name.to_owned(),
+                        list: list.flatten(),
+                        item,
+                    });
+            }
+            ["comment" | "obj_info", ..] | [] => {}
+            _ => return Err(wrong()),
+        }
+    }
+    // Rows of nothing would take no bytes, however many there are.
+    elements.retain(|element| !element.properties.is_empty());
+    let format = format.ok_or("a header without format")?;
+    Ok((elements, Body { rest, format }))
+}
+
+impl Type {
+    fn named(name: &str) -> Option<Self> {
+        Some(match name {
+            "char" | "int8" => Self::I8,
+            "uchar" | "uint8" => Self::U8,
+            "short" | "int16" => Self::I16,
+            "ushort" | "uint16" => Self::U16,
+            "int" | "int32" => Self::I32,
+            "uint" | "uint32" => Self::U32,
+            "float" | "float32" => Self::F32,
+            "double" | "float64" => Self::F64,
+            _ => return None,
+        })
+    }
+}
+
+impl Body<'_> {
+    /// One number, or those of a list.
+    fn property(&mut self, property: &Property) -> Parsed<Vec<f64>> {
+        let length = match property.list {
+            Some(length) => self.number(length)?,
+            None => 1.0,
+        };
+        // A length that is too great ends with the file.
+        (0..length as u64)
+            .map(|_| self.number(property.item))
+            .collect()
+    }
+
+    fn number(&mut self, item: Type) -> Parsed<f64> {
+        if self.format == Format::Text {
+            let word = self.word().ok_or("the end of the file")?;
+            return word.parse().map_err(|_| format!("`{word}` for a number"));
+        }
+        Ok(match item {
+            Type::I8 => f64::from(i8::from_le_bytes(self.bytes()?)),
+            Type::U8 => f64::from(u8::from_le_bytes(self.bytes()?)),
+            Type::I16 => f64::from(i16::from_le_bytes(self.bytes()?)),
+            Type::U16 => f64::from(u16::from_le_bytes(self.bytes()?)),
+            Type::I32 => f64::from(i32::from_le_bytes(self.bytes()?)),
+            Type::U32 => f64::from(u32::from_le_bytes(self.bytes()?)),
+            Type::F32 => f64::from(f32::from_le_bytes(self.bytes()?)),
+            Type::F64 => f64::from_le_bytes(self.bytes()?),
+        })
+    }
+
+    /// The next bytes, little end first.
+    fn bytes<const N: usize>(&mut self) -> Parsed<[u8; N]> {
+        let (&bytes, rest) = self.rest.split_first_chunk().ok_or("the end of the file")?;
+        self.rest = rest;
+        let mut bytes: [u8; N] = bytes;
+        if self.format == Format::BigEndian {
+            bytes.reverse();
+        }
+        Ok(bytes)
+    }
+
+    fn word(&mut self) -> Option<String> {
+        let rest = self.rest.trim_ascii_start();
+        let end = rest
+            .iter()
+            .position(u8::is_ascii_whitespace)
+            .unwrap_or(rest.len());
+        let (word, rest) = rest.split_at(end);
+        self.rest = rest;
+        (!word.is_empty()).then(|| String::from_utf8_lossy(word).into_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tempfile::NamedTempFile;
+
+    fn file(bytes: &[u8]) -> NamedTempFile {
+        let file = NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), bytes).unwrap();
+        file
+    }
+
+    fn header(format: &str, index: &str) -> String {
+        format!(
+            "ply\nformat {format} 1.0\ncomment by hand\nelement vertex 4\nproperty float x\n\
+             property float y\nproperty float z\nproperty uchar red\nelement face 2\n\
+             property list uchar {index}\nend_header\n"
+        )
+    }
+
+    #[test]
+    fn text_and_binary_hold_the_same_mesh() {
+        let text = header("ascii", "int vertex_indices")
+            + "0 0 0 9\n1000 0 0 9\n1000 500 0 9\n0 500 -2 9\n3 0 1 2\n4 0 1 2 3\n";
+        let corners = [
+            [0., 0., 0.],
+            [1000., 0., 0.],
+            [1000., 500., 0.],
+            [0., 500., -2_f32],
+        ];
+        let mut little = header("binary_little_endian", "uint vertex_index").into_bytes();
+        let mut big = header("binary_big_endian", "ushort vertex_indices").into_bytes();
+        for corner in corners {
+            little.extend(corner.iter().flat_map(|x| x.to_le_bytes()));
+            big.extend(corner.iter().flat_map(|x| x.to_be_bytes()));
+            little.push(9);
+            big.push(9);
+        }
+        for face in [&[0_u16, 1, 2][..], &[0, 1, 2, 3]] {
+            little.push(face.len() as u8);
+            big.push(face.len() as u8);
+            little.extend(face.iter().flat_map(|&v| u32::from(v).to_le_bytes()));
+            big.extend(face.iter().flat_map(|v| v.to_be_bytes()));
+        }
+        for bytes in [text.into_bytes(), little, big] {
+            let mesh = load_ply(file(&bytes).path(), 1e-3).unwrap();
+            let expected = corners.map(|c| Point3::from(c.map(f64::from)) * 1e-3);
+            assert_eq!(mesh.vertices(), expected);
+            assert_eq!(mesh.triangles(), [[0, 1, 2], [0, 1, 2], [0, 2, 3]]);
+        }
+    }
+
+    #[test]
+    fn other_files_are_refused_in_one_sentence() {
+        let good = header("ascii", "int vertex_indices")
+            + "0 0 0 9\n1 0 0 9\n1 5 0 9\n0 5 0 9\n3 0 1 2\n3 0 1 2\n";
+        for (text, hint) in [
+            (String::new(), ""),
+            ("solid stl".into(), ""),
+            (good.replace("3 0 1 2\n", "3 0 1 7\n"), "[0, 1, 7]"),
+            (good.replace("3 0 1 2\n", "3 0 1 -2\n"), "-2"),
+            (good.replace("0 5 0 9\n", ""), "end of the file"),
+            (
+                good.replace("1 5 0 9", "1 x 0 9"),
+                "`x` for a number in vertex 2",
+            ),
+            (good.replace("end_header", ""), "header line"),
+            (
+                good.replace("property float z\n", ""),
+                "no vertex with x, y and z",
+            ),
+            (good.replace("vertex 4", "vertex -4"), "`element vertex -4`"),
+            (good.replace("1 5 0 9", "1 nan 0 9"), "vertex 2"),
+        ] {
+            let error = load_ply(file(text.as_bytes()).path(), 1.0)
+                .unwrap_err()
+                .to_string();
+            assert!(
+                error.contains("expected a PLY file")
+                    && error.contains(hint)
+                    && !error.contains('\n'),
+                "{error}"
+            );
+        }
+        assert!(matches!(
+            load_ply(Path::new("none.ply"), 1.0),
+            Err(Error::Read { .. })
+        ));
+    }
+}

@@ -1,0 +1,303 @@
+//! A scene: images, cameras and annotations.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use nalgebra::Isometry3;
+use serde::Deserialize;
+
+use super::json::{motion, read};
+use crate::camera::{BrownConrady, Distortion, Lens};
+use crate::{Error, Result};
+
+/// One image of a scene.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ViewId {
+    /// What the camera's files end in, as `cam1` in `scene_camera_cam1.json`; empty for files
+    /// without an ending.
+    pub sensor: String,
+    pub image: u32,
+}
+
+/// An image, its camera and what is annotated in it.
+#[derive(Debug, Clone)]
+pub struct View {
+    pub id: ViewId,
+    pub path: PathBuf,
+    pub lens: Lens,
+    /// Millimetres per unit of the depth image.
+    pub depth_scale: f64,
+    /// `None` where the data set does not say where its camera stood.
+    pub world_from_cam: Option<Isometry3<f64>>,
+    /// Empty where the annotations are kept back, as of most test splits.
+    pub objects: Vec<Instance>,
+}
+
+/// An annotated object.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Instance {
+    pub object: u32,
+    pub cam_from_obj: Isometry3<f64>,
+    /// `[x0, y0, x1, y1]`, px, of the whole object also where it is hidden; `None` where it is not
+    /// known.
+    pub bbox: Option<[f64; 4]>,
+    /// Visible share of the object's pixels.
+    pub visible: Option<f64>,
+}
+
+/// All images of a scene.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    pub id: u32,
+    pub folder: PathBuf,
+    /// In the order of sensors and images.
+    pub views: BTreeMap<ViewId, View>,
+}
+
+#[derive(Deserialize)]
+struct Camera {
+    #[serde(rename = "cam_K")]
+    k: Option<[f64; 9]>,
+    cam_dist: Option<Vec<f64>>,
+    #[serde(default = "one")]
+    depth_scale: f64,
+    #[serde(rename = "cam_R_w2c")]
+    r: Option<[f64; 9]>,
+    #[serde(rename = "cam_t_w2c")]
+    t: Option<[f64; 3]>,
+}
+
+#[derive(Deserialize)]
+struct Pose {
+    obj_id: u32,
+    #[serde(rename = "cam_R_m2c")]
+    r: [f64; 9],
+    #[serde(rename = "cam_t_m2c")]
+    t: [f64; 3],
+}
+
+#[derive(Deserialize)]
+struct Info {
+    bbox_obj: Option<[f64; 4]>,
+    visib_fract: Option<f64>,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+impl fmt::Display for ViewId {
+    /// `cam1/000012`, or `000012` without a sensor.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if !self.sensor.is_empty() {
+            write!(f, "{}/", self.sensor)?;
+        }
+        write!(f, "{:06}", self.image)
+    }
+}
+
+/// Numbers of a split's scenes.
+///
+/// # Errors
+/// [`Error::Read`] where the folder cannot be read, [`Error::Input`] where it has no scenes.
+pub fn scene_ids(split: &Path) -> Result<Vec<u32>> {
+    let entries = std::fs::read_dir(split).map_err(|cause| Error::Read {
+        path: split.to_owned(),
+        cause,
+    })?;
+    let mut ids: Vec<u32> = entries
+        .filter_map(|entry| {
+            let path = entry.ok()?.path();
+            (!sensors(&path).is_empty()).then_some(())?;
+            path.file_name()?.to_str()?.parse().ok()
+        })
+        .collect();
+    ids.sort_unstable();
+    if ids.is_empty() {
+        return Err(Error::Input(format!(
+            "{}: expected scenes (000001/scene_camera.json, ...), got none; give the folder of the \
+             data set with --dataset and the name of a split in it with --split",
+            split.display()
+        )));
+    }
+    Ok(ids)
+}
+
+/// Endings of the camera files in a folder: empty for `scene_camera.json`, `cam1` for
+/// `scene_camera_cam1.json`.
+fn sensors(folder: &Path) -> Vec<String> {
+    let names = std::fs::read_dir(folder).into_iter().flatten();
+    let mut sensors: Vec<String> = names
+        .filter_map(|entry| {
+            let name = entry.ok()?.file_name();
+            let ending = name.to_str()?.strip_prefix("scene_camera")?;
+            let ending = ending.strip_suffix(".json")?;
+            match ending {
+                "" => Some(String::new()),
+                _ => Some(ending.strip_prefix('_')?.to_owned()),
+            }
+        })
+        .collect();
+    sensors.sort();
+    sensors
+}
+
+impl Scene {
+    /// Reads what is known of the images; the images themselves are not opened.
+    ///
+    /// Sensors without colour or grey images, as of depth only, are left out.
+    ///
+    /// # Errors
+    /// [`Error::Read`] where a file cannot be read, [`Error::Input`] where it is not BOP's.
+    pub fn load(split: &Path, id: u32) -> Result<Self> {
+        let folder = split.join(format!("{id:06}"));
+        let mut views = BTreeMap::new();
+        for sensor in sensors(&folder) {
+            load_sensor(&folder, &sensor, &mut views)?;
+        }
+        if views.is_empty() {
+            return Err(Error::Input(format!(
+                "{}: expected scene_camera.json and images in rgb/ or gray/, got none; unpack the \
+                 data set's images there",
+                folder.display()
+            )));
+        }
+        Ok(Self { id, folder, views })
+    }
+}
+
+fn load_sensor(folder: &Path, sensor: &str, views: &mut BTreeMap<ViewId, View>) -> Result<()> {
+    let named = |what: &str, end: &str| match sensor {
+        "" => folder.join(format!("{what}{end}")),
+        _ => folder.join(format!("{what}_{sensor}{end}")),
+    };
+    let image_folders: Vec<PathBuf> = ["rgb", "gray"]
+        .map(|kind| named(kind, ""))
+        .into_iter()
+        .filter(|dir| dir.is_dir())
+        .collect();
+    if image_folders.is_empty() {
+        return Ok(());
+    }
+    let camera_file = named("scene_camera", ".json");
+    let cameras: BTreeMap<u32, Camera> =
+        read(&camera_file, "{IMAGE: {\"cam_K\": [9 numbers], ...}}")?;
+    let mut poses: BTreeMap<u32, Vec<Pose>> = optional(
+        &named("scene_gt", ".json"),
+        "{IMAGE: [{\"obj_id\": N, \"cam_R_m2c\": [9 numbers], \"cam_t_m2c\": [3 numbers]}]}",
+    )?;
+    let mut infos: BTreeMap<u32, Vec<Info>> = optional(
+        &named("scene_gt_info", ".json"),
+        "{IMAGE: [{\"bbox_obj\": [x, y, w, h], ...}]}",
+    )?;
+    for (image, camera) in cameras {
+        let place = format!("{}: image {image}", camera_file.display());
+        let Some(path) = find_image(&image_folders, image) else {
+            continue; // listed, but not unpacked
+        };
+        let poses = poses.remove(&image).unwrap_or_default();
+        let infos = infos.remove(&image).unwrap_or_default();
+        let id = ViewId {
+            sensor: sensor.to_owned(),
+            image,
+        };
+        let objects = poses
+            .iter()
+            .enumerate()
+            .map(|(i, pose)| pose.instance(&place, infos.get(i)))
+            .collect::<Result<_>>()?;
+        let view = View {
+            path,
+            lens: camera.lens(&place)?,
+            depth_scale: camera.depth_scale,
+            world_from_cam: camera.world_from_cam(&place)?,
+            objects,
+            id: id.clone(),
+        };
+        views.insert(id, view);
+    }
+    Ok(())
+}
+
+/// An empty map where there is no such file.
+fn optional<T: serde::de::DeserializeOwned>(
+    path: &Path,
+    expected: &str,
+) -> Result<BTreeMap<u32, T>> {
+    if path.is_file() {
+        read(path, expected)
+    } else {
+        Ok(BTreeMap::new())
+    }
+}
+
+fn find_image(folders: &[PathBuf], image: u32) -> Option<PathBuf> {
+    let ends = ["png", "jpg", "jpeg", "tif", "tiff"];
+    folders
+        .iter()
+        .flat_map(|folder| ends.map(|end| folder.join(format!("{image:06}.{end}"))))
+        .find(|path| path.is_file())
+}
+
+impl Camera {
+    fn lens(&self, place: &str) -> Result<Lens> {
+        let Some(k) = self.k else {
+            return Err(Error::Input(format!(
+                "{place}: expected cam_K, got none; cameras described by cam_model are not \
+                 supported, undistort their images to pinholes"
+            )));
+        };
+        let [fx, skew, cx, zero_a, fy, cy, zero_b, zero_c, last] = k;
+        let upper = [skew, zero_a, zero_b, zero_c] == [0.0; 4] && last == 1.0;
+        if !(upper && fx > 0.0 && fy > 0.0 && k.iter().all(|x| x.is_finite())) {
+            return Err(Error::Input(format!(
+                "{place}: expected cam_K as [fx, 0, cx, 0, fy, cy, 0, 0, 1], got {k:?}"
+            )));
+        }
+        let distortion = match self.cam_dist.as_deref() {
+            Some(params) if params.iter().any(|&x| x != 0.0) => {
+                let lens = BrownConrady::new(params)
+                    .map_err(|error| Error::Input(format!("{place}: cam_dist: {error}")))?;
+                Distortion::BrownConrady(lens)
+            }
+            _ => Distortion::None,
+        };
+        Ok(Lens {
+            fx,
+            fy,
+            cx,
+            cy,
+            distortion,
+        })
+    }
+
+    fn world_from_cam(&self, place: &str) -> Result<Option<Isometry3<f64>>> {
+        match (&self.r, &self.t) {
+            (Some(r), Some(t)) => {
+                let place = format!("{place}: cam_R_w2c, cam_t_w2c");
+                Ok(Some(motion(place, r, t)?.inverse()))
+            }
+            (None, None) => Ok(None),
+            _ => Err(Error::Input(format!(
+                "{place}: expected both cam_R_w2c and cam_t_w2c, got one of them"
+            ))),
+        }
+    }
+}
+
+impl Pose {
+    fn instance(&self, place: &str, info: Option<&Info>) -> Result<Instance> {
+        let place = format!("{place}: pose of object {}", self.obj_id);
+        let whole = info.and_then(|info| info.bbox_obj);
+        Ok(Instance {
+            object: self.obj_id,
+            cam_from_obj: motion(place, &self.r, &self.t)?,
+            // BOP writes -1 where nothing of the object is in the image.
+            bbox: whole
+                .filter(|&[_, _, w, h]| w > 0.0 && h > 0.0)
+                .map(|[x, y, w, h]| [x, y, x + w, y + h]),
+            visible: info.and_then(|info| info.visib_fract),
+        })
+    }
+}

@@ -1,0 +1,288 @@
+//! Data sets in BOP's layout, written by the tests.
+
+use mvtop_core::bop::{
+    Group, Grouping, Scene, Target, ViewId, groups, load_models, load_targets, scene_ids,
+};
+use nalgebra::{Point3, Vector3};
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+use tempfile::TempDir;
+
+const R: [i32; 9] = [0, -1, 0, 1, 0, 0, 0, 0, 1];
+
+fn write(path: &Path, content: &Value) {
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    fs::write(path, content.to_string()).unwrap();
+}
+
+/// Images 0 to `count` - 1 of a sensor, each camera `image` metres along the world's x axis.
+fn write_sensor(scene: &Path, sensor: &str, kind: &str, count: i32) {
+    let end = if sensor.is_empty() {
+        String::new()
+    } else {
+        format!("_{sensor}")
+    };
+    let (mut camera, mut gt, mut info) = (json!({}), json!({}), json!({}));
+    fs::create_dir_all(scene.join(format!("{kind}{end}"))).unwrap();
+    for image in 0..count {
+        let key = image.to_string();
+        camera[&key] = json!({
+            "cam_K": [600, 0, 320, 0, 610, 240, 0, 0, 1], "depth_scale": 0.1,
+            "cam_R_w2c": [1, 0, 0, 0, 1, 0, 0, 0, 1], "cam_t_w2c": [-1000 * image, 0, 0],
+        });
+        gt[&key] = json!([
+            {"obj_id": 5, "cam_R_m2c": R, "cam_t_m2c": [10, 20, 900]},
+            {"obj_id": 7, "cam_R_m2c": R, "cam_t_m2c": [0, 0, 800]},
+        ]);
+        info[&key] = json!([
+            {"bbox_obj": [100, 110, 40, 50], "visib_fract": 0.5},
+            {"bbox_obj": [-1, -1, -1, -1], "visib_fract": 0.0},
+        ]);
+        fs::write(scene.join(format!("{kind}{end}/{image:06}.png")), "").unwrap();
+    }
+    write(&scene.join(format!("scene_camera{end}.json")), &camera);
+    write(&scene.join(format!("scene_gt{end}.json")), &gt);
+    write(&scene.join(format!("scene_gt_info{end}.json")), &info);
+}
+
+fn id(sensor: &str, image: u32) -> ViewId {
+    ViewId {
+        sensor: sensor.into(),
+        image,
+    }
+}
+
+fn shown(groups: &[Group]) -> Vec<String> {
+    groups
+        .iter()
+        .map(|group| {
+            let views: Vec<String> = group.views.iter().map(ViewId::to_string).collect();
+            views.join(" ")
+        })
+        .collect()
+}
+
+#[test]
+fn scene_is_read_in_metres() {
+    let dir = TempDir::new().unwrap();
+    write_sensor(&dir.path().join("000012"), "", "rgb", 3);
+    fs::create_dir(dir.path().join("notes")).unwrap();
+    assert_eq!(scene_ids(dir.path()).unwrap(), [12]);
+    let scene = Scene::load(dir.path(), 12).unwrap();
+    assert_eq!(scene.views.len(), 3);
+    let view = &scene.views[&id("", 2)];
+    assert!(view.path.ends_with("rgb/000002.png"));
+    assert_eq!((view.lens.fx, view.lens.fy), (600.0, 610.0));
+    assert_eq!((view.lens.cx, view.lens.cy), (320.0, 240.0));
+    assert_eq!(view.depth_scale, 0.1);
+    let centre = view.world_from_cam.unwrap() * Point3::origin();
+    assert!((centre - Point3::new(2.0, 0.0, 0.0)).norm() < 1e-9);
+    let [first, second] = &view.objects[..] else {
+        panic!()
+    };
+    assert_eq!(first.object, 5);
+    assert_eq!(first.bbox, Some([100.0, 110.0, 140.0, 160.0]));
+    assert_eq!(first.visible, Some(0.5));
+    assert!((first.cam_from_obj.translation.vector - Vector3::new(0.01, 0.02, 0.9)).norm() < 1e-12);
+    let x = first.cam_from_obj.rotation * Vector3::x();
+    assert!((x - Vector3::y()).norm() < 1e-9);
+    assert_eq!(second.bbox, None);
+}
+
+#[test]
+fn frames_of_a_scene_are_spread_from_the_reference_on() {
+    let dir = TempDir::new().unwrap();
+    write_sensor(&dir.path().join("000001"), "", "rgb", 6);
+    let scene = Scene::load(dir.path(), 1).unwrap();
+    let of = |views| shown(&groups(&scene, Grouping::Scene, views, None, None).unwrap());
+    assert_eq!(of(Some(1))[4], "000004");
+    assert_eq!(of(Some(2))[0], "000000 000003");
+    assert_eq!(of(Some(3))[4], "000004 000000 000002");
+    assert_eq!(of(None)[5], "000005 000000 000001 000002 000003 000004");
+    assert_eq!(of(Some(6)), of(None));
+    let error = groups(&scene, Grouping::Scene, Some(7), None, None).unwrap_err();
+    assert!(error.to_string().contains("7 views"), "{error}");
+}
+
+#[test]
+fn cameras_of_a_frame_have_the_same_number() {
+    let dir = TempDir::new().unwrap();
+    let folder = dir.path().join("000003");
+    for (sensor, kind) in [("cam1", "rgb"), ("cam2", "gray"), ("photoneo", "depth")] {
+        write_sensor(&folder, sensor, kind, 2);
+    }
+    // The second sensor has one image more.
+    write_sensor(&folder, "cam3", "rgb", 3);
+    let scene = Scene::load(dir.path(), 3).unwrap();
+    let of = |views, sensor| groups(&scene, Grouping::Frame, views, sensor, None);
+    assert_eq!(
+        shown(&of(None, None).unwrap()),
+        [
+            "cam1/000000 cam2/000000 cam3/000000",
+            "cam1/000001 cam2/000001 cam3/000001"
+        ]
+    );
+    assert_eq!(
+        shown(&of(Some(2), Some("cam2")).unwrap()),
+        ["cam2/000000 cam1/000000", "cam2/000001 cam1/000001"]
+    );
+    let error = of(Some(2), Some("cam3")).unwrap_err().to_string();
+    assert!(error.contains("2 views with image cam3/000002"), "{error}");
+    let error = of(None, Some("left")).unwrap_err().to_string();
+    assert!(error.contains("sensor `left`"), "{error}");
+    // Frames of one of several sensors.
+    let frames = groups(&scene, Grouping::Scene, Some(2), Some("cam3"), None).unwrap();
+    assert_eq!(shown(&frames)[2], "cam3/000002 cam3/000000");
+}
+
+#[test]
+fn every_kind_of_targets_is_read() {
+    let dir = TempDir::new().unwrap();
+    let load = |content: Value| {
+        let path = dir.path().join("targets.json");
+        write(&path, &content);
+        load_targets(&path)
+    };
+    let target = |views: &[ViewId], objects: Option<&[u32]>| Target {
+        scene: 48,
+        views: views.to_vec(),
+        objects: objects.map(|ids| BTreeSet::from_iter(ids.iter().copied())),
+    };
+    let bop19 = json!([
+        {"scene_id": 48, "im_id": 1, "obj_id": 5, "inst_count": 1},
+        {"scene_id": 48, "im_id": 36, "obj_id": 5, "inst_count": 1},
+        {"scene_id": 48, "im_id": 1, "obj_id": 7, "inst_count": 2},
+    ]);
+    assert_eq!(
+        load(bop19).unwrap(),
+        [
+            target(&[id("", 1)], Some(&[5, 7])),
+            target(&[id("", 36)], Some(&[5]))
+        ]
+    );
+    let bop24 = json!([{"scene_id": 48, "im_id": 1}]);
+    assert_eq!(load(bop24).unwrap(), [target(&[id("", 1)], None)]);
+    let several = json!([
+        {"scene_id": 48, "im_id": [["default", 1626], ["cam1", 3]]},
+        {"scene_id": 48, "im_id": [4, 2]},
+    ]);
+    assert_eq!(
+        load(several).unwrap(),
+        [
+            target(&[id("", 1626), id("cam1", 3)], None),
+            target(&[id("", 4), id("", 2)], None)
+        ]
+    );
+    let pairs = json!({"pairs": [[48, 0, 2]]});
+    assert_eq!(
+        load(pairs).unwrap(),
+        [target(&[id("", 0), id("", 2)], None)]
+    );
+    for wrong in [
+        json!([]),
+        json!({}),
+        json!([{"scene_id": 48}]),
+        json!([{"scene_id": 48, "im_id": []}]),
+    ] {
+        let error = load(wrong).unwrap_err().to_string();
+        assert!(
+            error.contains("targets.json: ") && !error.contains('\n'),
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn targets_name_views_or_leave_them_to_the_grouping() {
+    let dir = TempDir::new().unwrap();
+    write_sensor(&dir.path().join("000048"), "cam1", "rgb", 4);
+    let scene = Scene::load(dir.path(), 48).unwrap();
+    let target = |views: Vec<ViewId>| Target {
+        scene: 48,
+        views,
+        objects: Some(BTreeSet::from([7])),
+    };
+    let (one, two) = (
+        target(vec![id("", 1)]),
+        target(vec![id("cam1", 3), id("cam1", 0)]),
+    );
+    let of = |views, target: &Target| groups(&scene, Grouping::Scene, views, None, Some(&[target]));
+    let grouped = of(Some(2), &one).unwrap();
+    assert_eq!(shown(&grouped), ["cam1/000001 cam1/000003"]);
+    assert_eq!(grouped[0].objects, one.objects);
+    assert_eq!(shown(&of(None, &two).unwrap()), ["cam1/000003 cam1/000000"]);
+    assert_eq!(shown(&of(Some(1), &two).unwrap()), ["cam1/000003"]);
+    assert!(of(Some(3), &two).is_err());
+    let error = of(None, &target(vec![id("cam1", 9)]))
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("image cam1/000009"), "{error}");
+}
+
+#[test]
+fn scenes_that_are_not_bops_are_refused_in_one_sentence() {
+    let refused = |key: &str, value: Value, hint: &str| {
+        let dir = TempDir::new().unwrap();
+        let folder = dir.path().join("000001");
+        write_sensor(&folder, "", "rgb", 1);
+        let file = folder.join("scene_camera.json");
+        let mut camera: Value = serde_json::from_slice(&fs::read(&file).unwrap()).unwrap();
+        camera["0"][key] = value;
+        write(&file, &camera);
+        let error = Scene::load(dir.path(), 1).unwrap_err().to_string();
+        assert!(error.contains("scene_camera.json"), "{error}");
+        assert!(error.contains(hint) && !error.contains('\n'), "{error}");
+    };
+    refused("cam_K", json!([600, 0, 320]), "cam_K");
+    refused(
+        "cam_K",
+        json!([600, 3, 320, 0, 610, 240, 0, 0, 1]),
+        "[fx, 0, cx",
+    );
+    refused("cam_K", Value::Null, "cam_model");
+    refused("cam_t_w2c", Value::Null, "both cam_R_w2c and cam_t_w2c");
+    refused("cam_R_w2c", json!([2, 0, 0, 0, 2, 0, 0, 0, 2]), "cam_R_w2c");
+    let dir = TempDir::new().unwrap();
+    let error = scene_ids(dir.path()).unwrap_err().to_string();
+    assert!(error.contains("--split"), "{error}");
+    fs::create_dir(dir.path().join("000001")).unwrap();
+    write(&dir.path().join("000001/scene_camera.json"), &json!({}));
+    let error = Scene::load(dir.path(), 1).unwrap_err().to_string();
+    assert!(error.contains("rgb/ or gray/"), "{error}");
+}
+
+#[test]
+fn models_come_with_their_symmetries() {
+    let dir = TempDir::new().unwrap();
+    let info = json!({
+        "1": {"diameter": 100.0, "name": "box", "symmetries_discrete":
+            [[-1, 0, 0, 20, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]]},
+        "2": {"diameter": 50.0, "symmetries_continuous":
+            [{"axis": [0, 0, 2], "offset": [0, 0, 0]}]},
+        "3": {"diameter": 70.0},
+    });
+    write(&dir.path().join("models/models_info.json"), &info);
+    for object in [1, 2] {
+        let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+                   property float z\nelement face 1\nproperty list uchar int vertex_indices\n\
+                   end_header\n0 0 0\n100 0 0\n0 50 0\n3 0 1 2\n";
+        fs::write(dir.path().join(format!("models/obj_{object:06}.ply")), ply).unwrap();
+    }
+    let models = load_models(dir.path(), |object| object < 3).unwrap();
+    assert_eq!(models[&1].name.as_deref(), Some("box"));
+    assert_eq!(models[&1].diameter_m, 0.1);
+    assert_eq!(models[&1].mesh.vertices()[1], Point3::new(0.1, 0.0, 0.0));
+    let [_, half_turn] = models[&1].symmetries.motions() else {
+        panic!()
+    };
+    assert!((half_turn * Point3::origin() - Point3::new(0.02, 0.0, 0.0)).norm() < 1e-9);
+    assert_eq!(models[&2].symmetries.motions().len(), 315);
+    let error = load_models(dir.path(), |_| true).unwrap_err().to_string();
+    assert!(error.contains("obj_000003.ply"), "{error}");
+    let error = load_models(Path::new("nowhere"), |_| true)
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("models_eval/ or models/"), "{error}");
+}
