@@ -173,8 +173,9 @@ impl Plan {
             let views = args.views.map(|views| views as usize);
             let sensor = options.sensor.as_deref();
             let found = groups(&scene, options.grouping, views, sensor, of_scene.as_deref())?;
-            plan.groups
-                .extend(found.into_iter().filter(|group| plan.asks(&scene, group)));
+            let asked = found.into_iter().filter(|group| plan.asks(&scene, group));
+            let asked: Vec<Group> = asked.collect();
+            plan.groups.extend(asked);
             plan.scenes.insert(id, scene);
         }
         if plan.groups.is_empty() {

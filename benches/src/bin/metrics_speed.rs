@@ -1,0 +1,117 @@
+//! Our side of `training/mvtop_train/metrics_speed.py`: reads a scene, prints a line of JSON with
+//! the time and the value of each metric and pose.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use mvtop_core::metrics::{
+    BOP_MAX_STEP, ContinuousSymmetry, MatchingCost, Surface, Symmetries, VSD_TAUS, VsdOptions, vsd,
+};
+use mvtop_core::{Distortion, Lens};
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use ndarray::{Array2, Array3, Axis};
+use safetensors::SafeTensors;
+
+type Metric<'a> = &'a dyn Fn(usize) -> f64;
+
+fn main() {
+    let path = std::env::args().nth(1).expect("the scene's file");
+    let bytes = std::fs::read(path).expect("a readable file");
+    let file = SafeTensors::deserialize(&bytes).expect("a safetensors file");
+    let numbers = |name: &str| -> Vec<f64> {
+        let data = file.tensor(name).expect(name).data();
+        let numbers = data.chunks_exact(8);
+        numbers
+            .map(|b| f64::from_le_bytes(b.try_into().expect("8 bytes")))
+            .collect()
+    };
+    let motions = |name: &str| -> Vec<Isometry3<f64>> {
+        numbers(name).chunks_exact(16).map(motion).collect()
+    };
+    let images = |name: &str| -> Vec<Array2<f32>> {
+        let tensor = file.tensor(name).expect(name);
+        let &[n, height, width] = tensor.shape() else {
+            panic!("{name}: three axes")
+        };
+        let numbers = tensor.data().chunks_exact(4);
+        let numbers = numbers.map(|b| f32::from_le_bytes(b.try_into().expect("4 bytes")));
+        let images = Array3::from_shape_vec((n, height, width), numbers.collect()).expect(name);
+        images
+            .axis_iter(Axis(0))
+            .map(|image| image.to_owned())
+            .collect()
+    };
+    let points: Vec<Point3<f64>> = numbers("points")
+        .chunks_exact(3)
+        .map(Point3::from_slice)
+        .collect();
+    let surface = Surface::new(&points).expect("points");
+    let (truth, estimate) = (motions("truth"), motions("estimate"));
+    let (depth_truth, depth_estimate) = (images("depth_truth"), images("depth_estimate"));
+    let lens = numbers("lens");
+    let lens = Lens {
+        fx: lens[0],
+        fy: lens[1],
+        cx: lens[2],
+        cy: lens[3],
+        distortion: Distortion::None,
+    };
+    let turn = ContinuousSymmetry {
+        axis: Vector3::z_axis(),
+        offset: Point3::origin(),
+    };
+    let none = Symmetries::default();
+    let turns = Symmetries::new(&[], &[turn], BOP_MAX_STEP).expect("a step");
+    let options = VsdOptions {
+        delta: 15.0,
+        taus: VSD_TAUS.to_vec(),
+        diameter: Some(180.0),
+        cost: MatchingCost::Step,
+    };
+    let measured = Array2::from_elem(depth_truth[0].dim(), 1500.0);
+    // The tree for ADD-S is made once per object; its time is not in that of the poses.
+    let start = Instant::now();
+    black_box(surface.add_s(&truth[0], &truth[0]));
+    eprintln!("first ADD-S, tree included: {:?}", start.elapsed());
+    let metrics: [(&str, Metric); 7] = [
+        ("add", &|i| surface.add(&truth[i], &estimate[i])),
+        ("adi", &|i| surface.add_s(&truth[i], &estimate[i])),
+        ("mssd", &|i| surface.mssd(&truth[i], &estimate[i], &none)),
+        ("mssd_turns", &|i| {
+            surface.mssd(&truth[i], &estimate[i], &turns)
+        }),
+        ("mspd", &|i| {
+            surface.mspd(&truth[i], &estimate[i], &none, &lens)
+        }),
+        ("mspd_turns", &|i| {
+            surface.mspd(&truth[i], &estimate[i], &turns, &lens)
+        }),
+        ("vsd", &|i| {
+            let errors = vsd(
+                &depth_estimate[i],
+                &depth_truth[i],
+                &measured,
+                &lens,
+                &options,
+            );
+            let errors = errors.expect("images of one size");
+            errors.iter().sum::<f64>() / errors.len() as f64
+        }),
+    ];
+    for (name, metric) in metrics {
+        for pose in 0..truth.len() {
+            let start = Instant::now();
+            let value = black_box(metric(black_box(pose)));
+            let us = 1e6 * start.elapsed().as_secs_f64();
+            println!("{{\"name\":\"{name}\",\"pose\":{pose},\"us\":{us},\"value\":{value}}}");
+        }
+    }
+}
+
+fn motion(rows: &[f64]) -> Isometry3<f64> {
+    let rotation = Matrix3::from_fn(|i, j| rows[4 * i + j]);
+    Isometry3::from_parts(
+        Translation3::new(rows[3], rows[7], rows[11]),
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation)),
+    )
+}
