@@ -99,8 +99,10 @@ pub fn load_ply(path: &Path, unit: f64) -> Result<Mesh> {
 
 type Parsed<T> = Result<T, String>;
 
-/// Vertices, and the vertices' numbers of each face.
-fn parse(bytes: &[u8]) -> Parsed<(Vec<[f64; 3]>, Vec<Vec<f64>>)> {
+/// Numbers of a face's vertices, not checked yet.
+type Face = Vec<f64>;
+
+fn parse(bytes: &[u8]) -> Parsed<(Vec<[f64; 3]>, Vec<Face>)> {
     let (elements, mut body) = header(bytes)?;
     let (mut vertices, mut faces) = (Vec::new(), Vec::new());
     for Element {
