@@ -34,7 +34,7 @@ pub struct Bundle {
     /// The objects, in the order of the network's class index.
     pub classes: Vec<Class>,
     pub detector: Detector,
-    /// Side of the close-ups that poses are decoded from, px; `None`: from the whole images.
+    /// `None`: poses are decoded from the whole images.
     pub closeup: Option<CloseUps>,
     /// On whole images. Absolute or relative to the current folder, like `dir`.
     pub features: PathBuf,
