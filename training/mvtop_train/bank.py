@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from . import closeup, data
+from . import batches, closeup, data
 
 BATCH = 64  # close-ups through the backbone at once
 META = {"k": (3, 3), "cam_from_world": (4, 4), "cam_from_obj": (4, 4), "box": (4,)}
@@ -118,13 +118,9 @@ class Batches(torch.utils.data.Dataset):
     def __getitem__(self, step: int) -> dict[str, torch.Tensor]:
         rng = np.random.default_rng([self.seed, step])
         scenes = self.bank.scenes
-        most = max(len(scene) for scene in scenes)
-        shares = self.views * (np.arange(1, len(self.views) + 1) <= most)
-        views = 1 + int(rng.choice(len(shares), p=shares / shares.sum()))
-        enough = [s for s, scene in enumerate(scenes) if len(scene) >= views]
-        count = self.images // views
+        views, enough = batches.draw_views(scenes, self.views, rng)
         chosen = []
-        for number in range(self.rank, count - count % self.processes, self.processes):
+        for number in batches.share_of(self.images // views, self.rank, self.processes):
             rng = np.random.default_rng([self.seed, step, number])
             s = enough[rng.integers(len(enough))]
             images = data.choose_views(scenes[s], views, rng)

@@ -36,6 +36,23 @@ class Scenes:
         self.training += [scene for scene in (bop.read_scene(p, self.obj) for p in new) if scene]
 
 
+def draw_views(scenes: list, shares: np.ndarray, rng) -> tuple[int, list[int]]:
+    """How many views a batch's scenes have, and the numbers of the scenes with that many images.
+
+    shares: of batches with 1, 2, ... views
+    """
+    # Scenes of other data sets differ in their number of images.
+    most = max(len(scene) for scene in scenes)
+    shares = shares * (np.arange(1, len(shares) + 1) <= most)
+    views = 1 + int(rng.choice(len(shares), p=shares / shares.sum()))
+    return views, [number for number, scene in enumerate(scenes) if len(scene) >= views]
+
+
+def share_of(count: int, rank: int, processes: int) -> range:
+    """Numbers of one process's items; every process has equally many."""
+    return range(rank, count - count % processes, processes)
+
+
 class Batches(torch.utils.data.Dataset):
     """Item `step` is that step's batch of `images` views, all scenes with one number of views.
 
@@ -55,23 +72,18 @@ class Batches(torch.utils.data.Dataset):
         self.boxes_of = data.amodal_boxes(scenes.obj.bounds)
 
     def _mine(self, count: int) -> range:
-        """Numbers of this process's items; every process has equally many."""
-        return range(self.rank, count - count % self.processes, self.processes)
+        return share_of(count, self.rank, self.processes)
 
     def __getitem__(self, step: int) -> dict[str, torch.Tensor]:
         cv2.setNumThreads(1)  # the processes share the cores
         self.scenes.refresh()
         training = self.scenes.training
         rng = np.random.default_rng([self.seed, step])
-        # Scenes of other data sets differ in their number of images.
-        most = max(len(scene) for scene in training)
-        shares = self.views * (np.arange(1, len(self.views) + 1) <= most)
-        views = 1 + int(rng.choice(len(shares), p=shares / shares.sum()))
-        enough = [scene for scene in training if len(scene) >= views]
+        views, enough = draw_views(training, self.views, rng)
         items = []
         for number in self._mine(self.images // views):
             rng = np.random.default_rng([self.seed, step, number])
-            scene = enough[rng.integers(len(enough))]
+            scene = training[enough[rng.integers(len(enough))]]
             chosen = data.choose_views(scene, views, rng)
             items.append([data.make_view(image, self.size, rng, self.aug) for image in chosen])
         batch = data.collate(items, self.boxes_of, self.aug.jitter)
