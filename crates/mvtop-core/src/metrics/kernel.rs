@@ -1,4 +1,4 @@
-//! The inner loops over an object's points, compiled a second time for AVX2 on x86-64.
+//! The inner loops over an object's points, compiled for AVX2 and AVX-512 as well on x86-64.
 
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
@@ -22,14 +22,13 @@ pub(super) struct Affine {
     t: [f64; 3],
 }
 
-/// A pinhole and where the points come to lie before it.
+/// Two poses before a pinhole of focal lengths `fx`, `fy`; its centre does not matter to them.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Projection {
-    pub cam_from_obj: Affine,
+pub(super) struct PinholePair {
+    pub truth: Affine,
+    pub estimate: Affine,
     pub fx: f64,
     pub fy: f64,
-    pub cx: f64,
-    pub cy: f64,
 }
 
 impl Affine {
@@ -75,15 +74,26 @@ impl Affine {
 
 /// Picks the loop compiled for this processor.
 macro_rules! dispatch {
-    ($(#[$doc:meta])* $name:ident, $portable:ident, $avx2:ident,
+    ($(#[$doc:meta])* $name:ident, $portable:ident, $avx2:ident, $avx512:ident,
      ($($arg:ident: $type:ty),*) -> $returned:ty) => {
         $(#[$doc])*
         pub(super) fn $name($($arg: $type),*) -> $returned {
+            #[cfg(target_arch = "x86_64")]
+            if std::arch::is_x86_feature_detected!("avx512f") {
+                // SAFETY: the processor has just said that it has AVX-512.
+                return unsafe { $avx512($($arg),*) };
+            }
             #[cfg(target_arch = "x86_64")]
             if std::arch::is_x86_feature_detected!("avx2") {
                 // SAFETY: the processor has just said that it has AVX2.
                 return unsafe { $avx2($($arg),*) };
             }
+            $portable($($arg),*)
+        }
+
+        #[cfg(target_arch = "x86_64")]
+        #[target_feature(enable = "avx512f")]
+        fn $avx512($($arg: $type),*) -> $returned {
             $portable($($arg),*)
         }
 
@@ -98,22 +108,22 @@ pub(super) use dispatch;
 
 dispatch!(
     /// Sum of the lengths of what the points become.
-    sum_of_lengths, sum_of_lengths_portable, sum_of_lengths_avx2,
+    sum_of_lengths, sum_of_lengths_portable, sum_of_lengths_avx2, sum_of_lengths_avx512,
     (points: &Columns, map: &Affine) -> f64
 );
 
 dispatch!(
     /// Greatest squared length of what the points become; anything above `bound` once that is
     /// certain to be exceeded.
-    max_squared, max_squared_portable, max_squared_avx2,
+    max_squared, max_squared_portable, max_squared_avx2, max_squared_avx512,
     (points: &Columns, map: &Affine, bound: f64) -> f64
 );
 
 dispatch!(
-    /// Greatest squared distance of the points' pixels from those in `u`, `v`; as [`max_squared`].
+    /// Greatest squared distance of the points' pixels under both poses; as [`max_squared`].
     /// Infinite where a point lies behind the camera.
-    max_squared_px, max_squared_px_portable, max_squared_px_avx2,
-    (points: &Columns, to: &Projection, u: &[f64], v: &[f64], bound: f64) -> f64
+    max_squared_px, max_squared_px_portable, max_squared_px_avx2, max_squared_px_avx512,
+    (points: &Columns, pair: &PinholePair, bound: f64) -> f64
 );
 
 #[inline(always)]
@@ -133,23 +143,19 @@ fn sum_of_lengths_portable(points: &Columns, map: &Affine) -> f64 {
 
 #[inline(always)]
 fn max_squared_portable(points: &Columns, map: &Affine, bound: f64) -> f64 {
-    greatest(points, bound, |_, x, y, z| map.squared(x, y, z))
+    greatest(points, bound, |x, y, z| map.squared(x, y, z))
 }
 
 #[inline(always)]
-fn max_squared_px_portable(
-    points: &Columns,
-    to: &Projection,
-    u: &[f64],
-    v: &[f64],
-    bound: f64,
-) -> f64 {
-    let (u, v) = (&u[..points.x.len()], &v[..points.x.len()]);
-    greatest(points, bound, |i, x, y, z| {
-        let [x, y, z] = to.cam_from_obj.apply(x, y, z);
-        let du = to.fx * x / z + to.cx - u[i];
-        let dv = to.fy * y / z + to.cy - v[i];
-        if z > 0.0 {
+fn max_squared_px_portable(points: &Columns, pair: &PinholePair, bound: f64) -> f64 {
+    greatest(points, bound, |x, y, z| {
+        let [xa, ya, za] = pair.truth.apply(x, y, z);
+        let [xb, yb, zb] = pair.estimate.apply(x, y, z);
+        // x_a / z_a - x_b / z_b over one denominator: divisions are what takes the time.
+        let both = 1.0 / (za * zb);
+        let du = pair.fx * (xa * zb - xb * za) * both;
+        let dv = pair.fy * (ya * zb - yb * za) * both;
+        if za > 0.0 && zb > 0.0 {
             du * du + dv * dv
         } else {
             f64::INFINITY
@@ -159,7 +165,7 @@ fn max_squared_px_portable(
 
 /// Greatest value over the points; leaves off where `bound` is exceeded.
 #[inline(always)]
-fn greatest(points: &Columns, bound: f64, value: impl Fn(usize, f64, f64, f64) -> f64) -> f64 {
+fn greatest(points: &Columns, bound: f64, value: impl Fn(f64, f64, f64) -> f64) -> f64 {
     let n = points.x.len();
     let mut greatest = 0.0;
     for start in (0..n).step_by(STRIDE) {
@@ -169,11 +175,11 @@ fn greatest(points: &Columns, bound: f64, value: impl Fn(usize, f64, f64, f64) -
         for first in (start..whole).step_by(LANES) {
             let [x, y, z] = lanes(points, first);
             for lane in 0..LANES {
-                most[lane] = larger(most[lane], value(first + lane, x[lane], y[lane], z[lane]));
+                most[lane] = larger(most[lane], value(x[lane], y[lane], z[lane]));
             }
         }
         for i in whole..end {
-            most[0] = larger(most[0], value(i, points.x[i], points.y[i], points.z[i]));
+            most[0] = larger(most[0], value(points.x[i], points.y[i], points.z[i]));
         }
         greatest = most.into_iter().fold(greatest, larger);
         if greatest > bound {
@@ -185,8 +191,14 @@ fn greatest(points: &Columns, bound: f64, value: impl Fn(usize, f64, f64, f64) -
 
 /// Becomes one instruction, unlike `f64::max`, which minds NaN.
 #[inline(always)]
-fn larger(a: f64, b: f64) -> f64 {
+pub(super) fn larger(a: f64, b: f64) -> f64 {
     if b > a { b } else { a }
+}
+
+/// As [`larger`].
+#[inline(always)]
+pub(super) fn smaller(a: f64, b: f64) -> f64 {
+    if b < a { b } else { a }
 }
 
 #[inline(always)]

@@ -9,7 +9,7 @@
 
 use nalgebra::{Isometry3, Point3};
 
-use super::kernel::{Affine, dispatch};
+use super::kernel::{Affine, dispatch, larger, smaller};
 
 /// Points in a leaf.
 const BLOCK: usize = 16;
@@ -23,9 +23,6 @@ struct Block {
     y: Lanes,
     z: Lanes,
     count: usize,
-    /// Of a sphere around the points.
-    centre: Point3<f64>,
-    radius: f64,
 }
 
 /// In preorder: what follows an inner node is its first child.
@@ -62,8 +59,9 @@ struct Asking {
     best: Lanes,
     /// Greatest of them: how far it is worth looking.
     worst: f64,
-    centre: [f64; 3],
-    radius: f64,
+    /// Corners of the box around the points.
+    low: [f64; 3],
+    high: [f64; 3],
 }
 
 impl Tree {
@@ -89,7 +87,7 @@ impl Tree {
         let next = Next::Leaf(self.blocks.len());
         self.nodes.push(Node { low, high, next });
         if points.len() <= BLOCK {
-            self.blocks.push(Block::new(points, low, high));
+            self.blocks.push(Block::new(points));
             return;
         }
         let extent = |&i: &usize| high[i] - low[i];
@@ -112,7 +110,7 @@ impl Tree {
 }
 
 dispatch!(
-    sum_of_distances, sum_of_distances_portable, sum_of_distances_avx2,
+    sum_of_distances, sum_of_distances_portable, sum_of_distances_avx2, sum_of_distances_avx512,
     (tree: &Tree, motion: &Affine) -> f64
 );
 
@@ -120,8 +118,10 @@ dispatch!(
 fn sum_of_distances_portable(tree: &Tree, motion: &Affine) -> f64 {
     let mut stack = Vec::with_capacity(tree.depth + 1);
     let mut sum = 0.0;
-    for block in &tree.blocks {
+    for (own, block) in tree.blocks.iter().enumerate() {
         let mut asking = Asking::new(block, motion);
+        // Of a pose that is not far off, the nearest points are among those asking.
+        asking.compare(block);
         stack.clear();
         stack.push((0, 0.0));
         while let Some((at, least)) = stack.pop() {
@@ -129,6 +129,7 @@ fn sum_of_distances_portable(tree: &Tree, motion: &Affine) -> f64 {
                 continue;
             }
             match tree.nodes[at].next {
+                Next::Leaf(leaf) if leaf == own => {}
                 Next::Leaf(leaf) => asking.compare(&tree.blocks[leaf]),
                 Next::Inner(second) => {
                     let one = (at + 1, asking.least_squared(&tree.nodes[at + 1]));
@@ -153,19 +154,13 @@ fn sum_of_distances_portable(tree: &Tree, motion: &Affine) -> f64 {
 }
 
 impl Block {
-    fn new(points: &[Point3<f64>], low: [f64; 3], high: [f64; 3]) -> Self {
+    fn new(points: &[Point3<f64>]) -> Self {
         let lanes = |axis: usize| std::array::from_fn(|i| points[i.min(points.len() - 1)][axis]);
-        let centre = Point3::from(std::array::from_fn::<f64, 3, _>(|i| {
-            (low[i] + high[i]) / 2.0
-        }));
-        let radius = points.iter().map(|p| (p - centre).norm());
         Self {
             x: lanes(0),
             y: lanes(1),
             z: lanes(2),
             count: points.len(),
-            centre,
-            radius: radius.fold(0.0, f64::max),
         }
     }
 }
@@ -179,12 +174,16 @@ impl Asking {
             z: [0.0; BLOCK],
             best: [f64::INFINITY; BLOCK],
             worst: f64::INFINITY,
-            centre: motion.apply(block.centre.x, block.centre.y, block.centre.z),
-            radius: block.radius,
+            low: [0.0; 3],
+            high: [0.0; 3],
         };
         for i in 0..BLOCK {
             let [x, y, z] = motion.apply(block.x[i], block.y[i], block.z[i]);
             (asking.x[i], asking.y[i], asking.z[i]) = (x, y, z);
+        }
+        for (i, axis) in [&asking.x, &asking.y, &asking.z].into_iter().enumerate() {
+            asking.low[i] = axis.iter().copied().fold(f64::INFINITY, smaller);
+            asking.high[i] = axis.iter().copied().fold(f64::NEG_INFINITY, larger);
         }
         asking
     }
@@ -194,12 +193,11 @@ impl Asking {
     fn least_squared(&self, node: &Node) -> f64 {
         let mut squared = 0.0;
         for i in 0..3 {
-            let beyond = (node.low[i] - self.centre[i]).max(self.centre[i] - node.high[i]);
-            let beyond = beyond.max(0.0);
-            squared += beyond * beyond;
+            let apart = larger(node.low[i] - self.high[i], self.low[i] - node.high[i]);
+            let apart = larger(apart, 0.0);
+            squared += apart * apart;
         }
-        let least = (squared.sqrt() - self.radius).max(0.0);
-        least * least
+        squared
     }
 
     #[inline(always)]
@@ -210,11 +208,11 @@ impl Asking {
             for (lane, best) in best.iter_mut().enumerate() {
                 let (dx, dy, dz) = (self.x[lane] - x, self.y[lane] - y, self.z[lane] - z);
                 let squared = dx * dx + dy * dy + dz * dz;
-                *best = if squared < *best { squared } else { *best };
+                *best = smaller(*best, squared);
             }
         }
         self.best = best;
-        self.worst = best.into_iter().fold(0.0, f64::max);
+        self.worst = best.into_iter().fold(0.0, larger);
     }
 }
 

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use nalgebra::{Isometry3, Point3};
 
 use super::Symmetries;
-use super::kernel::{Affine, Columns, Projection, max_squared, max_squared_px, sum_of_lengths};
+use super::kernel::{Affine, Columns, PinholePair, max_squared, max_squared_px, sum_of_lengths};
 use super::nearest::Tree;
 use crate::camera::{Distortion, Lens};
 use crate::{Error, Result};
@@ -136,59 +136,44 @@ impl Surface {
         symmetries: &Symmetries,
         lens: &Lens,
     ) -> f64 {
-        let points = 0..self.points.x.len();
-        let pixels: Option<(Vec<f64>, Vec<f64>)> = points
-            .map(|i| {
-                lens.project(&(estimate * self.point(i)))
-                    .map(|pixel| (pixel.x, pixel.y))
-            })
-            .collect();
-        let Some((u, v)) = pixels else {
+        let least_of = |squared: &dyn Fn(&Isometry3<f64>, f64) -> f64| {
+            let motions = symmetries.motions().iter();
+            motions
+                .fold(f64::INFINITY, |least, motion| {
+                    least.min(squared(&(truth * motion), least))
+                })
+                .sqrt()
+        };
+        if lens.distortion == Distortion::None {
+            let estimate = Affine::new(estimate);
+            return least_of(&|truth, least| {
+                let pair = PinholePair {
+                    truth: Affine::new(truth),
+                    estimate,
+                    fx: lens.fx,
+                    fy: lens.fy,
+                };
+                max_squared_px(&self.points, &pair, least)
+            });
+        }
+        let project = |pose: &Isometry3<f64>, i| lens.project(&(pose * self.point(i)));
+        let count = self.points.x.len();
+        let pixels: Option<Vec<_>> = (0..count).map(|i| project(estimate, i)).collect();
+        let Some(pixels) = pixels else {
             return f64::INFINITY;
         };
-        let squared = symmetries
-            .motions()
-            .iter()
-            .fold(f64::INFINITY, |least, motion| {
-                let pose = truth * motion;
-                least.min(match lens.distortion {
-                    Distortion::None => {
-                        let to = Projection {
-                            cam_from_obj: Affine::new(&pose),
-                            fx: lens.fx,
-                            fy: lens.fy,
-                            cx: lens.cx,
-                            cy: lens.cy,
-                        };
-                        max_squared_px(&self.points, &to, &u, &v, least)
-                    }
-                    _ => self.max_squared_px(&pose, lens, &u, &v, least),
-                })
-            });
-        squared.sqrt()
-    }
-
-    /// As the kernel's function, through any lens.
-    fn max_squared_px(
-        &self,
-        pose: &Isometry3<f64>,
-        lens: &Lens,
-        u: &[f64],
-        v: &[f64],
-        bound: f64,
-    ) -> f64 {
-        let mut greatest: f64 = 0.0;
-        for i in 0..u.len() {
-            let squared = lens
-                .project(&(pose * self.point(i)))
-                .map_or(f64::INFINITY, |pixel| {
-                    (pixel.x - u[i]).powi(2) + (pixel.y - v[i]).powi(2)
+        least_of(&|truth, least| {
+            let mut greatest: f64 = 0.0;
+            for (i, pixel) in pixels.iter().enumerate() {
+                let squared = project(truth, i).map_or(f64::INFINITY, |p| {
+                    (p.x - pixel.x).powi(2) + (p.y - pixel.y).powi(2)
                 });
-            greatest = greatest.max(squared);
-            if greatest > bound {
-                break;
+                greatest = greatest.max(squared);
+                if greatest > least {
+                    break;
+                }
             }
-        }
-        greatest
+            greatest
+        })
     }
 }

@@ -65,32 +65,39 @@ pub fn vsd(
     }
     let (mut union, mut both) = (0_usize, 0_usize);
     let mut costs = vec![0.0; options.taus.len()];
-    for (((row, column), &true_depth), (&estimated, &measured)) in
-        truth.indexed_iter().zip(estimate.iter().zip(measured))
-    {
-        if true_depth <= 0.0 && estimated <= 0.0 {
-            continue;
-        }
-        let distance = |depth: f32| distance(f64::from(depth), lens, row, column);
-        let (of_truth, of_estimate) = (distance(true_depth), distance(estimated));
-        let scene = distance(measured);
-        // In single precision like the toolkit's, so that the same pixels count as visible.
-        let seen = |model: f64| {
-            model > 0.0 && (scene == 0.0 || model as f32 - scene as f32 <= options.delta as f32)
-        };
-        let true_seen = seen(of_truth);
-        let estimate_seen = seen(of_estimate) || (true_seen && of_estimate > 0.0);
-        union += usize::from(true_seen || estimate_seen);
-        if !(true_seen && estimate_seen) {
-            continue;
-        }
-        both += 1;
-        let off = (of_truth - of_estimate).abs() / options.diameter.unwrap_or(1.0);
-        for (cost, &tau) in costs.iter_mut().zip(&options.taus) {
-            *cost += match options.cost {
-                MatchingCost::Step => f64::from(u8::from(off >= tau)),
-                MatchingCost::TruncatedLinear => (off / tau).min(1.0),
+    let rows = truth
+        .rows()
+        .into_iter()
+        .zip(estimate.rows())
+        .zip(measured.rows());
+    for (row, ((truth, estimate), measured)) in rows.enumerate() {
+        for (column, ((&true_depth, &estimated), &measured)) in
+            truth.iter().zip(estimate).zip(measured).enumerate()
+        {
+            if true_depth <= 0.0 && estimated <= 0.0 {
+                continue;
+            }
+            let distance = |depth: f32| distance(f64::from(depth), lens, row, column);
+            let (of_truth, of_estimate) = (distance(true_depth), distance(estimated));
+            let scene = distance(measured);
+            // In single precision like the toolkit's, so that the same pixels count as visible.
+            let seen = |model: f64| {
+                model > 0.0 && (scene == 0.0 || model as f32 - scene as f32 <= options.delta as f32)
             };
+            let true_seen = seen(of_truth);
+            let estimate_seen = seen(of_estimate) || (true_seen && of_estimate > 0.0);
+            union += usize::from(true_seen || estimate_seen);
+            if !(true_seen && estimate_seen) {
+                continue;
+            }
+            both += 1;
+            let off = (of_truth - of_estimate).abs() / options.diameter.unwrap_or(1.0);
+            for (cost, &tau) in costs.iter_mut().zip(&options.taus) {
+                *cost += match options.cost {
+                    MatchingCost::Step => f64::from(u8::from(off >= tau)),
+                    MatchingCost::TruncatedLinear => (off / tau).min(1.0),
+                };
+            }
         }
     }
     let only_one = (union - both) as f64;
