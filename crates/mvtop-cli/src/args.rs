@@ -44,7 +44,7 @@ pub struct Infer {
     #[arg(long, value_name = "FILE")]
     pub rig: PathBuf,
 
-    /// PNG or JPEG images: one for each camera in the rig's order, or ID=PATH for some cameras
+    /// PNG, JPEG, TIFF or BMP images: one for each camera in the rig's order, or ID=PATH for some cameras
     #[arg(required = true, value_name = "IMAGE")]
     pub images: Vec<PathBuf>,
 
@@ -183,6 +183,12 @@ pub struct Split {
     /// BOP's test targets, a multi-view list, or pairs.json [default: every image]
     #[arg(long, value_name = "FILE", requires = "dataset")]
     pub targets: Option<PathBuf>,
+
+    /// How far a surface may lie behind the measured one and still count as seen, for VSD (only of
+    /// data sets with depth images); BOP's, but for ITODD 5
+    #[arg(long, value_name = "MM", default_value_t = 15.0, value_parser = not_negative)]
+    #[arg(requires = "dataset")]
+    pub vsd_delta_mm: f64,
 
     /// Ids of the objects to evaluate [default: those the model knows]
     #[arg(

@@ -10,12 +10,10 @@ mod sample;
 mod score;
 mod summary;
 
-use std::collections::HashSet;
 use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use mvtop_core::prediction::ObjectPose;
-use mvtop_core::{Estimator, Prediction};
+use mvtop_core::Estimator;
 
 use self::noise::Noise;
 use self::outcome::{Outcome, outcomes};
@@ -23,7 +21,8 @@ use self::sample::{Sample, folders};
 use self::summary::Summary;
 use crate::args::Eval;
 use crate::failure::{Failure, Result, may_write, print};
-use crate::{model_dir, table};
+use crate::matching::{matches, unmatched};
+use crate::model_dir;
 
 pub fn run(args: &Eval) -> Result<()> {
     match (&args.samples, &args.split.dataset, &args.split.report) {
@@ -60,13 +59,9 @@ fn of_samples(args: &Eval, samples: &Path) -> Result<()> {
             )));
         }
         let prediction = sample.predict(&estimator, args.true_boxes, &noise)?;
-        let nearest: Vec<_> = sample
-            .truth
-            .iter()
-            .map(|known| table::nearest(known, &prediction))
-            .collect();
-        extra += unmatched(&nearest, &prediction);
-        all.extend(outcomes(&sample, count, &prediction, &nearest, &estimator));
+        let matched = matches(&sample.truth, &prediction);
+        extra += unmatched(&matched, &prediction);
+        all.extend(outcomes(&sample, count, &prediction, &matched, &estimator));
         bar.inc(1);
     }
     bar.finish_and_clear();
@@ -93,18 +88,6 @@ fn progress(length: usize, of: &str) -> ProgressBar {
         ProgressStyle::with_template(&format!("{{bar:40}} {{pos}}/{{len}} {of}, {{eta}} left"))
             .unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::new(length as u64).with_style(style)
-}
-
-/// Predicted objects that are no true object's.
-///
-/// - `matched`: by true object
-fn unmatched(matched: &[Option<&ObjectPose>], prediction: &Prediction) -> usize {
-    let matched: HashSet<*const _> = matched
-        .iter()
-        .flatten()
-        .map(|&found| std::ptr::from_ref(found))
-        .collect();
-    prediction.objects.len() - matched.len()
 }
 
 /// JSON Lines. The file appears when it is whole: who finds it need not ask whether it is.

@@ -8,6 +8,7 @@ mod doctor;
 mod eval;
 mod failure;
 mod infer;
+mod matching;
 mod model_dir;
 mod table;
 

@@ -6,6 +6,8 @@ use mvtop_core::prediction::ObjectPose;
 use mvtop_core::{Prediction, Rig};
 use nalgebra::Isometry3;
 
+use crate::matching::matches;
+
 /// The objects, one row each, then the timings.
 pub fn objects(prediction: &Prediction, rig: &Rig) -> String {
     let reference = &rig.cameras[prediction.reference].id;
@@ -49,10 +51,10 @@ pub fn objects(prediction: &Prediction, rig: &Rig) -> String {
 pub fn compared(prediction: &Prediction, truth: &[KnownPose], rig: &Rig) -> String {
     let world_from_ref = rig.cameras[prediction.reference].world_from_cam;
     let mut lines = Vec::new();
-    for known in truth {
+    for (known, found) in truth.iter().zip(matches(truth, prediction)) {
         let ref_from_obj = world_from_ref.inv_mul(&known.world_from_obj);
         lines.push(format!("{}  {:24}  q_wxyz", known.seen.class, "t (m)"));
-        match nearest(known, prediction) {
+        match found {
             Some(object) => {
                 let rotation =
                     rotation_error_deg(&ref_from_obj.rotation, &object.ref_from_obj.rotation);
@@ -71,17 +73,6 @@ pub fn compared(prediction: &Prediction, truth: &[KnownPose], rig: &Rig) -> Stri
         }
     }
     lines.join("\n")
-}
-
-/// The predicted object of the known one's class that is nearest to it.
-pub fn nearest<'a>(known: &KnownPose, prediction: &'a Prediction) -> Option<&'a ObjectPose> {
-    let off =
-        |object: &&ObjectPose| translation_error(&known.world_from_obj, &object.world_from_obj);
-    prediction
-        .objects
-        .iter()
-        .filter(|object| object.class == known.seen.class)
-        .min_by(|a, b| off(a).total_cmp(&off(b)))
 }
 
 fn pose(pose: &Isometry3<f64>) -> String {

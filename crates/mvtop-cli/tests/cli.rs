@@ -176,7 +176,7 @@ fn images_that_do_not_fit_the_rig_are_refused_before_anything_is_loaded() {
     let error = infer(&["cam0=none.png"]);
     assert!(error.contains("cannot read none.png"), "{error}");
     let error = infer(&[&format!("cam0={rig}")]);
-    assert!(error.contains("neither PNG nor JPEG"), "{error}");
+    assert!(error.contains("none of PNG, JPEG, TIFF and BMP"), "{error}");
     let error = infer(&["cam0=examples/mvball/cam0.png"]);
     assert!(
         error.contains("`cam0`: expected 160x120 px as in the rig, got 640x480"),

@@ -69,8 +69,9 @@ fn write_dataset(dir: &Path, one_frame: bool) {
     let info = json!({"1": {"diameter": 130.8, "name": "mvball"}});
     fs::write(dir.join("models/models_info.json"), info.to_string()).unwrap();
     let ply = "ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\n\
-               property float z\nelement face 0\nproperty list uchar int vertex_indices\n\
-               end_header\n60 0 0\n-60 0 0\n0 60 0\n0 -60 0\n0 0 60\n0 0 -60\n";
+               property float z\nelement face 8\nproperty list uchar int vertex_indices\n\
+               end_header\n60 0 0\n-60 0 0\n0 60 0\n0 -60 0\n0 0 60\n0 0 -60\n\
+               3 0 2 4\n3 2 1 4\n3 1 3 4\n3 3 0 4\n3 2 0 5\n3 1 2 5\n3 3 1 5\n3 0 3 5\n";
     fs::write(dir.join("models/obj_000001.ply"), ply).unwrap();
 }
 
@@ -140,6 +141,36 @@ fn a_split_gives_csv_json_and_a_page() {
     assert_eq!(page.matches("<svg").count(), 5);
     assert_eq!(page.matches("data:image/jpeg;base64,").count(), 4);
     assert!(!page.contains("http://") || page.matches("http://www.w3.org/2000/svg").count() == 5);
+}
+
+#[test]
+fn depth_images_bring_vsd() {
+    let dir = TempDir::new().unwrap();
+    let dataset = dir.path().join("balls");
+    write_dataset(&dataset, false);
+    let views = ["--views", "2"];
+    let without = summary(&mvtop(&dataset, &dir.path().join("without"), &views));
+    assert_eq!(without["all"]["ar_vsd"], Value::Null);
+    assert_eq!(without["all"]["ar"], Value::Null);
+
+    // Nothing measured: all is seen. A wall 0.1 m before the cameras: nothing is.
+    let depth = dataset.join("test/000001/depth");
+    fs::create_dir(&depth).unwrap();
+    let of = |name: &str, mm: u16| {
+        for frame in 0..4 {
+            let wall = image::ImageBuffer::from_pixel(160, 120, image::Luma([mm]));
+            wall.save(depth.join(format!("{frame:06}.png"))).unwrap();
+        }
+        summary(&mvtop(&dataset, &dir.path().join(name), &views))["all"].clone()
+    };
+    let (open, hidden) = (of("open", 0), of("hidden", 100));
+    let number = |scores: &Value, name: &str| scores[name].as_f64().unwrap();
+    assert!(number(&open, "ar_vsd") > 0.0);
+    let of_three = ["ar_mssd", "ar_mspd", "ar_vsd"].map(|name| number(&open, name));
+    let mean = of_three.iter().sum::<f64>() / 3.0;
+    assert!((number(&open, "ar") - mean).abs() < 1e-12);
+    assert_eq!(number(&hidden, "ar_vsd"), 0.0);
+    assert_eq!(hidden["ar_mssd"], open["ar_mssd"]);
 }
 
 #[test]

@@ -11,7 +11,6 @@
 
 mod grid;
 mod model;
-mod ply;
 mod scene_gt;
 
 use std::collections::{BTreeMap, BTreeSet};

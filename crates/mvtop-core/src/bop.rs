@@ -4,6 +4,8 @@
 //!
 //! Source: <https://github.com/thodan/bop_toolkit/blob/master/docs/bop_datasets_format.md>.
 
+mod annotation;
+mod depth;
 mod group;
 mod json;
 mod models;
@@ -11,7 +13,10 @@ mod ply;
 mod scene;
 mod targets;
 
+pub(crate) use annotation::load_annotations;
+pub use depth::load_depth;
 pub use group::{Group, Grouping, groups};
+pub(crate) use json::read as read_json;
 pub use models::{Model, load_models};
 pub use ply::load_ply;
 pub use scene::{Instance, Scene, View, ViewId, scene_ids};

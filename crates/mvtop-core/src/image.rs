@@ -19,13 +19,13 @@ const MAX_PIXEL_BYTES: u64 = 8;
 /// What a decoder may need beside the pixels.
 const DECODER_BYTES: u64 = 1 << 26;
 
-/// Reads a PNG or JPEG file taken by `camera`, as 8-bit RGB.
+/// Reads a PNG, JPEG, TIFF or BMP file taken by `camera`, as 8-bit RGB.
 ///
 /// Grey images are spread over the three channels, alpha is dropped, 16 bits are scaled to 8. The
 /// size is checked against the camera's before anything is decoded, which bounds the memory.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read; [`Error::Image`] where it is no PNG or JPEG, is
+/// [`Error::Read`] where the file cannot be read; [`Error::Image`] where it is none of these, is
 /// broken, has another size than the camera's, or is marked as rotated, in which case its pixels
 /// may not be those that the camera was calibrated with.
 pub fn load(path: &Path, camera: &Camera) -> Result<RgbImage> {
@@ -60,7 +60,7 @@ pub fn load(path: &Path, camera: &Camera) -> Result<RgbImage> {
         .is_none_or(|format| !format.reading_enabled())
     {
         return Err(refuse(
-            "is neither PNG nor JPEG; convert it to one of them".into(),
+            "is none of PNG, JPEG, TIFF and BMP; convert it to one of them".into(),
         ));
     }
     let pixels = u64::from(camera.width) * u64::from(camera.height);

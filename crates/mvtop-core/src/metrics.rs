@@ -16,7 +16,8 @@ mod vsd;
 
 pub use depth::{DepthImage, Mesh, PixelCentre, distances};
 pub use recall::{
-    MSPD_THRESHOLDS_PX, MSSD_THRESHOLDS, auc_exact, auc_poet, auc_posecnn, average_recall, recall,
+    MSPD_THRESHOLDS_PX, MSSD_THRESHOLDS, VSD_THRESHOLDS, auc_exact, auc_poet, auc_posecnn,
+    average_recall, recall,
 };
 pub use rotation::{rotation_error_deg, translation_error};
 pub use surface::Surface;

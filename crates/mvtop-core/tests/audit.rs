@@ -399,6 +399,10 @@ fn models_are_read_from_text_and_binary_meshes_alike() {
         binary.extend(0f32.to_le_bytes());
         binary.extend(0f64.to_le_bytes());
     }
+    binary.push(3);
+    for vertex in [0i32, 1, 1] {
+        binary.extend(vertex.to_le_bytes());
+    }
     write(&folder.path().join("obj_000002.ply"), &binary);
     let models = load_models(folder.path(), [1, 2].into_iter()).unwrap();
     let turned = pose([0.; 3], [0., 0., 90.]);
@@ -409,12 +413,9 @@ fn models_are_read_from_text_and_binary_meshes_alike() {
     }
 
     binary.truncate(binary.len() - 1);
-    let big = "ply\nformat binary_big_endian 1.0\nend_header\n";
-    let broken: [(&[u8], &str); 4] = [
-        (&binary, "cut short"),
-        (b"solid stl", "expected a PLY mesh"),
-        (big.as_bytes(), "binary_big_endian"),
-        (b"ply\nelement face 3\nend_header\n", "3 of face"),
+    let broken: [(&[u8], &str); 2] = [
+        (&binary, "the end of the file"),
+        (b"solid stl", "expected a PLY file"),
     ];
     for (bytes, expected) in broken {
         write(&folder.path().join("obj_000002.ply"), bytes);

@@ -5,10 +5,10 @@ use std::path::Path;
 use std::time::Instant;
 
 use mvtop_core::bop::{Group, Instance, Model, Scene, View, ViewId};
-use mvtop_core::bop::{groups, load_models, load_targets, scene_ids};
+use mvtop_core::bop::{groups, load_depth, load_models, load_targets, scene_ids};
 use mvtop_core::known::{KnownBoxes, KnownPose};
 use mvtop_core::prediction::ObjectPose;
-use mvtop_core::{Camera, Estimator, Prediction, Rig};
+use mvtop_core::{Camera, Estimator, Rig};
 use nalgebra::Isometry3;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -17,11 +17,12 @@ use sha2::{Digest, Sha256};
 use super::journal::{Estimate, Journal, Line, write_whole};
 use super::outcome::{Outcome, outcomes};
 use super::sample::Sample;
-use super::score::{Scored, Scores};
+use super::score::{self, Scored, Scores};
 use super::summary::Summary;
-use super::{html, json_error, noise, progress, unmatched};
+use super::{html, json_error, noise, progress};
 use crate::args::Eval;
 use crate::failure::{Failure, Result, print};
+use crate::matching::{matches, unmatched};
 use crate::model_dir;
 
 /// Annotations of one object in two views are of the same one where its origins in the world are no
@@ -104,6 +105,7 @@ fn about(args: &Eval, root: &Path, bundle: &Path) -> Result<Value> {
         "rig_noise_deg": args.rig_noise_deg,
         "rig_noise_mm": args.rig_noise_mm,
         "noise_seed": args.noise_seed,
+        "vsd_delta_mm": split.vsd_delta_mm,
     }))
 }
 
@@ -233,11 +235,17 @@ impl Plan {
         });
         let matched = matches(&sample.truth, &prediction);
         let outcomes = outcomes(&sample, group.views.len(), &prediction, &matched, estimator);
-        let reference = &sample.rig.cameras[sample.rig.reference];
+        let depth = load_depth(&self.scenes[&group.scene].views[&group.views[0]])?;
+        let view = score::View {
+            camera: &sample.rig.cameras[sample.rig.reference],
+            depth: depth.as_ref(),
+            vsd_delta: args.split.vsd_delta_mm * 1e-3,
+        };
         let scored = |(i, outcome): (usize, Outcome)| {
             let known = &sample.truth[i];
             let model = &self.models[&self.object(&known.seen.class)?];
-            Some(Scored::new(outcome, known, matched[i], model, reference))
+            let scored = Scored::new(outcome, known, matched[i], model, &view);
+            Some(scored.map_err(|problem| Failure(format!("{}: {problem}", sample.name))))
         };
         let ViewId { sensor, image } = group.views[0].clone();
         Ok(Line {
@@ -256,7 +264,7 @@ impl Plan {
                 .into_iter()
                 .enumerate()
                 .filter_map(scored)
-                .collect(),
+                .collect::<Result<_>>()?,
         })
     }
 
@@ -272,7 +280,7 @@ impl Plan {
         for view in &views {
             let (width, height) = image::image_dimensions(&view.path).map_err(|cause| {
                 Failure(format!(
-                    "image {}: expected PNG or JPEG, got: {cause}",
+                    "image {}: expected PNG, JPEG, TIFF or BMP, got: {cause}",
                     view.path.display()
                 ))
             })?;
@@ -367,30 +375,6 @@ fn check_names(models: &BTreeMap<u32, Model>, classes: &BTreeMap<u32, String>) -
         }
     }
     Ok(())
-}
-
-/// True objects and predictions of their class one to one, nearest origins first.
-fn matches<'a>(truth: &[KnownPose], prediction: &'a Prediction) -> Vec<Option<&'a ObjectPose>> {
-    let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
-    for (t, known) in truth.iter().enumerate() {
-        for (p, found) in prediction.objects.iter().enumerate() {
-            if found.class == known.seen.class {
-                let off = found.world_from_obj.translation.vector
-                    - known.world_from_obj.translation.vector;
-                pairs.push((off.norm(), t, p));
-            }
-        }
-    }
-    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut matched = vec![None; truth.len()];
-    let mut taken = vec![false; prediction.objects.len()];
-    for (_, t, p) in pairs {
-        if matched[t].is_none() && !taken[p] {
-            matched[t] = Some(&prediction.objects[p]);
-            taken[p] = true;
-        }
-    }
-    matched
 }
 
 fn estimate(obj_id: u32, found: &ObjectPose) -> Estimate {

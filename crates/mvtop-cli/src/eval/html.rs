@@ -100,7 +100,7 @@ fn table(plan: &Plan, results: &Results) -> String {
         "<table><tr><th>object</th><th>of truth</th><th>found</th><th>rotation, median °</th>\
          <th>translation, median mm</th><th>ADD recall</th><th>ADD-S recall</th>\
          <th>ADD-(S) recall</th><th>ADD AUC</th><th>ADD-S AUC</th><th>ADD-(S) AUC</th>\
-         <th>AR MSSD</th><th>AR MSPD</th></tr>",
+         <th>AR MSSD</th><th>AR MSPD</th><th>AR VSD</th><th>AR</th></tr>",
     );
     for (id, scores) in &results.objects {
         let class = plan.classes.get(id).map_or("", |name| name);
@@ -131,6 +131,8 @@ fn row(name: &str, scores: &Scores) -> String {
         auc_add_or_add_s,
         percent(scores.ar_mssd),
         percent(scores.ar_mspd),
+        percent(scores.ar_vsd),
+        percent(scores.ar),
     ];
     format!("<tr><td>{}</td></tr>", cells.join("</td><td>"))
 }

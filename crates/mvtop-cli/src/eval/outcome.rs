@@ -43,35 +43,35 @@ pub fn outcomes(
     estimator: &Estimator,
 ) -> Vec<Outcome> {
     let rig = &sample.rig;
-    let outcome = |(object, (known, &nearest)): (usize, (&KnownPose, &Option<&ObjectPose>))| {
+    let outcome = |(object, (known, &found)): (usize, (&KnownPose, &Option<&ObjectPose>))| {
         let error = |of: fn(&KnownPose, &nalgebra::Isometry3<f64>) -> f64| {
-            nearest.map(|found| of(known, &found.world_from_obj))
+            found.map(|found| of(known, &found.world_from_obj))
         };
-        let seen = nearest.iter().flat_map(|found| &found.cameras);
+        let seen = found.iter().flat_map(|found| &found.cameras);
         Outcome {
             sample: sample.name.clone(),
             object,
             class: known.seen.class.clone(),
             views,
-            found: nearest.is_some(),
+            found: found.is_some(),
             rot_deg: error(|known, pose| {
                 rotation_error_deg(&known.world_from_obj.rotation, &pose.rotation)
             }),
             trans_m: error(|known, pose| translation_error(&known.world_from_obj, pose)),
-            add_m: nearest.and_then(|found| {
+            add_m: found.and_then(|found| {
                 let bundle = estimator.bundle();
                 let class = &bundle.classes[bundle.class_index(&found.class)?];
                 let points: Vec<Point3<f64>> =
                     class.points.iter().map(|p| p.position.into()).collect();
                 add(&points, &known.world_from_obj, &found.world_from_obj)
             }),
-            score: nearest.map(|found| found.score),
-            sigma: nearest.map(|found| found.sigma),
+            score: found.map(|found| found.score),
+            sigma: found.map(|found| found.sigma),
             cameras: seen
                 .filter(|seen| seen.bbox.is_some())
                 .map(|seen| rig.cameras[seen.camera].id.clone())
                 .collect(),
-            t_world_obj: nearest.map(|found| rows(&found.world_from_obj)),
+            t_world_obj: found.map(|found| rows(&found.world_from_obj)),
             timings_ms: prediction.timings,
         }
     };

@@ -55,11 +55,12 @@ impl Sample {
             .take(views)
         {
             let camera = &rig.cameras[index];
-            let files = ["png", "jpg", "jpeg"].map(|e| folder.join(format!("{}.{e}", camera.id)));
+            let files = ["png", "jpg", "jpeg", "tif", "tiff", "bmp"]
+                .map(|end| folder.join(format!("{}.{end}", camera.id)));
             let file = files.iter().find(|file| file.is_file()).ok_or_else(|| {
                 let missing = files[0].display();
                 Failure(format!(
-                    "no image of camera `{}`: expected {missing} or .jpg",
+                    "no image of camera `{}`: expected {missing} (or .jpg, .tif, .bmp)",
                     camera.id
                 ))
             })?;

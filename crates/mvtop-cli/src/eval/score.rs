@@ -1,16 +1,19 @@
 //! What BOP's metrics say of one pose, and of many.
 
-use mvtop_core::Camera;
 use mvtop_core::bop::Model;
 use mvtop_core::known::KnownPose;
 use mvtop_core::metrics::{
-    MSPD_THRESHOLDS_PX, MSSD_THRESHOLDS, auc_exact, auc_poet, auc_posecnn, average_recall, recall,
-    rotation_error_deg, translation_error,
+    DepthImage, MSPD_THRESHOLDS_PX, MSSD_THRESHOLDS, MatchingCost, PixelCentre, VSD_TAUS,
+    VSD_THRESHOLDS, VsdOptions, auc_exact, auc_poet, auc_posecnn, average_recall, recall,
+    rotation_error_deg, translation_error, vsd,
 };
 use mvtop_core::prediction::ObjectPose;
+use mvtop_core::{Camera, Distortion};
+use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 use super::outcome::Outcome;
+use crate::failure::Result;
 
 /// Threshold up to which areas under curves go, as published.
 const AUC_MAX_M: f64 = 0.1;
@@ -32,6 +35,19 @@ pub struct Scored {
     pub mssd_m: Option<f64>,
     /// In the reference image, as if that were 640 px wide.
     pub mspd_px640: Option<f64>,
+    /// For BOP's ten tolerances, 1 where it was not found; null where there is no depth image or
+    /// the lens has distortion.
+    pub vsd: Option<Vec<f64>>,
+}
+
+/// What an error is measured against.
+pub struct View<'a> {
+    /// Of the reference image.
+    pub camera: &'a Camera,
+    /// Its depth image, metres.
+    pub depth: Option<&'a DepthImage>,
+    /// See [`VsdOptions::delta`], metres.
+    pub vsd_delta: f64,
 }
 
 /// One kind of error over many objects; objects that were not found count as wrong.
@@ -57,26 +73,42 @@ pub struct Scores {
     pub add_or_add_s: Areas,
     pub ar_mssd: Option<f64>,
     pub ar_mspd: Option<f64>,
+    /// Over the objects in images with depth.
+    pub ar_vsd: Option<f64>,
+    /// BOP's average recall: the mean of the three, where there is VSD of all objects.
+    pub ar: Option<f64>,
 }
 
 impl Scored {
-    /// - `reference`: camera of the reference image
     pub fn new(
         outcome: Outcome,
         known: &KnownPose,
         found: Option<&ObjectPose>,
         model: &Model,
-        reference: &Camera,
-    ) -> Self {
+        view: &View,
+    ) -> Result<Self> {
         let truth = &known.world_from_obj;
-        let cam_from_world = reference.world_from_cam.inverse();
+        let camera = view.camera;
+        let cam_from_world = camera.world_from_cam.inverse();
         let estimate = found.map(|found| &found.world_from_obj);
         let Model {
             surface,
             symmetries,
             ..
         } = model;
-        Self {
+        let vsd = match view.depth {
+            Some(depth) if camera.lens.distortion == Distortion::None => Some(match estimate {
+                Some(pose) => view.vsd(
+                    depth,
+                    model,
+                    &(cam_from_world * truth),
+                    &(cam_from_world * pose),
+                )?,
+                None => vec![1.0; VSD_TAUS.len()],
+            }),
+            _ => None,
+        };
+        Ok(Self {
             outcome: Outcome {
                 rot_deg: estimate.map(|pose| rotation_error_deg(truth, pose, symmetries)),
                 trans_m: estimate.map(|pose| translation_error(truth, pose, symmetries)),
@@ -92,11 +124,12 @@ impl Scored {
             mspd_px640: estimate
                 .map(|pose| {
                     let (truth, pose) = (cam_from_world * truth, cam_from_world * pose);
-                    let px = surface.mspd(&truth, &pose, symmetries, &reference.lens);
-                    px * MSPD_WIDTH / f64::from(reference.width)
+                    let px = surface.mspd(&truth, &pose, symmetries, &camera.lens);
+                    px * MSPD_WIDTH / f64::from(camera.width)
                 })
                 .filter(|px| px.is_finite()),
-        }
+            vsd,
+        })
     }
 
     pub fn add_or_add_s(&self) -> Option<f64> {
@@ -110,6 +143,41 @@ impl Scored {
     /// ADD-(S) in diameters, infinite where it was not found.
     pub fn badness(&self) -> f64 {
         self.add_or_add_s().unwrap_or(f64::INFINITY) / self.diameter_m
+    }
+}
+
+impl View<'_> {
+    /// Like bop_toolkit: its renderers sample pixels half a pixel beside the measured ones.
+    fn vsd(
+        &self,
+        measured: &DepthImage,
+        model: &Model,
+        truth: &Isometry3<f64>,
+        estimate: &Isometry3<f64>,
+    ) -> Result<Vec<f64>> {
+        let Camera {
+            lens,
+            width,
+            height,
+            ..
+        } = self.camera;
+        let depth = |pose| {
+            let mesh = &model.mesh;
+            mesh.depth(pose, lens, [*width, *height], PixelCentre::Half)
+        };
+        let options = VsdOptions {
+            delta: self.vsd_delta,
+            taus: VSD_TAUS.to_vec(),
+            diameter: Some(model.diameter_m),
+            cost: MatchingCost::Step,
+        };
+        Ok(vsd(
+            &depth(estimate)?,
+            &depth(truth)?,
+            measured,
+            lens,
+            &options,
+        )?)
     }
 }
 
@@ -139,6 +207,17 @@ impl Scores {
             .iter()
             .map(|s| s.mspd_px640.unwrap_or(f64::INFINITY))
             .collect();
+        let ar_mssd = average_recall(&in_diameters(&|s| s.mssd_m), &MSSD_THRESHOLDS);
+        let ar_mspd = average_recall(&pixels, &MSPD_THRESHOLDS_PX);
+        let vsd: Vec<f64> = scored
+            .iter()
+            .filter_map(|s| s.vsd.as_ref())
+            .flatten()
+            .copied()
+            .collect();
+        // As many errors for each object, so that the mean over all is that over tolerances, too.
+        let ar_vsd = average_recall(&vsd, &VSD_THRESHOLDS);
+        let ar = || Some((ar_mssd? + ar_mspd? + ar_vsd?) / 3.0);
         Self {
             objects: scored.len(),
             found: scored.iter().filter(|s| s.outcome.found).count(),
@@ -147,8 +226,147 @@ impl Scores {
             add: areas(&|s| s.outcome.add_m),
             add_s: areas(&|s| s.add_s_m),
             add_or_add_s: areas(&Scored::add_or_add_s),
-            ar_mssd: average_recall(&in_diameters(&|s| s.mssd_m), &MSSD_THRESHOLDS),
-            ar_mspd: average_recall(&pixels, &MSPD_THRESHOLDS_PX),
+            ar_mssd,
+            ar_mspd,
+            ar_vsd,
+            ar: ar().filter(|_| scored.iter().all(|s| s.vsd.is_some())),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mvtop_core::Lens;
+    use mvtop_core::known::KnownBoxes;
+    use mvtop_core::metrics::{Mesh, Surface, Symmetries};
+    use mvtop_core::prediction::{Sigma, Timings};
+    use nalgebra::Point3;
+
+    /// A square plate of 0.2 m that faces the camera 1 m before it: 100 px wide.
+    fn plate() -> Model {
+        let corner = |x: f64, y: f64| Point3::new(0.1 * x, 0.1 * y, 0.0);
+        let corners = [(-1., -1.), (1., -1.), (1., 1.), (-1., 1.)].map(|(x, y)| corner(x, y));
+        let mesh = Mesh::new(corners.to_vec(), vec![[0, 1, 2], [0, 2, 3]]).unwrap();
+        Model {
+            id: 3,
+            name: None,
+            diameter_m: 0.1 * 8f64.sqrt(),
+            symmetries: Symmetries::default(),
+            surface: Surface::new(mesh.vertices()).unwrap(),
+            mesh,
+        }
+    }
+
+    fn camera() -> Camera {
+        Camera {
+            id: "cam".into(),
+            width: 320,
+            height: 240,
+            lens: Lens {
+                fx: 500.0,
+                fy: 500.0,
+                cx: 160.0,
+                cy: 120.0,
+                distortion: Distortion::None,
+            },
+            world_from_cam: Isometry3::rotation(nalgebra::Vector3::new(0.3, -0.2, 1.0)),
+        }
+    }
+
+    /// - `shift`: of the estimate, camera frame, metres; not found without it
+    /// - `depth`: everywhere, metres
+    fn scored(shift: Option<[f64; 3]>, depth: Option<f32>) -> Scored {
+        let camera = camera();
+        let pose =
+            |[x, y, z]: [f64; 3]| camera.world_from_cam * Isometry3::translation(x, y, 1.0 + z);
+        let found = shift.map(|shift| ObjectPose {
+            class: "plate".into(),
+            class_id: 3,
+            score: 1.0,
+            ref_from_obj: Isometry3::identity(),
+            world_from_obj: pose(shift),
+            sigma: Sigma {
+                rot_deg: 1.0,
+                t_m: 0.01,
+            },
+            cameras: Vec::new(),
+        });
+        let known = KnownPose {
+            seen: KnownBoxes {
+                class: "plate".into(),
+                boxes: Default::default(),
+            },
+            world_from_obj: pose([0.0; 3]),
+        };
+        let outcome = Outcome {
+            sample: "sample".into(),
+            object: 0,
+            class: "plate".into(),
+            views: 1,
+            found: found.is_some(),
+            rot_deg: None,
+            trans_m: None,
+            add_m: None,
+            score: None,
+            sigma: None,
+            cameras: Vec::new(),
+            t_world_obj: None,
+            timings_ms: Timings::default(),
+        };
+        let depth = depth.map(|depth| DepthImage::from_elem((240, 320), depth));
+        let view = View {
+            camera: &camera,
+            depth: depth.as_ref(),
+            vsd_delta: 0.015,
+        };
+        Scored::new(outcome, &known, found.as_ref(), &plate(), &view).unwrap()
+    }
+
+    #[test]
+    fn errors_of_a_shifted_plate_are_those_worked_by_hand() {
+        // 22 mm to the right: 11 of 100 px are shown by one pose only, on either side, so that 22
+        // of 111 differ, whatever the tolerance.
+        let off = scored(Some([0.022, 0.0, 0.0]), Some(0.0));
+        assert!(off.outcome.rot_deg.unwrap() < 1e-6);
+        assert!((off.outcome.trans_m.unwrap() - 0.022).abs() < 1e-12);
+        assert!((off.outcome.add_m.unwrap() - 0.022).abs() < 1e-12);
+        assert!((off.mssd_m.unwrap() - 0.022).abs() < 1e-12);
+        assert!((off.mspd_px640.unwrap() - 22.0).abs() < 1e-9);
+        for error in off.vsd.as_ref().unwrap() {
+            assert!((error - 22.0 / 111.0).abs() < 1e-9, "{error}");
+        }
+        let scores = Scores::new(&[&off]);
+        // 0.0778 diameters: below 0.1, 0.15, ..., 0.5.
+        assert_eq!(scores.ar_mssd, Some(0.9));
+        // 22 px: below 25, 30, ..., 50.
+        assert_eq!(scores.ar_mspd, Some(0.6));
+        // 0.198: below 0.2, 0.25, ..., 0.5.
+        assert_eq!(scores.ar_vsd, Some(0.7));
+        assert!((scores.ar.unwrap() - (0.9 + 0.6 + 0.7) / 3.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn hidden_plates_and_those_not_found_count_as_wrong() {
+        let hidden = scored(Some([0.0; 3]), Some(0.9));
+        assert_eq!(hidden.vsd, Some(vec![1.0; 10]));
+        let missed = scored(None, Some(1.0));
+        assert_eq!(missed.vsd, Some(vec![1.0; 10]));
+        let right = scored(Some([0.0; 3]), Some(1.0));
+        assert_eq!(right.vsd, Some(vec![0.0; 10]));
+        let scores = Scores::new(&[&hidden, &missed, &right]);
+        assert!((scores.ar_vsd.unwrap() - 1.0 / 3.0).abs() < 1e-12);
+        assert!((scores.ar_mssd.unwrap() - 2.0 / 3.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn without_depth_there_is_no_vsd() {
+        let without = scored(Some([0.0; 3]), None);
+        assert_eq!(without.vsd, None);
+        let scores = Scores::new(&[&without]);
+        assert_eq!((scores.ar_vsd, scores.ar), (None, None));
+        let with = scored(Some([0.0; 3]), Some(1.0));
+        let scores = Scores::new(&[&without, &with]);
+        assert_eq!((scores.ar_vsd, scores.ar), (Some(1.0), None));
     }
 }

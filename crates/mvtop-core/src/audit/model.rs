@@ -6,7 +6,8 @@ use std::path::Path;
 use nalgebra::{Matrix3, Vector3};
 use serde::Deserialize;
 
-use super::{Pose, ply};
+use super::Pose;
+use crate::bop::{load_ply, read_json};
 use crate::{Error, Result};
 
 /// Points that ADD is measured on, at most; of a mesh with more vertices, every n-th.
@@ -86,19 +87,8 @@ pub fn load(folder: &Path, objects: impl Iterator<Item = u32>) -> Result<BTreeMa
     struct Info {
         diameter: f64,
     }
-    let read = |path: &Path| {
-        std::fs::read(path).map_err(|cause| Error::Read {
-            path: path.to_owned(),
-            cause,
-        })
-    };
     let path = folder.join("models_info.json");
-    let infos: BTreeMap<u32, Info> = serde_json::from_slice(&read(&path)?).map_err(|cause| {
-        let path = path.display();
-        Error::Input(format!(
-            "{path}: expected {{OBJECT: {{\"diameter\": MILLIMETRES}}}}, got: {cause}"
-        ))
-    })?;
+    let infos: BTreeMap<u32, Info> = read_json(&path, "{OBJECT: {\"diameter\": MILLIMETRES}}")?;
     let model = |id: u32| {
         let diameter = infos.get(&id).map(|info| info.diameter);
         let Some(diameter_mm) = diameter.filter(|d| d.is_finite() && *d > 0.0) else {
@@ -109,8 +99,8 @@ pub fn load(folder: &Path, objects: impl Iterator<Item = u32>) -> Result<BTreeMa
             )));
         };
         let mesh = folder.join(format!("obj_{id:06}.ply"));
-        let points = ply::vertices(&read(&mesh)?)
-            .map_err(|problem| Error::Input(format!("{}: {problem}", mesh.display())))?;
+        let mesh = load_ply(&mesh, 1.0)?;
+        let points: Vec<_> = mesh.vertices().iter().map(|point| point.coords).collect();
         Ok((id, Model::new(&points, diameter_mm)))
     };
     objects.map(model).collect()

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
-use serde::Deserialize;
 
+use crate::bop::load_annotations;
 use crate::{Error, Result};
 
 /// Translations beyond this, 100 km, are taken for broken.
@@ -99,10 +99,8 @@ impl Files {
             .par_iter()
             .enumerate()
             .map(|(scene, (_, path))| {
-                let bytes = fs::read(path).map_err(read_error(path))?;
-                let poses = parse(&bytes, scene as u32)
-                    .map_err(|problem| Error::Input(format!("{}: {problem}", path.display())))?;
-                done(bytes.len() as u64);
+                let poses = poses(path, scene as u32)?;
+                done(fs::metadata(path).map_or(0, |about| about.len()));
                 Ok(poses)
             })
             .collect::<Result<_>>()?;
@@ -147,41 +145,26 @@ fn listed(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-fn parse(bytes: &[u8], scene: u32) -> Result<Vec<(u32, Pose)>, String> {
-    #[derive(Deserialize)]
-    struct Annotation {
-        obj_id: u32,
-        #[serde(rename = "cam_R_m2c")]
-        rotation: [f64; 9],
-        #[serde(rename = "cam_t_m2c")]
-        translation_mm: [f64; 3],
-    }
-    let images: BTreeMap<u32, Vec<Annotation>> =
-        serde_json::from_slice(bytes).map_err(|cause| {
-            format!(
-                "expected {{IMAGE: [{{\"obj_id\": ID, \"cam_R_m2c\": 9 numbers, \"cam_t_m2c\": 3 \
-                 numbers}}]}}, got: {cause}"
-            )
-        })?;
+/// Object and pose of each annotation in a file.
+fn poses(path: &Path, scene: u32) -> Result<Vec<(u32, Pose)>> {
     let mut poses = Vec::new();
-    for (image, annotations) in images {
+    for (image, annotations) in load_annotations(path)? {
         for (annotation, read) in annotations.into_iter().enumerate() {
+            let refuse = |expected: &str, got: &[f64]| {
+                Error::Input(format!(
+                    "{}: annotation {annotation} of image {image}: expected {expected}, got {got:?}",
+                    path.display()
+                ))
+            };
             let rotation = Matrix3::from_row_slice(&read.rotation);
             let off = (rotation * rotation.transpose() - Matrix3::identity()).norm();
             let translation_mm = Vector3::from(read.translation_mm);
             if off > 1e-2 || rotation.determinant() < 0.0 {
-                return Err(format!(
-                    "annotation {annotation} of image {image}: expected a rotation in cam_R_m2c, \
-                     got {:?}",
-                    read.rotation
-                ));
+                return Err(refuse("a rotation in cam_R_m2c", &read.rotation));
             }
             if translation_mm.amax() > FARTHEST_MM {
-                return Err(format!(
-                    "annotation {annotation} of image {image}: expected millimetres of at most \
-                     {FARTHEST_MM:e} in cam_t_m2c, got {:?}",
-                    read.translation_mm
-                ));
+                let expected = format!("millimetres of at most {FARTHEST_MM:e} in cam_t_m2c");
+                return Err(refuse(&expected, &read.translation_mm));
             }
             let pose = Pose {
                 scene,

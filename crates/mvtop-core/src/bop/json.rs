@@ -16,7 +16,7 @@ pub(super) const MM: f64 = 1e-3;
 ///
 /// # Errors
 /// [`Error::Read`] where it cannot be read, [`Error::Input`] where it holds something else.
-pub(super) fn read<T: DeserializeOwned>(path: &Path, expected: &str) -> Result<T> {
+pub(crate) fn read<T: DeserializeOwned>(path: &Path, expected: &str) -> Result<T> {
     let text = std::fs::read_to_string(path).map_err(|cause| Error::Read {
         path: path.to_owned(),
         cause,

@@ -55,7 +55,7 @@ struct Body<'a> {
 
 /// Reads vertices and faces; faces of more than three vertices become fans of triangles.
 ///
-/// - `unit`: metres per unit of the file; 0.001 for BOP's models
+/// - `unit`: what a unit of the file is to become; 0.001 gives BOP's models in metres
 ///
 /// # Errors
 /// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it is no PLY file with
@@ -118,18 +118,18 @@ fn parse(bytes: &[u8]) -> Parsed<(Vec<[f64; 3]>, Vec<Face>)> {
         };
         let axes = [place(&["x"]), place(&["y"]), place(&["z"])];
         let indices = place(&["vertex_indices", "vertex_index"]);
+        let mut values: Vec<Vec<f64>> = vec![Vec::new(); properties.len()];
         for row in 0..count {
-            let mut values: Vec<Vec<f64>> = Vec::with_capacity(properties.len());
-            for property in &properties {
-                let at = |problem| format!("{problem} in {name} {row}");
-                values.push(body.property(property).map_err(at)?);
+            for (property, values) in properties.iter().zip(&mut values) {
+                body.property(property, values)
+                    .map_err(|problem| format!("{problem} in {name} {row}"))?;
             }
             match (name.as_str(), axes, indices) {
                 ("vertex", [Some(x), Some(y), Some(z)], _) => {
                     let axis = |i: usize| values[i].first().copied().unwrap_or(f64::NAN);
                     vertices.push([axis(x), axis(y), axis(z)]);
                 }
-                ("face", _, Some(indices)) => faces.push(values.swap_remove(indices)),
+                ("face", _, Some(indices)) => faces.push(std::mem::take(&mut values[indices])),
                 _ => {}
             }
         }
@@ -218,16 +218,18 @@ impl Type {
 }
 
 impl Body<'_> {
-    /// One number, or those of a list.
-    fn property(&mut self, property: &Property) -> Parsed<Vec<f64>> {
+    /// One number, or those of a list, in place of what is in `values`.
+    fn property(&mut self, property: &Property, values: &mut Vec<f64>) -> Parsed<()> {
+        values.clear();
         let length = match property.list {
             Some(length) => self.number(length)?,
             None => 1.0,
         };
         // A length that is too great ends with the file.
-        (0..length as u64)
-            .map(|_| self.number(property.item))
-            .collect()
+        for _ in 0..length as u64 {
+            values.push(self.number(property.item)?);
+        }
+        Ok(())
     }
 
     fn number(&mut self, item: Type) -> Parsed<f64> {

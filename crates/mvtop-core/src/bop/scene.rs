@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::Isometry3;
 use serde::Deserialize;
 
+use super::annotation::{Annotation, load_annotations};
 use super::json::{motion, read};
 use crate::camera::{BrownConrady, Distortion, Lens};
 use crate::{Error, Result};
@@ -25,6 +26,8 @@ pub struct ViewId {
 pub struct View {
     pub id: ViewId,
     pub path: PathBuf,
+    /// Depth image that belongs to it.
+    pub depth: Option<PathBuf>,
     pub lens: Lens,
     /// Millimetres per unit of the depth image.
     pub depth_scale: f64,
@@ -66,15 +69,6 @@ struct Camera {
     r: Option<[f64; 9]>,
     #[serde(rename = "cam_t_w2c")]
     t: Option<[f64; 3]>,
-}
-
-#[derive(Deserialize)]
-struct Pose {
-    obj_id: u32,
-    #[serde(rename = "cam_R_m2c")]
-    r: [f64; 9],
-    #[serde(rename = "cam_t_m2c")]
-    t: [f64; 3],
 }
 
 #[derive(Deserialize)]
@@ -180,17 +174,14 @@ fn load_sensor(folder: &Path, sensor: &str, views: &mut BTreeMap<ViewId, View>) 
     if image_folders.is_empty() {
         return Ok(());
     }
+    let depth_folder = [named("depth", "")];
     let camera_file = named("scene_camera", ".json");
     let cameras: BTreeMap<u32, Camera> =
         read(&camera_file, "{IMAGE: {\"cam_K\": [9 numbers], ...}}")?;
-    let mut poses: BTreeMap<u32, Vec<Pose>> = optional(
-        &named("scene_gt", ".json"),
-        "{IMAGE: [{\"obj_id\": N, \"cam_R_m2c\": [9 numbers], \"cam_t_m2c\": [3 numbers]}]}",
-    )?;
-    let mut infos: BTreeMap<u32, Vec<Info>> = optional(
-        &named("scene_gt_info", ".json"),
-        "{IMAGE: [{\"bbox_obj\": [x, y, w, h], ...}]}",
-    )?;
+    let mut poses = optional(&named("scene_gt", ".json"), load_annotations)?;
+    let mut infos: BTreeMap<u32, Vec<Info>> = optional(&named("scene_gt_info", ".json"), |path| {
+        read(path, "{IMAGE: [{\"bbox_obj\": [x, y, w, h], ...}]}")
+    })?;
     for (image, camera) in cameras {
         let place = format!("{}: image {image}", camera_file.display());
         let Some(path) = find_image(&image_folders, image) else {
@@ -205,10 +196,11 @@ fn load_sensor(folder: &Path, sensor: &str, views: &mut BTreeMap<ViewId, View>) 
         let objects = poses
             .iter()
             .enumerate()
-            .map(|(i, pose)| pose.instance(&place, infos.get(i)))
+            .map(|(i, pose)| instance(&place, pose, infos.get(i)))
             .collect::<Result<_>>()?;
         let view = View {
             path,
+            depth: find_image(&depth_folder, image),
             lens: camera.lens(&place)?,
             depth_scale: camera.depth_scale,
             world_from_cam: camera.world_from_cam(&place)?,
@@ -221,12 +213,12 @@ fn load_sensor(folder: &Path, sensor: &str, views: &mut BTreeMap<ViewId, View>) 
 }
 
 /// An empty map where there is no such file.
-fn optional<T: serde::de::DeserializeOwned>(
+fn optional<T>(
     path: &Path,
-    expected: &str,
+    load: impl Fn(&Path) -> Result<BTreeMap<u32, T>>,
 ) -> Result<BTreeMap<u32, T>> {
     if path.is_file() {
-        read(path, expected)
+        load(path)
     } else {
         Ok(BTreeMap::new())
     }
@@ -286,18 +278,17 @@ impl Camera {
     }
 }
 
-impl Pose {
-    fn instance(&self, place: &str, info: Option<&Info>) -> Result<Instance> {
-        let place = format!("{place}: pose of object {}", self.obj_id);
-        let whole = info.and_then(|info| info.bbox_obj);
-        Ok(Instance {
-            object: self.obj_id,
-            cam_from_obj: motion(place, &self.r, &self.t)?,
-            // BOP writes -1 where nothing of the object is in the image.
-            bbox: whole
-                .filter(|&[_, _, w, h]| w > 0.0 && h > 0.0)
-                .map(|[x, y, w, h]| [x, y, x + w, y + h]),
-            visible: info.and_then(|info| info.visib_fract),
-        })
-    }
+/// - `place`: file and image, for errors
+fn instance(place: &str, pose: &Annotation, info: Option<&Info>) -> Result<Instance> {
+    let place = format!("{place}: pose of object {}", pose.obj_id);
+    let whole = info.and_then(|info| info.bbox_obj);
+    Ok(Instance {
+        object: pose.obj_id,
+        cam_from_obj: motion(place, &pose.rotation, &pose.translation_mm)?,
+        // BOP writes -1 where nothing of the object is in the image.
+        bbox: whole
+            .filter(|&[_, _, w, h]| w > 0.0 && h > 0.0)
+            .map(|[x, y, w, h]| [x, y, x + w, y + h]),
+        visible: info.and_then(|info| info.visib_fract),
+    })
 }

@@ -8,6 +8,8 @@
 
 /// BOP's thresholds for MSSD, as shares of the object's diameter.
 pub const MSSD_THRESHOLDS: [f64; 10] = [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5];
+/// BOP's thresholds for VSD.
+pub const VSD_THRESHOLDS: [f64; 10] = [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5];
 /// BOP's thresholds for MSPD, px of an image 640 px wide; others in proportion to their width.
 pub const MSPD_THRESHOLDS_PX: [f64; 10] = [5., 10., 15., 20., 25., 30., 35., 40., 45., 50.];
 

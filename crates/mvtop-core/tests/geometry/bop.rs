@@ -1,7 +1,8 @@
 //! Data sets in BOP's layout, written by the tests.
 
 use mvtop_core::bop::{
-    Group, Grouping, Scene, Target, ViewId, groups, load_models, load_targets, scene_ids,
+    Group, Grouping, Scene, Target, ViewId, groups, load_depth, load_models, load_targets,
+    scene_ids,
 };
 use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
@@ -89,6 +90,31 @@ fn scene_is_read_in_metres() {
     let x = first.cam_from_obj.rotation * Vector3::x();
     assert!((x - Vector3::y()).norm() < 1e-9);
     assert_eq!(second.bbox, None);
+}
+
+#[test]
+fn depth_images_are_read_in_metres() {
+    let dir = TempDir::new().unwrap();
+    let scene = dir.path().join("000001");
+    write_sensor(&scene, "", "rgb", 3);
+    fs::create_dir(scene.join("depth")).unwrap();
+    // 9000 units of 0.1 mm.
+    let deep = image::ImageBuffer::from_fn(3, 2, |x, _| image::Luma([9000 * x as u16]));
+    deep.save(scene.join("depth/000000.png")).unwrap();
+    deep.save(scene.join("depth/000002.tif")).unwrap();
+    let views = Scene::load(dir.path(), 1).unwrap().views;
+    for image in [0, 2] {
+        let depth = load_depth(&views[&id("", image)]).unwrap().unwrap();
+        assert_eq!(depth, ndarray::arr2(&[[0.0, 0.9, 1.8], [0.0, 0.9, 1.8]]));
+    }
+    assert_eq!(load_depth(&views[&id("", 1)]).unwrap(), None);
+    let shallow = image::GrayImage::new(3, 2);
+    shallow.save(scene.join("depth/000000.png")).unwrap();
+    let error = load_depth(&views[&id("", 0)]).unwrap_err().to_string();
+    assert!(
+        error.contains("000000.png: expected PNG or TIFF with 16 bits of grey, got: L8"),
+        "{error}"
+    );
 }
 
 #[test]

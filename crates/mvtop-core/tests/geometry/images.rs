@@ -54,6 +54,7 @@ fn every_kind_of_pixel_becomes_rgb8() {
     let grey = image::GrayImage::from_pixel(3, 2, Luma([7]));
     let grey_alpha = image::GrayAlphaImage::from_pixel(3, 2, LumaA([7, 0]));
     let rgb = RgbImage::from_pixel(3, 2, Rgb([1, 2, 3]));
+    let (grey_tiff, rgb_bmp) = (grey.clone(), rgb.clone());
     let rgba = image::RgbaImage::from_pixel(3, 2, Rgba([1, 2, 3, 0]));
     let deep = image::ImageBuffer::from_pixel(3, 2, Rgb([257u16, 514, 771]));
     for (name, image, expected) in [
@@ -61,7 +62,10 @@ fn every_kind_of_pixel_becomes_rgb8() {
         ("grey_alpha.png", grey_alpha.into(), [7, 7, 7]),
         ("rgb.png", rgb.into(), [1, 2, 3]),
         ("rgba.png", rgba.into(), [1, 2, 3]),
-        ("deep.png", deep.into(), [1, 2, 3]),
+        ("deep.png", deep.clone().into(), [1, 2, 3]),
+        ("grey.tif", grey_tiff.into(), [7, 7, 7]),
+        ("deep.tif", deep.into(), [1, 2, 3]),
+        ("rgb.bmp", rgb_bmp.into(), [1, 2, 3]),
     ] {
         let loaded = load(&written(&folder, name, image), &camera).unwrap();
         assert_eq!(loaded.dimensions(), (3, 2), "{name}");
@@ -115,14 +119,17 @@ fn unusable_files_are_refused_in_one_sentence() {
             bytes("cut.png", &whole[..whole.len() / 2]),
             ["cut.png", "cannot be decoded"],
         ),
-        (bytes("empty.png", b""), ["neither PNG nor JPEG", "convert"]),
+        (
+            bytes("empty.png", b""),
+            ["none of PNG, JPEG, TIFF and BMP", "convert"],
+        ),
         (
             bytes("text.png", b"no image at all"),
-            ["neither PNG nor JPEG", "convert"],
+            ["none of PNG, JPEG, TIFF and BMP", "convert"],
         ),
         (
             bytes("anim.gif", b"GIF89a\x01\0\x01\0\0\0\0"),
-            ["neither PNG nor JPEG", "convert"],
+            ["none of PNG, JPEG, TIFF and BMP", "convert"],
         ),
         (
             bytes("turned.jpg", &turned),
@@ -244,12 +251,12 @@ proptest! {
 
     #[test]
     fn no_bytes_make_loading_panic(
-        jpeg in any::<bool>(),
+        end in prop::sample::select(vec!["png", "jpg", "tif", "bmp"]),
         edits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..8),
         length in any::<prop::sample::Index>(),
     ) {
         let folder = folder();
-        let path = written(&folder, if jpeg { "a.jpg" } else { "a.png" }, RgbImage::new(16, 12));
+        let path = written(&folder, &format!("a.{end}"), RgbImage::new(16, 12));
         let mut bytes = fs::read(&path).unwrap();
         for (at, byte) in edits {
             let at = at.index(bytes.len());

@@ -108,7 +108,7 @@ class Estimator:
     ) -> Prediction:
         """Finds the objects that the network knows, and their poses.
 
-        - images: RGB arrays of uint8 and shape (H, W, 3), or paths of PNG and JPEG files: one for
+        - images: RGB arrays of uint8 and shape (H, W, 3), or paths of PNG, JPEG, TIFF or BMP files: one for
           each camera in the rig's order, or a dict by camera id for some of them
         - reference: id of the camera in whose frame poses are given; the rig's by default
         - boxes: to use instead of detecting: [{"class": name, "boxes": {camera: [x0, y0, x1, y1]}}]

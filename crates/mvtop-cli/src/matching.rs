@@ -1,0 +1,84 @@
+//! Which prediction is of which true object.
+
+use mvtop_core::Prediction;
+use mvtop_core::known::KnownPose;
+use mvtop_core::pose::translation_error;
+use mvtop_core::prediction::ObjectPose;
+
+/// By true object, the prediction of its class that is matched with it: one to one, nearest origins
+/// first.
+pub fn matches<'a>(truth: &[KnownPose], prediction: &'a Prediction) -> Vec<Option<&'a ObjectPose>> {
+    let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
+    for (t, known) in truth.iter().enumerate() {
+        for (p, found) in prediction.objects.iter().enumerate() {
+            if found.class == known.seen.class {
+                let off = translation_error(&known.world_from_obj, &found.world_from_obj);
+                pairs.push((off, t, p));
+            }
+        }
+    }
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut matched = vec![None; truth.len()];
+    let mut taken = vec![false; prediction.objects.len()];
+    for (_, t, p) in pairs {
+        if matched[t].is_none() && !taken[p] {
+            matched[t] = Some(&prediction.objects[p]);
+            taken[p] = true;
+        }
+    }
+    matched
+}
+
+/// Number of predictions that are matched with no true object.
+pub fn unmatched(matched: &[Option<&ObjectPose>], prediction: &Prediction) -> usize {
+    prediction.objects.len() - matched.iter().flatten().count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mvtop_core::known::KnownBoxes;
+    use mvtop_core::prediction::{Sigma, Timings};
+    use nalgebra::Isometry3;
+
+    fn at(x: f64) -> Isometry3<f64> {
+        Isometry3::translation(x, 0.0, 1.0)
+    }
+
+    #[test]
+    fn objects_are_matched_one_to_one_nearest_first_within_their_class() {
+        let truth = [("nut", 0.0), ("nut", 1.0), ("bolt", 1.1)].map(|(class, x)| KnownPose {
+            seen: KnownBoxes {
+                class: class.into(),
+                boxes: Default::default(),
+            },
+            world_from_obj: at(x),
+        });
+        let predicted = [("nut", 0.4), ("nut", 0.1), ("nut", 9.0)].map(|(class, x)| ObjectPose {
+            class: class.into(),
+            class_id: 1,
+            score: 1.0,
+            ref_from_obj: at(x),
+            world_from_obj: at(x),
+            sigma: Sigma {
+                rot_deg: 1.0,
+                t_m: 0.01,
+            },
+            cameras: Vec::new(),
+        });
+        let prediction = Prediction {
+            reference: 0,
+            objects: predicted.to_vec(),
+            timings: Timings::default(),
+            provider: String::new(),
+        };
+        let matched = matches(&truth, &prediction);
+        let places: Vec<_> = matched
+            .iter()
+            .map(|found| found.map(|found| found.world_from_obj.translation.x))
+            .collect();
+        // The second nut is nearer to 0.4 than 9.0 is to it; there is no bolt.
+        assert_eq!(places, [Some(0.1), Some(0.4), None]);
+        assert_eq!(unmatched(&matched, &prediction), 1);
+    }
+}
