@@ -245,7 +245,7 @@ def main():
     source.add_argument("--weights", type=Path, help="last.pt of a run")
     source.add_argument("--untrained", choices=configs.PRESETS, help="random weights of a preset")
     parser.add_argument("--out", type=Path, required=True, help="bundle folder")
-    parser.add_argument("--data", type=Path, help="data set of the weights, if not MV-ball")
+    parser.add_argument("--data", type=Path, help="data set of the object, if not MV-ball")
     parser.add_argument("--object", type=int, metavar="ID", help="of the objects in --data")
     parser.add_argument(
         "--half", action="store_true", help="weights in half precision: half the size"
@@ -258,11 +258,13 @@ def main():
         "--agree-threshold", type=float, help="least score of a box that another view agrees with"
     )
     args = parser.parse_args()
+    obj = objects.read(args.data, args.object) if args.data else None
     if args.weights:
         model, config, step = load_weights(args.weights)
     else:
         torch.manual_seed(0)
-        config, step = configs.preset(args.untrained), 0
+        classes = {"classes": configs.classes_of(obj)} if obj else {}
+        config, step = configs.preset(args.untrained, **classes), 0
         model = Mvtop(config).eval()
     provenance = {
         "trained_steps": step,
@@ -270,7 +272,6 @@ def main():
         "commit": _commit(),
         "date": datetime.date.today().isoformat(),
     }
-    obj = objects.read(args.data, args.object) if args.data else None
     write_bundle(
         model, args.out, provenance, args.portable, args.score_threshold, obj,
         args.agree_threshold, args.half,

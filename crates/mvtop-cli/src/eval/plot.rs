@@ -8,7 +8,9 @@ const LEFT: f64 = 44.0;
 const RIGHT: f64 = 12.0;
 const TOP: f64 = 24.0;
 const BOTTOM: f64 = 36.0;
-const BINS: usize = 30;
+/// Bars of a histogram, at most; ticks of an axis, about.
+const BINS: f64 = 24.0;
+const TICKS: f64 = 5.0;
 const COLOURS: [&str; 4] = ["#1f77b4", "#d62728", "#2ca02c", "#9467bd"];
 
 /// Plot area with axes from 0 to `x_max` and to `y_max`.
@@ -19,7 +21,7 @@ struct Axes {
 }
 
 impl Axes {
-    fn new(title: &str, x_label: &str, x_max: f64, y_max: f64) -> Self {
+    fn new(title: &str, x_label: &str, x_max: f64, y_max: f64, y_tick: f64) -> Self {
         let mut axes = Self {
             x_max,
             y_max,
@@ -30,17 +32,20 @@ impl Axes {
             ),
         };
         let base = HEIGHT - BOTTOM;
-        for tick in 0..=4 {
-            let share = f64::from(tick) / 4.0;
-            let (x, y) = (axes.x(share * x_max), axes.y(share * y_max));
-            let (x_text, y_text) = (number(share * x_max), number(share * y_max));
+        for value in ticks(y_max, y_tick) {
+            let (y, text) = (axes.y(value), number(value));
             axes.put(format_args!(
                 "<line x1=\"{LEFT}\" x2=\"{:.1}\" y1=\"{y:.1}\" y2=\"{y:.1}\" stroke=\"#ddd\"/>\
-                 <text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{y_text}</text>\
-                 <text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{x_text}</text>",
+                 <text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{text}</text>",
                 WIDTH - RIGHT,
                 LEFT - 4.0,
                 y + 4.0,
+            ));
+        }
+        for value in ticks(x_max, round_step(x_max / TICKS)) {
+            let (x, text) = (axes.x(value), number(value));
+            axes.put(format_args!(
+                "<text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{text}</text>",
                 base + 14.0
             ));
         }
@@ -71,24 +76,26 @@ impl Axes {
     }
 }
 
-/// How many values lie where, from 0 to the 95th percentile; the last bar holds all beyond.
+/// How many values lie where, from 0 to about the 95th percentile; the last bar holds all beyond.
 pub fn histogram(title: &str, unit: &str, values: &[f64]) -> String {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);
     let near_last = sorted.len().saturating_sub(1) * 95 / 100;
-    let x_max = sorted.get(near_last).copied().unwrap_or(1.0).max(1e-9) * 1.05;
-    let mut counts = [0_usize; BINS];
+    let x_max = sorted.get(near_last).copied().unwrap_or(1.0).max(1e-9);
+    // Few values in many bars would be a comb.
+    let width = round_step(x_max / (2.0 * (sorted.len() as f64).sqrt()).clamp(4.0, BINS));
+    let bins = (x_max / width).floor() as usize + 1;
+    let mut counts = vec![0_usize; bins];
     for value in &sorted {
-        counts[((value / x_max * BINS as f64) as usize).min(BINS - 1)] += 1;
+        counts[((value / width) as usize).min(bins - 1)] += 1;
     }
-    let most = counts.iter().max().copied().unwrap_or(0).max(1);
+    let most = counts.iter().max().copied().unwrap_or(0).max(1) as f64;
+    let tick = round_step(most / TICKS).max(1.0);
     let label = format!("{unit} (last bar: and beyond), {} objects", sorted.len());
-    let mut axes = Axes::new(title, &label, x_max, most as f64);
+    let x_max = width * bins as f64;
+    let mut axes = Axes::new(title, &label, x_max, (most / tick).ceil() * tick, tick);
     for (bin, &count) in counts.iter().enumerate() {
-        let (x0, x1) = (
-            axes.x(x_max * bin as f64 / BINS as f64),
-            axes.x(x_max * (bin + 1) as f64 / BINS as f64),
-        );
+        let (x0, x1) = (axes.x(width * bin as f64), axes.x(width * (bin + 1) as f64));
         let (top, base) = (axes.y(count as f64), axes.y(0.0));
         let (width, height) = (x1 - x0 - 1.0, base - top);
         axes.put(format_args!(
@@ -102,9 +109,9 @@ pub fn histogram(title: &str, unit: &str, values: &[f64]) -> String {
 
 /// Share of errors below a threshold, over the threshold from 0 to `max`; missed objects are
 /// infinite errors.
-pub fn recall_curves(title: &str, unit: &str, max: f64, errors: &[(&str, Vec<f64>)]) -> String {
-    let mut axes = Axes::new(title, unit, max, 1.0);
-    for (i, (name, errors)) in errors.iter().enumerate() {
+pub fn recall_curves(title: &str, unit: &str, max: f64, errors_of: &[(&str, Vec<f64>)]) -> String {
+    let mut axes = Axes::new(title, unit, max, 1.0, 0.25);
+    for (i, (name, errors)) in errors_of.iter().enumerate() {
         let colour = COLOURS[i % COLOURS.len()];
         let mut sorted: Vec<f64> = errors.iter().copied().filter(|&x| x <= max).collect();
         sorted.sort_by(f64::total_cmp);
@@ -118,14 +125,30 @@ pub fn recall_curves(title: &str, unit: &str, max: f64, errors: &[(&str, Vec<f64
         }
         let last = axes.y(sorted.len() as f64 / total);
         let _ = write!(points, " {:.1},{last:.1}", axes.x(max));
-        let legend = TOP + 12.0 + 13.0 * i as f64;
+        // Where curves seldom go.
+        let legend = HEIGHT - BOTTOM - 8.0 - 13.0 * (errors_of.len() - 1 - i) as f64;
         axes.put(format_args!(
             "<polyline points=\"{points}\" fill=\"none\" stroke=\"{colour}\" \
-             stroke-width=\"1.5\"/><text x=\"{:.1}\" y=\"{legend:.1}\" fill=\"{colour}\">{name}</text>",
-            LEFT + 6.0
+             stroke-width=\"1.5\"/><text x=\"{:.1}\" y=\"{legend:.1}\" text-anchor=\"end\" \
+             fill=\"{colour}\">{name}</text>",
+            WIDTH - RIGHT - 6.0
         ));
     }
     axes.end()
+}
+
+/// 0 and multiples of `step` up to `max`.
+fn ticks(max: f64, step: f64) -> impl Iterator<Item = f64> {
+    let count = (max / step * (1.0 + 1e-9)) as usize;
+    (0..=count).map(move |i| i as f64 * step)
+}
+
+/// The least of 1, 2, 5, 10, 20, ... and 0.5, 0.2, 0.1, ... that is no less than `least`.
+fn round_step(least: f64) -> f64 {
+    let decade = 10_f64.powf(least.log10().floor());
+    let steps = [1.0, 2.0, 5.0].map(|step| step * decade);
+    let enough = |step: &f64| *step >= least * (1.0 - 1e-9);
+    steps.into_iter().find(enough).unwrap_or(10.0 * decade)
 }
 
 /// With three significant digits.
@@ -163,6 +186,39 @@ mod tests {
             "points=\"{LEFT:.1},{base:.1} {middle:.1},{base:.1} {middle:.1},{half:.1} {right:.1},{half:.1}\""
         );
         assert!(curve.contains(&expected), "{curve}");
+    }
+
+    #[test]
+    fn bars_have_round_widths_and_the_last_one_takes_the_rest() {
+        // The 95th percentile is 3.8: of 8.9 bars at most, steps of 0.5 are the finest round ones.
+        let mut values: Vec<f64> = (0..20).map(|i| 0.2 * f64::from(i)).collect();
+        values[19] = 70.0;
+        let svg = histogram("Errors", "mm", &values);
+        assert_eq!(svg.matches("<rect").count(), 8, "{svg}");
+        // 3.6 and 70.
+        let top = HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * 2.0 / 3.0;
+        let last = svg.rfind("<rect").unwrap();
+        assert!(svg[last..].contains(&format!("y=\"{top:.1}\"")), "{svg}");
+    }
+
+    #[test]
+    fn steps_are_round() {
+        for (least, step) in [
+            (0.9, 1.0),
+            (1.0, 1.0),
+            (1.1, 2.0),
+            (2.4, 5.0),
+            (51.0, 100.0),
+        ] {
+            assert!((round_step(least) - step).abs() < 1e-9 * step, "{least}");
+            assert!(
+                (round_step(1e-3 * least) - 1e-3 * step).abs() < 1e-12,
+                "{least}"
+            );
+        }
+        let at: Vec<f64> = ticks(0.5, 0.1).collect();
+        assert_eq!(at.len(), 6);
+        assert!((at[5] - 0.5).abs() < 1e-12);
     }
 
     #[test]
