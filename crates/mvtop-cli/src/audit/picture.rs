@@ -81,7 +81,7 @@ pub fn svg(result: &Audited) -> String {
             text(&mut svg, x, BOTTOM + 18.0, "middle", &i.to_string());
         } else {
             text(&mut svg, x, BOTTOM + 18.0, "middle", &BINS.to_string());
-            text(&mut svg, x + BAR / 2.0, BOTTOM + 18.0, "middle", "or none");
+            text(&mut svg, x + BAR / 2.0, BOTTOM + 18.0, "middle", "more");
         }
     }
     text(&mut svg, middle, BOTTOM + 42.0, "middle", label);
