@@ -23,7 +23,7 @@ MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
 .PHONY: help demo test build-tests test-rust test-python lint fixtures eval tables pictures bench \
-  wheel test-wheel stubs test-ray
+  wheel release-wheel test-wheel stubs test-ray
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -60,6 +60,13 @@ WHEELS := target/wheels
 wheel: .venv/train.done  ## the Python wheel, in target/wheels
 	rm -f $(WHEELS)/mvtop-*.whl
 	$(PY) -m maturin build --release --strip --locked -m crates/mvtop-py/Cargo.toml --out $(WHEELS)
+
+# As old a glibc as onnxruntime's own wheels ask for; zig links against any. On PATH, as maturin
+# calls `python -m ziglang`.
+release-wheel: .venv/release.done  ## the wheel for every Linux with glibc 2.28 (2018) or newer, in out/wheels
+	PATH="$(CURDIR)/.venv/bin:$$PATH" $(PY) -m maturin build --release --strip --locked --zig \
+	  --compatibility manylinux_2_28 -m crates/mvtop-py/Cargo.toml --out out/wheels
+	scripts/try-wheel.sh out/wheels/mvtop-*.whl
 
 test-wheel: wheel
 	scripts/try-wheel.sh $(WHEELS)/mvtop-*.whl
@@ -119,6 +126,10 @@ $(CLI):
 
 .venv/train.done: .venv/tables.done
 	$(PY) -m pip install --quiet --disable-pip-version-check -e 'training[train,test]'
+	touch $@
+
+.venv/release.done: .venv/train.done
+	$(PY) -m pip install --quiet --disable-pip-version-check -e 'training[release]'
 	touch $@
 
 .venv/ray.done: .venv/train.done
