@@ -5,6 +5,7 @@ mod html;
 mod journal;
 mod noise;
 mod outcome;
+mod plan;
 mod plot;
 mod sample;
 mod score;

@@ -1,6 +1,7 @@
 //! From images to poses: start reading at [`Estimator::predict`].
 
 mod closeups;
+mod pose;
 mod sightings;
 mod view;
 
@@ -10,16 +11,16 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use image::RgbImage;
-use nalgebra::{Isometry3, Matrix4, Quaternion, Translation3, UnitQuaternion, Vector3};
+use nalgebra::Isometry3;
 use ndarray::{Array2, Array3, Axis};
 
+use self::pose::{Pose, decoded_pose, mean_pose};
 use self::sightings::Sighting;
 use self::view::{Picture, View};
 use crate::bundle::{Bundle, Class};
 use crate::known::KnownBoxes;
-use crate::network::{Decoded, Network, OnnxNetwork, Queries};
-use crate::pose::rotation_from_6d;
-use crate::prediction::{CameraPose, ObjectPose, Prediction, Sigma, Timings};
+use crate::network::{Network, OnnxNetwork, Queries};
+use crate::prediction::{CameraPose, ObjectPose, Prediction, Timings};
 use crate::rays::{box_rays, encode};
 use crate::{Error, Result, Rig, onnx};
 
@@ -50,12 +51,6 @@ pub struct Estimator {
 
 /// Close-ups of an object that are anchors in turn, at most: more cost time and gain little.
 const MAX_ANCHORS: usize = 4;
-
-/// A pose as the decoder gives it, but in the world.
-struct Pose {
-    world_from_obj: Isometry3<f64>,
-    sigma: Sigma,
-}
 
 impl Estimator {
     /// Loads ONNX Runtime and a model bundle.
@@ -193,7 +188,10 @@ impl Estimator {
             };
             decoded.check(members.len())?;
             for (q, &i) in members.iter().enumerate() {
-                poses.push((i, pose(&shown[0].camera.world_from_cam, &decoded, q)?));
+                poses.push((
+                    i,
+                    decoded_pose(&shown[0].camera.world_from_cam, &decoded, q)?,
+                ));
             }
         }
         poses.sort_by_key(|(i, _)| *i);
@@ -221,7 +219,7 @@ impl Estimator {
                 let memory = memory.select(Axis(0), &rows);
                 let decoded = self.network.decode(memory.view(), &queries)?;
                 decoded.check(1)?;
-                pose(&shown[0].camera.world_from_cam, &decoded, 0)
+                decoded_pose(&shown[0].camera.world_from_cam, &decoded, 0)
             });
             poses.push(mean_pose(&anchored.collect::<Result<Vec<Pose>>>()?));
             start += views;
@@ -317,63 +315,6 @@ fn reference(rig: &Rig, id: Option<&str>) -> Result<usize> {
             "reference: no camera `{id}` in the rig, expected one of: {known}"
         ))
     })
-}
-
-/// The pose of query `q`, from the anchor's frame into the world.
-fn pose(world_from_anchor: &Isometry3<f64>, decoded: &Decoded, q: usize) -> Result<Pose> {
-    let number = |array: &Array2<f32>, i: usize| f64::from(array[(q, i)]);
-    let t = [0, 1, 2].map(|i| number(&decoded.translation, i));
-    let sigma = Sigma {
-        rot_deg: number(&decoded.sigma, 0),
-        t_m: number(&decoded.sigma, 1),
-    };
-    if !t
-        .iter()
-        .chain([&sigma.rot_deg, &sigma.t_m])
-        .all(|x| x.is_finite())
-    {
-        return Err(Error::Pose(format!(
-            "decoder: expected a finite pose, got translation {t:?} and {sigma:?}"
-        )));
-    }
-    let rotation = rotation_from_6d([0, 1, 2, 3, 4, 5].map(|i| number(&decoded.rotation_6d, i)))?;
-    let rotation = UnitQuaternion::from_rotation_matrix(&rotation);
-    let anchor_from_obj = Isometry3::from_parts(Translation3::from(t), rotation);
-    Ok(Pose {
-        world_from_obj: world_from_anchor * anchor_from_obj,
-        sigma,
-    })
-}
-
-/// The mean of one object's poses, at least one; of their expected errors likewise.
-fn mean_pose(poses: &[Pose]) -> Pose {
-    let count = poses.len() as f64;
-    let translation: Vector3<f64> = poses
-        .iter()
-        .map(|pose| pose.world_from_obj.translation.vector)
-        .sum();
-    let rotation = mean_rotation(poses.iter().map(|pose| pose.world_from_obj.rotation));
-    let mean = |number: fn(&Sigma) -> f64| {
-        poses.iter().map(|pose| number(&pose.sigma)).sum::<f64>() / count
-    };
-    Pose {
-        world_from_obj: Isometry3::from_parts((translation / count).into(), rotation),
-        sigma: Sigma {
-            rot_deg: mean(|sigma| sigma.rot_deg),
-            t_m: mean(|sigma| sigma.t_m),
-        },
-    }
-}
-
-/// The rotation with the least sum of squared chordal distances to those given (Markley et al.,
-/// Averaging Quaternions, 2007); not nalgebra's `mean_of`, which mixes up the components (0.35).
-fn mean_rotation(rotations: impl Iterator<Item = UnitQuaternion<f64>>) -> UnitQuaternion<f64> {
-    let sum: Matrix4<f64> = rotations
-        .map(|q| q.as_vector() * q.as_vector().transpose())
-        .sum();
-    let eigen = sum.symmetric_eigen();
-    let main = eigen.eigenvectors.column(eigen.eigenvalues.imax());
-    UnitQuaternion::from_quaternion(Quaternion::from_vector(main.into_owned()))
 }
 
 /// Milliseconds since the last lap and since the start.

@@ -11,8 +11,9 @@ use mvtop_core::overlay::{Drawn, contact_sheet, draw, draw_known};
 use nalgebra::{Isometry3, Matrix4};
 use serde_json::Value;
 
-use super::dataset::{Plan, Results};
+use super::dataset::Results;
 use super::journal::Line;
+use super::plan::Plan;
 use super::plot::{histogram, recall_curves};
 use super::score::{Areas, Scored, Scores};
 use crate::failure::{Failure, Result};

@@ -1,3 +1,4 @@
+use super::manifest::digest;
 use super::*;
 use serde_json::{Value, json};
 

@@ -1,0 +1,105 @@
+//! Poses as the decoder gives them, and their mean.
+
+use nalgebra::{Isometry3, Matrix4, Quaternion, Translation3, UnitQuaternion, Vector3};
+use ndarray::Array2;
+
+use crate::network::Decoded;
+use crate::pose::rotation_from_6d;
+use crate::prediction::Sigma;
+use crate::{Error, Result};
+
+/// A pose as the decoder gives it, but in the world.
+pub struct Pose {
+    pub world_from_obj: Isometry3<f64>,
+    pub sigma: Sigma,
+}
+
+/// The pose of query `q`, from the anchor's frame into the world.
+pub fn decoded_pose(
+    world_from_anchor: &Isometry3<f64>,
+    decoded: &Decoded,
+    q: usize,
+) -> Result<Pose> {
+    let number = |array: &Array2<f32>, i: usize| f64::from(array[(q, i)]);
+    let t = [0, 1, 2].map(|i| number(&decoded.translation, i));
+    let sigma = Sigma {
+        rot_deg: number(&decoded.sigma, 0),
+        t_m: number(&decoded.sigma, 1),
+    };
+    if !t
+        .iter()
+        .chain([&sigma.rot_deg, &sigma.t_m])
+        .all(|x| x.is_finite())
+    {
+        return Err(Error::Pose(format!(
+            "decoder: expected a finite pose, got translation {t:?} and {sigma:?}"
+        )));
+    }
+    let rotation = rotation_from_6d([0, 1, 2, 3, 4, 5].map(|i| number(&decoded.rotation_6d, i)))?;
+    let rotation = UnitQuaternion::from_rotation_matrix(&rotation);
+    let anchor_from_obj = Isometry3::from_parts(Translation3::from(t), rotation);
+    Ok(Pose {
+        world_from_obj: world_from_anchor * anchor_from_obj,
+        sigma,
+    })
+}
+
+/// The mean of one object's poses, at least one; of their expected errors likewise.
+pub fn mean_pose(poses: &[Pose]) -> Pose {
+    let count = poses.len() as f64;
+    let translation: Vector3<f64> = poses
+        .iter()
+        .map(|pose| pose.world_from_obj.translation.vector)
+        .sum();
+    let rotation = mean_rotation(poses.iter().map(|pose| pose.world_from_obj.rotation));
+    let mean = |number: fn(&Sigma) -> f64| {
+        poses.iter().map(|pose| number(&pose.sigma)).sum::<f64>() / count
+    };
+    Pose {
+        world_from_obj: Isometry3::from_parts((translation / count).into(), rotation),
+        sigma: Sigma {
+            rot_deg: mean(|sigma| sigma.rot_deg),
+            t_m: mean(|sigma| sigma.t_m),
+        },
+    }
+}
+
+/// The rotation with the least sum of squared chordal distances to those given (Markley et al.,
+/// Averaging Quaternions, 2007); not nalgebra's `mean_of`, which mixes up the components (0.35).
+pub fn mean_rotation(rotations: impl Iterator<Item = UnitQuaternion<f64>>) -> UnitQuaternion<f64> {
+    let sum: Matrix4<f64> = rotations
+        .map(|q| q.as_vector() * q.as_vector().transpose())
+        .sum();
+    let eigen = sum.symmetric_eigen();
+    let main = eigen.eigenvectors.column(eigen.eigenvalues.imax());
+    UnitQuaternion::from_quaternion(Quaternion::from_vector(main.into_owned()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mean_of_rotations_by_hand() {
+        let axis = Vector3::new(0.6, 0.0, 0.8);
+        let middle = UnitQuaternion::from_scaled_axis(Vector3::new(2.0, -1.0, 0.5));
+        let around = |degrees: f64| {
+            let turn = middle * UnitQuaternion::from_scaled_axis(axis * degrees.to_radians());
+            // The same rotation by the opposite quaternion.
+            if degrees > 0.0 {
+                UnitQuaternion::new_unchecked(-turn.into_inner())
+            } else {
+                turn
+            }
+        };
+        for angles in [
+            &[0.0][..],
+            &[-20.0, 20.0],
+            &[-35.0, 0.0, 35.0],
+            &[-50.0, -9.0, 9.0, 50.0],
+        ] {
+            let mean = mean_rotation(angles.iter().map(|&degrees| around(degrees)));
+            assert!(mean.angle_to(&middle) < 1e-9, "{angles:?}");
+        }
+    }
+}
