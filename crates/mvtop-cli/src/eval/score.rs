@@ -35,8 +35,8 @@ pub struct Scored {
     pub mssd_m: Option<f64>,
     /// In the reference image, as if that were 640 px wide.
     pub mspd_px640: Option<f64>,
-    /// For BOP's ten tolerances, 1 where it was not found; null where there is no depth image or
-    /// the lens has distortion.
+    /// For BOP's ten tolerances, 1 where it was not found; null without a depth image or faces of
+    /// the model, or where the lens has distortion.
     pub vsd: Option<Vec<f64>>,
 }
 
@@ -96,8 +96,11 @@ impl Scored {
             symmetries,
             ..
         } = model;
+        let rendered = camera.lens.distortion == Distortion::None
+            // Models for evaluation may be points alone.
+            && !model.mesh.triangles().is_empty();
         let vsd = match view.depth {
-            Some(depth) if camera.lens.distortion == Distortion::None => Some(match estimate {
+            Some(depth) if rendered => Some(match estimate {
                 Some(pose) => view.vsd(
                     depth,
                     model,
