@@ -1,7 +1,6 @@
 """The inference pipeline in PyTorch, for given boxes: what the Rust pipeline is compared with."""
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -9,27 +8,9 @@ import numpy as np
 import torch
 from PIL import Image as PilImage
 
-from . import rays
+from . import rays, rig
 from .export import ExportedDecoder, ExportedFeatures
 from .model import Mvtop
-
-
-@dataclass
-class Camera:
-    id: str
-    width: int
-    height: int
-    k: np.ndarray  # [3, 3]
-    cam_from_world: np.ndarray  # [4, 4], m
-
-
-def load_rig(path: Path) -> list[Camera]:
-    """Pinhole cameras of a rig file in metres with `T_cam_world` matrices."""
-    cameras = []
-    for c in json.loads(path.read_text())["cameras"]:
-        k = np.array([[c["fx"], 0, c["cx"]], [0, c["fy"], c["cy"]], [0, 0, 1.0]])
-        cameras.append(Camera(c["id"], c["width"], c["height"], k, np.array(c["T_cam_world"])))
-    return cameras
 
 
 def letterbox(rgb: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
@@ -44,7 +25,7 @@ def letterbox(rgb: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np.
 
 
 @torch.no_grad()
-def predict(model: Mvtop, cameras: list[Camera], images, boxes) -> dict:
+def predict(model: Mvtop, cameras: list[rig.Camera], images, boxes) -> dict:
     """Pose of one object, given its box in every view; the first camera is the reference.
 
     images  per camera [H, W, 3] uint8;  boxes  per camera [4] px
@@ -67,7 +48,7 @@ def predict(model: Mvtop, cameras: list[Camera], images, boxes) -> dict:
         net_boxes[i] = (np.array(box) + 0.5) * np.tile(scale, 2) - 0.5
         inside.append((pixels[:, 0] <= w - 0.5) & (pixels[:, 1] <= h - 0.5))
     ref_from_cam = [
-        cameras[0].cam_from_world @ np.linalg.inv(camera.cam_from_world) for camera in cameras
+        cameras[0].cam_from_rig @ np.linalg.inv(camera.cam_from_rig) for camera in cameras
     ]
     k = torch.tensor(k_net, dtype=torch.float64)
     ref_from_cam = torch.tensor(np.stack(ref_from_cam), dtype=torch.float64)
@@ -98,7 +79,7 @@ def predict(model: Mvtop, cameras: list[Camera], images, boxes) -> dict:
 
 def load_sample(folder: Path):
     """Cameras, images and true boxes of a sample folder (`samples.py`)."""
-    cameras = load_rig(folder / "rig.json")
+    cameras = rig.load(folder / "rig.json")
     images = [cv2.imread(str(folder / f"{c.id}.png"))[:, :, ::-1] for c in cameras]
     truth = json.loads((folder / "truth.json").read_text())["objects"][0]
     boxes = [truth["boxes"][c.id] for c in cameras]
