@@ -71,7 +71,7 @@ impl Surface {
 
     /// ADD: average distance of the points under both poses (Hinterstoisser et al. 2012).
     fn add(&self, py: Python, truth: ArrayLike, estimate: ArrayLike) -> PyResult<F64> {
-        pairs(py, &truth, &estimate, |truth, estimate| {
+        pairs(py, POSE, &truth, &estimate, |truth, estimate| {
             self.0.add(truth, estimate)
         })
     }
@@ -79,7 +79,7 @@ impl Surface {
     /// ADD-S, also ADI: average distance of the points under the true pose to the nearest point
     /// under the estimated one.
     fn add_s(&self, py: Python, truth: ArrayLike, estimate: ArrayLike) -> PyResult<F64> {
-        pairs(py, &truth, &estimate, |truth, estimate| {
+        pairs(py, POSE, &truth, &estimate, |truth, estimate| {
             self.0.add_s(truth, estimate)
         })
     }
@@ -92,7 +92,7 @@ impl Surface {
         estimate: ArrayLike,
         symmetric: bool,
     ) -> PyResult<F64> {
-        pairs(py, &truth, &estimate, |truth, estimate| {
+        pairs(py, POSE, &truth, &estimate, |truth, estimate| {
             self.0.add_or_add_s(truth, estimate, symmetric)
         })
     }
@@ -107,7 +107,7 @@ impl Surface {
         symmetries: Option<PyRef<Symmetries>>,
     ) -> PyResult<F64> {
         let symmetries = or_none(symmetries);
-        pairs(py, &truth, &estimate, |truth, estimate| {
+        pairs(py, POSE, &truth, &estimate, |truth, estimate| {
             self.0.mssd(truth, estimate, &symmetries)
         })
     }
@@ -127,7 +127,7 @@ impl Surface {
     ) -> PyResult<F64> {
         let symmetries = or_none(symmetries);
         let lens = &camera.core().lens;
-        pairs(py, &truth, &estimate, |truth, estimate| {
+        pairs(py, POSE, &truth, &estimate, |truth, estimate| {
             self.0.mspd(truth, estimate, &symmetries, lens)
         })
     }
@@ -233,7 +233,7 @@ pub fn rotation_error_deg(
     symmetries: Option<PyRef<Symmetries>>,
 ) -> PyResult<F64> {
     let symmetries = or_none(symmetries);
-    pairs(py, &truth, &estimate, |truth, estimate| {
+    pairs(py, POSE_OR_ROTATION, &truth, &estimate, |truth, estimate| {
         metrics::rotation_error_deg(truth, estimate, &symmetries)
     })
 }
@@ -252,7 +252,7 @@ pub fn translation_error(
     symmetries: Option<PyRef<Symmetries>>,
 ) -> PyResult<F64> {
     let symmetries = or_none(symmetries);
-    pairs(py, &truth, &estimate, |truth, estimate| {
+    pairs(py, POSE, &truth, &estimate, |truth, estimate| {
         metrics::translation_error(truth, estimate, &symmetries)
     })
 }
@@ -306,15 +306,20 @@ fn poses(name: &str, array: &ArrayD<f64>) -> PyResult<Vec<Isometry3<f64>>> {
         .collect()
 }
 
+/// What [`pairs`] takes: 4x4 matrices, or matrices that [`pose_or_rotation`] reads.
+const POSE: [usize; 2] = [4, 4];
+const POSE_OR_ROTATION: [usize; 2] = [0, 0];
+
 /// An error of each true pose with its estimate.
 fn pairs(
     py: Python,
+    matrix: [usize; 2],
     truth: &ArrayLike,
     estimate: &ArrayLike,
     error: impl Fn(&Isometry3<f64>, &Isometry3<f64>) -> f64 + Sync,
 ) -> PyResult<F64> {
-    let truth = truth.read::<f64>("truth", None, &[0, 0])?;
-    let estimate = estimate.read::<f64>("estimate", None, &[0, 0])?;
+    let truth = truth.read::<f64>("truth", None, &matrix)?;
+    let estimate = estimate.read::<f64>("estimate", None, &matrix)?;
     let leading = |array: &ArrayD<f64>| array.shape()[..array.ndim() - 2].to_vec();
     let shape = match truth.ndim() {
         2 => leading(&estimate),

@@ -246,6 +246,8 @@ def test_errors_of_poses_by_hand(rng):
         mvtop.metrics.Surface([[0, 0, 0]]).mspd(ahead, beside @ ahead, camera), 5
     )
     assert mvtop.metrics.rotation_error_deg(turn(rng, 2, 3), np.eye(3)).shape == (2, 3)
+    with pytest.raises(ValueError, match=r"estimate: expected numbers of shape \(.*4, 4\)"):
+        mvtop.metrics.Surface([[1, 0, 0]]).add(EYE, np.eye(3))  # no pose: nothing says where
 
 
 def test_depth_images_and_what_differs_between_them():

@@ -180,8 +180,9 @@ REFUSED = {
     "boxes of no class": (lambda a: {"boxes": [{"boxes": {}}]}, "boxes: expected"),
     "short box": (
         lambda a: {"boxes": [{"class": "mvball", "boxes": {"cam0": [1, 2, 3]}}]},
-        "",
+        "boxes: expected",
     ),
+    "path of a rig": (lambda a: {"rig": "rig.json"}, "rig: expected a mvtop.Rig, got str"),
     "unknown class": (lambda a: {"boxes": [{"class": "cup", "boxes": {}}]}, "cup"),
 }
 

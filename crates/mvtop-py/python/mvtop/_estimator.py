@@ -108,14 +108,18 @@ class Estimator:
     ) -> Prediction:
         """Finds the objects that the network knows, and their poses.
 
-        - images: RGB arrays of uint8 and shape (H, W, 3), or paths of PNG, JPEG, TIFF or BMP files: one for
-          each camera in the rig's order, or a dict by camera id for some of them
+        - images: RGB arrays of uint8 and shape (H, W, 3), or paths of PNG, JPEG, TIFF or BMP
+          files: one for each camera in the rig's order, or a dict by camera id for some of them
         - reference: id of the camera in whose frame poses are given; the rig's by default
         - boxes: to use instead of detecting: [{"class": name, "boxes": {camera: [x0, y0, x1, y1]}}]
           in px, or the path of a JSON file with {"objects": that list}
 
         Raises ValueError where images, reference or boxes do not fit the rig or the network.
         """
+        if not isinstance(rig, Rig):
+            raise ValueError(
+                f"rig: expected a mvtop.Rig, got {type(rig).__name__}; see mvtop.Rig.load"
+            )
         given = _by_camera(images, rig)
         native = self._here()
         prediction, report = native.predict(rig, given, reference, _boxes(boxes))
@@ -167,7 +171,7 @@ def _boxes(boxes: Boxes | None) -> list[Any] | None:
         return [
             (
                 str(known["class"]),
-                {str(camera): [float(x) for x in box] for camera, box in known["boxes"].items()},
+                {str(camera): _box(box) for camera, box in known["boxes"].items()},
             )
             for known in given
         ]
@@ -176,3 +180,8 @@ def _boxes(boxes: Boxes | None) -> list[Any] | None:
             'boxes: expected [{"class": name, "boxes": {camera: [x0, y0, x1, y1]}}], got what '
             f"gives {type(cause).__name__}: {cause}"
         ) from None
+
+
+def _box(box: Sequence[float]) -> list[float]:
+    x0, y0, x1, y1 = box
+    return [float(x) for x in (x0, y0, x1, y1)]
