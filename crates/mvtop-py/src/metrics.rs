@@ -233,9 +233,13 @@ pub fn rotation_error_deg(
     symmetries: Option<PyRef<Symmetries>>,
 ) -> PyResult<F64> {
     let symmetries = or_none(symmetries);
-    pairs(py, POSE_OR_ROTATION, &truth, &estimate, |truth, estimate| {
-        metrics::rotation_error_deg(truth, estimate, &symmetries)
-    })
+    pairs(
+        py,
+        POSE_OR_ROTATION,
+        &truth,
+        &estimate,
+        |truth, estimate| metrics::rotation_error_deg(truth, estimate, &symmetries),
+    )
 }
 
 /// Least distance between the estimated origin and a symmetric one of the true, in the unit of the
