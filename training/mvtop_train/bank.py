@@ -10,7 +10,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
-from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 from . import batches, closeup, data
@@ -110,16 +109,11 @@ class Bank:
 
 
 class Batches(torch.utils.data.Dataset):
-    """Item `step` is that step's batch, drawn from (seed, step) alone; as `batches.Batches`.
+    """Item `step` is that step's batch, drawn from (seed, step) alone; as `batches.Batches`."""
 
-    `rig_noise`: as in `RunConfig`
-    """
-
-    def __init__(
-        self, bank: Bank, images: int, views, rig_noise, seed: int, rank: int, processes: int
-    ):
+    def __init__(self, bank: Bank, images: int, views, seed: int, rank: int, processes: int):
         self.bank, self.images, self.views, self.seed = bank, images, np.array(views), seed
-        self.rig_noise, self.rank, self.processes = rig_noise, rank, processes
+        self.rank, self.processes = rank, processes
 
     def __getitem__(self, step: int) -> dict[str, torch.Tensor]:
         rng = np.random.default_rng([self.seed, step])
@@ -132,29 +126,7 @@ class Batches(torch.utils.data.Dataset):
             images = data.choose_views(scenes[s], views, rng)
             chosen.append([rng.choice(self.bank.numbers[s][_index(scenes[s], x)]) for x in images])
         rows = np.array(chosen)
-        found = {name: array[rows] for name, array in self.bank.arrays.items()}
-        # Drawn last: the same batches with and without.
-        found["cam_from_world"] = disturbed(found["cam_from_world"], self.rig_noise, rng)
-        return closeup.collate(found)
-
-
-def disturbed(cam_from_world: np.ndarray, rig_noise, rng) -> np.ndarray:
-    """Cameras [B, V, 4, 4] of which all but the first of a scene are off, in a share of the scenes.
-
-    They turn about their centres and move, about axes and in directions at random, by the absolute
-    value of a normal deviate, one for each scene, times what `rig_noise` says.
-    """
-    share, degrees, metres = rig_noise
-    scenes, views = cam_from_world.shape[:2]
-    size = np.abs(rng.normal(size=(scenes, 1, 1))) * (rng.random((scenes, 1, 1)) < share)
-    size = size * (np.arange(views) > 0)[:, None]
-    turn, move = (direction / np.linalg.norm(direction, axis=-1, keepdims=True)
-                  for direction in rng.normal(size=(2, scenes, views, 3)))  # fmt: skip
-    noise = np.tile(np.eye(4), (scenes, views, 1, 1))
-    turns = Rotation.from_rotvec((turn * size * np.radians(degrees)).reshape(-1, 3))
-    noise[..., :3, :3] = turns.as_matrix().reshape(scenes, views, 3, 3)
-    noise[..., :3, 3] = move * size * metres
-    return noise @ cam_from_world
+        return closeup.collate({name: array[rows] for name, array in self.bank.arrays.items()})
 
 
 def _index(scene, image) -> int:

@@ -33,8 +33,6 @@ class RunConfig:
     views: tuple = (0.2, 0.5, 0.15, 0.15)  # shares of batches with 1, 2, 3, ... views
     negatives: float = 0.125  # crops without the object, on top, as a share of `images`
     crop: int = 160  # side of the training crops, px
-    # Of close-ups: share of scenes whose rig is off, and how much, degrees and metres.
-    rig_noise: tuple = (0.0, 1.0, 0.01)
     lr: float = 1e-3  # at the peak
     warmup: int = 300  # steps
     clip: float = 5.0  # norm of the gradient
@@ -150,11 +148,6 @@ def _checked(fields: dict, source) -> RunConfig:
         (not 0 < share < 1, "second", "a share of the time between 0 and 1"),
         (config.precision not in ("bf16", "fp32"), "precision", "'bf16' or 'fp32'"),
         (config.images < len(config.views), "images", "at least as many as views of a scene"),
-        (
-            len(config.rig_noise) != 3 or min(config.rig_noise) < 0,
-            "rig_noise",
-            "a share, degrees and metres of 0 or more",
-        ),
         (config.crop <= 0 or config.crop % 32, "crop", "a multiple of 32"),
         (min(config.views, default=0) < 0 or sum(config.views) <= 0, "views", "shares of 0 to 1"),
         (config.lr <= 0, "lr", "more than 0"),

@@ -208,9 +208,8 @@ def train(settings: runconfig.RunConfig, folder: Path):
         made = features() if first else None
         processes.from_first(0.0, device)  # the others wait until they are all there
         stream = bank.Batches(
-            made or features(), settings.images, settings.views, settings.rig_noise, settings.seed,
-            me.rank, me.count,
-        )  # fmt: skip
+            made or features(), settings.images, settings.views, settings.seed, me.rank, me.count
+        )
     else:
         stream = batches.Batches(
             scenes, settings.crop, settings.images, settings.views, settings.negatives,

@@ -8,7 +8,7 @@ import pytest
 import torch
 from test_export import decoder_inputs, run
 
-from mvtop_train import bank, closeup, config, export
+from mvtop_train import closeup, config, export
 from mvtop_train.model import Mvtop
 
 K = np.array([[610.0, 0, 322], [0, 590, 236], [0, 0, 1]])
@@ -50,25 +50,6 @@ def test_boxes_are_jittered_without_bias():
     boxes = np.stack([closeup.jittered(box, rng, 1.0) for _ in range(4000)])
     np.testing.assert_allclose(boxes.mean(0), box, atol=0.5)
     assert closeup.jittered(box, rng, 0.0) == pytest.approx(box)
-
-
-def test_disturbed_rigs_are_off_as_asked_and_keep_the_reference():
-    rng = np.random.default_rng(0)
-    cameras = np.tile(np.eye(4), (1000, 3, 1, 1))
-    cameras[..., :3, 3] = rng.normal(size=(1000, 3, 3))
-    off = bank.disturbed(cameras, (0.3, 2.0, 0.01), rng) @ np.linalg.inv(cameras)
-    np.testing.assert_allclose(off[:, 0], np.tile(np.eye(4), (1000, 1, 1)), atol=1e-12)
-    cosines = (np.trace(off[..., :3, :3], axis1=2, axis2=3) - 1) / 2
-    degrees = np.degrees(np.arccos(cosines.clip(-1, 1)))[:, 1:]
-    metres = np.linalg.norm(off[..., :3, 3], axis=-1)[:, 1:]
-    # One deviate for both, and for both cameras of a scene.
-    np.testing.assert_allclose(degrees / 2, metres / 0.01, atol=1e-4)
-    np.testing.assert_allclose(degrees[:, 0], degrees[:, 1], atol=1e-4)
-    scenes = metres[:, 0] > 1e-9
-    assert scenes.mean() == pytest.approx(0.3, abs=0.05)
-    assert metres[scenes].mean() == pytest.approx(0.01 * np.sqrt(2 / np.pi), rel=0.1)
-    same = bank.disturbed(cameras, (0.0, 2.0, 0.01), rng)
-    np.testing.assert_allclose(same, cameras, atol=1e-12)
 
 
 @pytest.fixture(scope="module")

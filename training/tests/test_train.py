@@ -255,7 +255,7 @@ def test_features_of_closeups_are_completed_after_a_kill(dataset, tmp_path, monk
     assert np.abs(whole.arrays["features"]).max(-1).min() > 0, "every cell is there"
     with pytest.raises(SystemExit, match="expected features of"):
         bank.Bank(tmp_path / "cut", scenes, model, obj.bounds, copies=1, seed=4)
-    batch = bank.Batches(whole, 6, (0, 1.0), (0, 1.0, 0.01), 0, 0, 1)[0]
+    batch = bank.Batches(whole, 6, (0, 1.0), 0, 0, 1)[0]
     # What the network says of cached features is what it says of the pictures.
     pictures = bank.Pictures([image for s in scenes for image in s] * 2, config, obj.bounds, 4)
     rows = [int(np.abs(whole.arrays["k"] - k).sum((1, 2)).argmin()) for k in _flat(batch["k"])]
