@@ -53,8 +53,11 @@ pub struct Infer {
     pub reference: Option<String>,
 
     /// Use the boxes in this file instead of detecting objects
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "min_views")]
     pub boxes: Option<PathBuf>,
+
+    #[command(flatten)]
+    pub detection: Detection,
 
     /// Print JSON instead of a table
     #[arg(long, conflicts_with = "truth")]
@@ -106,8 +109,11 @@ pub struct Eval {
     pub split: Split,
 
     /// Use the true boxes instead of detecting objects
-    #[arg(long)]
+    #[arg(long, conflicts_with = "min_views")]
     pub true_boxes: bool,
+
+    #[command(flatten)]
+    pub detection: Detection,
 
     /// Use only the reference camera and those that follow it, this many [default: all]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
@@ -202,6 +208,14 @@ pub struct Split {
     /// Folder for the results: CSV in BOP's format, JSON, and a page with plots
     #[arg(long, value_name = "DIR", group = "written", requires = "dataset")]
     pub report: Option<PathBuf>,
+}
+
+#[derive(Args)]
+pub struct Detection {
+    /// Leave out objects that are detected in fewer images: 2 spares nearly all false ones, and
+    /// costs those that only one image shows
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    pub min_views: u32,
 }
 
 #[derive(Args)]

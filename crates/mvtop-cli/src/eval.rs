@@ -59,7 +59,7 @@ fn of_samples(args: &Eval, samples: &Path) -> Result<()> {
                 folder.display()
             )));
         }
-        let prediction = sample.predict(&estimator, args.true_boxes, &noise)?;
+        let prediction = sample.predict(&estimator, args, &noise)?;
         let matched = matches(&sample.truth, &prediction);
         extra += unmatched(&matched, &prediction);
         all.extend(outcomes(&sample, count, &prediction, &matched, &estimator));

@@ -21,6 +21,7 @@ pub fn run(args: &Infer) -> Result<()> {
     let options = PredictOptions {
         reference: args.reference.clone(),
         boxes: args.boxes.as_deref().map(known::load_boxes).transpose()?,
+        min_views: args.detection.min_views as usize,
     };
     let truth = args.truth.as_deref().map(known::load_poses).transpose()?;
     let pictures = match &args.overlay {

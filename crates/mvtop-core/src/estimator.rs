@@ -39,6 +39,9 @@ pub struct PredictOptions {
     pub reference: Option<String>,
     /// Boxes to use instead of detecting.
     pub boxes: Option<Vec<KnownBoxes>>,
+    /// Fewest images in which an object must be detected; 0 and 1 keep all. Given boxes are taken as
+    /// they are.
+    pub min_views: usize,
 }
 
 /// A loaded network, ready for any number of predictions with any rigs.
@@ -86,8 +89,8 @@ impl Estimator {
     ///   per camera, of the camera's size
     ///
     /// # Errors
-    /// [`Error::Input`] where the images, the reference or the given boxes do not fit the rig or
-    /// the bundle; [`Error::Shape`] and [`Error::Pose`] where the network does not do its part.
+    /// [`Error::Input`] where the images, the reference, the given boxes or the fewest views do not
+    /// fit the rig or the bundle; [`Error::Shape`] and [`Error::Pose`] where the network does not do its part.
     pub fn predict(
         &self,
         rig: &Rig,
@@ -97,6 +100,13 @@ impl Estimator {
         let mut clock = Clock::start();
         let reference = reference(rig, options.reference.as_deref())?;
         let views = view::gather(&self.bundle, rig, images)?;
+        if options.min_views > views.len() {
+            return Err(Error::Input(format!(
+                "fewest views of an object: expected at most {}, as there are images, got {}",
+                views.len(),
+                options.min_views
+            )));
+        }
         let pictures = views
             .iter()
             .map(|view| view.picture(&self.bundle))
@@ -112,7 +122,10 @@ impl Estimator {
             Some(boxes) => sightings::given(&self.bundle, rig, &views, boxes)?,
             None => {
                 let camera = &rig.cameras[reference];
-                sightings::detected(&self.bundle, &self.radii, camera, &views, &features)
+                let mut objects =
+                    sightings::detected(&self.bundle, &self.radii, camera, &views, &features);
+                objects.retain(|object| object.views() >= options.min_views);
+                objects
             }
         };
         let detect = clock.lap();

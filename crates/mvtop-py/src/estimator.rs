@@ -85,6 +85,7 @@ impl NativeEstimator {
         images: Vec<(usize, Bound<'py, PyAny>)>,
         reference: Option<String>,
         boxes: Option<Vec<Boxes>>,
+        min_views: usize,
     ) -> PyResult<(NativePrediction, String)> {
         let rig = rig.core();
         let images = load(py, rig, images)?;
@@ -92,7 +93,11 @@ impl NativeEstimator {
             let known = |(class, boxes)| KnownBoxes { class, boxes };
             all.into_iter().map(known).collect()
         });
-        let options = PredictOptions { reference, boxes };
+        let options = PredictOptions {
+            reference,
+            boxes,
+            min_views,
+        };
         let prediction = compute(py, || self.estimator.predict(rig, &images, &options))?;
         let prediction = prediction.map_err(python)?;
         let report = serde_json::to_string(&Report::new(&prediction, rig))

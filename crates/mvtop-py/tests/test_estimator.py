@@ -182,6 +182,7 @@ REFUSED = {
         lambda a: {"boxes": [{"class": "mvball", "boxes": {"cam0": [1, 2, 3]}}]},
         "boxes: expected",
     ),
+    "too many views": (lambda a: {"min_views": 5}, "fewest views of an object: expected at most 4"),
     "path of a rig": (lambda a: {"rig": "rig.json"}, "rig: expected a mvtop.Rig, got str"),
     "unknown class": (lambda a: {"boxes": [{"class": "cup", "boxes": {}}]}, "cup"),
 }

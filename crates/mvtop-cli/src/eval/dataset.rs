@@ -84,6 +84,7 @@ fn about(args: &Eval, root: &Path, bundle: &Path) -> Result<Value> {
         // It holds the hashes of all other files of the bundle.
         "model_sha256": hash(&bundle.join("model.json"))?,
         "true_boxes": args.true_boxes,
+        "min_views": args.detection.min_views,
         "box_noise": args.box_noise,
         "rig_noise_deg": args.rig_noise_deg,
         "rig_noise_mm": args.rig_noise_mm,
@@ -102,7 +103,7 @@ fn folder_name(path: &Path) -> String {
 fn evaluate(plan: &Plan, group: &Group, args: &Eval, estimator: &Estimator) -> Result<Line> {
     let sample = plan.load(group)?;
     let start = Instant::now();
-    let mut prediction = sample.predict(estimator, args.true_boxes, &noise(args))?;
+    let mut prediction = sample.predict(estimator, args, &noise(args))?;
     let time_s = start.elapsed().as_secs_f64();
     // Objects that are not asked for are neither right nor wrong.
     prediction.objects.retain(|found| {

@@ -7,6 +7,7 @@ use mvtop_core::known::{self, KnownBoxes, KnownPose};
 use mvtop_core::{Estimator, PredictOptions, Prediction, Rig};
 
 use super::noise::Noise;
+use crate::args::Eval;
 use crate::failure::{Failure, Result};
 
 pub struct Sample {
@@ -75,15 +76,11 @@ impl Sample {
         })
     }
 
-    pub fn predict(
-        &self,
-        estimator: &Estimator,
-        true_boxes: bool,
-        noise: &Noise,
-    ) -> Result<Prediction> {
+    pub fn predict(&self, estimator: &Estimator, args: &Eval, noise: &Noise) -> Result<Prediction> {
         let options = PredictOptions {
             reference: None,
-            boxes: true_boxes.then(|| self.boxes(noise)),
+            boxes: args.true_boxes.then(|| self.boxes(noise)),
+            min_views: args.detection.min_views as usize,
         };
         let mut rig = self.rig.clone();
         noise.disturb_rig(&mut rig, &self.name);

@@ -23,6 +23,11 @@ pub struct Sighting {
 }
 
 impl Sighting {
+    /// Number of views that see it.
+    pub fn views(&self) -> usize {
+        self.boxes.iter().flatten().count()
+    }
+
     /// The view in whose frame its pose is decoded: the reference camera's where that sees it, else
     /// the first that does.
     pub fn anchor(&self, views: &[View], reference: usize) -> Option<usize> {

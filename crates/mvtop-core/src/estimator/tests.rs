@@ -333,6 +333,32 @@ fn faint_box_counts_where_another_view_agrees() {
 }
 
 #[test]
+fn objects_in_too_few_views_are_left_out() {
+    let rig = rig();
+    let [first, second] = BALLS;
+    let seen: [(usize, &[[f64; 3]]); 3] =
+        [(0, &[first]), (1, &[second, first]), (2, &[first, second])];
+    let count = |min_views, seen: &[(usize, &[[f64; 3]])]| {
+        let options = PredictOptions {
+            min_views,
+            ..PredictOptions::default()
+        };
+        predict(&rig, seen, &options).objects.len()
+    };
+    assert_eq!([0, 1, 2, 3].map(|least| count(least, &seen)), [2, 2, 2, 1]);
+    assert_eq!(count(2, &[(0, &[first]), (1, &[second])]), 0);
+    // Given boxes are taken as they are.
+    let given = known(&[("left", ball_box(&rig.cameras[0], first))]);
+    let options = PredictOptions {
+        boxes: Some(vec![given]),
+        min_views: 2,
+        ..PredictOptions::default()
+    };
+    let prediction = predict(&rig, &[(0, &[]), (1, &[])], &options);
+    assert_eq!(prediction.objects.len(), 1);
+}
+
+#[test]
 fn faint_box_alone_is_no_object() {
     let [first, second] = BALLS;
     assert_eq!(found(Some(0.75), &[&[first, second]]), [(0.9, 1)]);
@@ -370,7 +396,7 @@ fn order_of_the_images_does_not_matter() {
     let predict = |order: &[usize]| {
         let options = PredictOptions {
             reference: Some("right".into()),
-            boxes: None,
+            ..PredictOptions::default()
         };
         estimator
             .predict(&rig, &images(&rig, order), &options)
@@ -467,10 +493,20 @@ fn arguments_that_do_not_fit_are_refused_in_one_sentence() {
 
     let options = PredictOptions {
         reference: Some("top".into()),
-        boxes: None,
+        ..PredictOptions::default()
     };
     let problem = refusal(&images(&rig, &[0]), options);
     assert!(problem.contains("no camera `top`") && problem.contains("left, middle, right"));
+
+    let options = PredictOptions {
+        min_views: 2,
+        ..PredictOptions::default()
+    };
+    let problem = refusal(&images(&rig, &[0]), options);
+    assert!(
+        problem.contains("at most 1, as there are images, got 2"),
+        "{problem}"
+    );
 
     let mut other_class = known(&[("left", [1., 1., 9., 9.])]);
     other_class.class = "cube".into();
@@ -492,8 +528,8 @@ fn arguments_that_do_not_fit_are_refused_in_one_sentence() {
         (known(&[("left", [400., 1., 500., 9.])]), "within the image"),
     ] {
         let options = PredictOptions {
-            reference: None,
             boxes: Some(vec![boxes]),
+            ..PredictOptions::default()
         };
         let problem = refusal(&images(&rig, &[0]), options);
         assert!(

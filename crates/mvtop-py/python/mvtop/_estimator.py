@@ -105,6 +105,7 @@ class Estimator:
         *,
         reference: str | None = None,
         boxes: Boxes | None = None,
+        min_views: int = 1,
     ) -> Prediction:
         """Finds the objects that the network knows, and their poses.
 
@@ -114,7 +115,11 @@ class Estimator:
         - boxes: to use instead of detecting: [{"class": name, "boxes": {camera: [x0, y0, x1, y1]}}]
           in px, or the path of a JSON file with {"objects": that list}
 
-        Raises ValueError where images, reference or boxes do not fit the rig or the network.
+        - min_views: leaves out objects that are detected in fewer images; 2 spares nearly all false
+          ones, and costs those that only one image shows
+
+        Raises ValueError where images, reference, boxes or min_views do not fit the rig or the
+        network.
         """
         if not isinstance(rig, Rig):
             raise ValueError(
@@ -122,7 +127,7 @@ class Estimator:
             )
         given = _by_camera(images, rig)
         native = self._here()
-        prediction, report = native.predict(rig, given, reference, _boxes(boxes))
+        prediction, report = native.predict(rig, given, reference, _boxes(boxes), min_views)
         return Prediction.from_report(json.loads(report), rig, Source(native, prediction, given))
 
     def __repr__(self) -> str:
