@@ -1,7 +1,5 @@
 //! Measured depth images.
 
-use std::path::Path;
-
 use image::{DynamicImage, ImageReader};
 
 use super::json::MM;
@@ -24,7 +22,12 @@ pub fn load_depth(view: &View) -> Result<Option<DepthImage>> {
             path: path.clone(),
             cause,
         })?;
-    let refuse = |got: String| refused(path, &got);
+    let refuse = |got: String| {
+        Error::Input(format!(
+            "depth image {}: expected PNG or TIFF with 16 bits of grey, got: {got}",
+            path.display()
+        ))
+    };
     let image = match reader.decode() {
         Ok(DynamicImage::ImageLuma16(image)) => image,
         Ok(other) => return Err(refuse(format!("{:?}", other.color()))),
@@ -39,11 +42,4 @@ pub fn load_depth(view: &View) -> Result<Option<DepthImage>> {
     DepthImage::from_shape_vec((height, width), depths.collect())
         .map(Some)
         .map_err(|cause| refuse(cause.to_string()))
-}
-
-fn refused(path: &Path, got: &str) -> Error {
-    Error::Input(format!(
-        "depth image {}: expected PNG or TIFF with 16 bits of grey, got: {got}",
-        path.display()
-    ))
 }
