@@ -10,6 +10,7 @@ mod failure;
 mod infer;
 mod matching;
 mod model_dir;
+mod svg;
 mod table;
 
 use std::ffi::OsString;

@@ -90,7 +90,8 @@ impl Estimator {
     ///
     /// # Errors
     /// [`Error::Input`] where the images, the reference, the given boxes or the fewest views do not
-    /// fit the rig or the bundle; [`Error::Shape`] and [`Error::Pose`] where the network does not do its part.
+    /// fit the rig or the bundle; [`Error::Shape`] and [`Error::Pose`] where the network does not
+    /// do its part.
     pub fn predict(
         &self,
         rig: &Rig,

@@ -6,11 +6,14 @@ use mvtop_core::audit::BINS;
 
 use super::report::{nearest, percent};
 use super::{Audited, Measure};
+use crate::svg::{escape, round_step};
 
 const LEFT: f64 = 80.0;
 const BOTTOM: f64 = 330.0;
 const HEIGHT: f64 = 250.0;
 const BAR: f64 = 58.0;
+/// Steps of the axis, at most.
+const TICKS: f64 = 10.0;
 
 /// Poses of split a over their difference to the most alike pose of b; the last bar is the rest.
 pub fn svg(result: &Audited) -> String {
@@ -21,15 +24,9 @@ pub fn svg(result: &Audited) -> String {
         .into_iter()
         .chain([histogram.beyond])
         .collect();
-    let step = tick_step(counts.iter().copied().max().unwrap_or(0));
-    let top = counts
-        .iter()
-        .copied()
-        .max()
-        .unwrap_or(0)
-        .div_ceil(step)
-        .max(1)
-        * step;
+    let most = counts.iter().copied().max().unwrap_or(0);
+    let step = round_step(most as f64 / TICKS).max(1.0) as u64;
+    let top = most.div_ceil(step).max(1) * step;
     let y = |count: u64| BOTTOM - HEIGHT * count as f64 / top as f64;
     let right = LEFT + BAR * counts.len() as f64;
     let width = right + 20.0;
@@ -46,7 +43,7 @@ pub fn svg(result: &Audited) -> String {
     );
     // Writing to a string does not fail, so results of `write` are dropped.
     let text = |svg: &mut String, x: f64, y: f64, anchor: &str, text: &str| {
-        let text = escaped(text);
+        let text = escape(text);
         let _ = writeln!(
             svg,
             r#"<text x="{x}" y="{y}" text-anchor="{anchor}">{text}</text>"#
@@ -92,23 +89,4 @@ pub fn svg(result: &Audited) -> String {
         BOTTOM - HEIGHT / 2.0
     );
     svg
-}
-
-/// 1, 2 or 5 times a power of ten, so that the axis gets at most ten steps.
-fn tick_step(largest: u64) -> u64 {
-    let mut power = 1;
-    loop {
-        for step in [power, 2 * power, 5 * power] {
-            if largest <= 10 * step {
-                return step;
-            }
-        }
-        power *= 10;
-    }
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
 }

@@ -17,6 +17,7 @@ use super::plan::Plan;
 use super::plot::{histogram, recall_curves};
 use super::score::{Areas, Scored, Scores};
 use crate::failure::{Failure, Result};
+use crate::svg::escape;
 
 /// Poses that are drawn.
 const WORST: usize = 6;
@@ -217,11 +218,4 @@ fn picture(line: &Line, scored: &Scored, plan: &Plan) -> Result<String> {
     Ok(format!(
         "<img src=\"data:image/jpeg;base64,{text}\" alt=\"\">"
     ))
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
 }
