@@ -1,4 +1,4 @@
-"""Reading and writing scenes in BOP layout (millimetres, OpenCV axes, integer pixel = centre).
+"""Reading and writing scenes in BOP layout (millimetres, OpenCV axes, integer pixel = center).
 
 Beside BOP's own files a scene has `coords/IM.png`: the object-frame position of each visible
 object pixel, coded in 8 bits per axis, 0 meaning "not the object"; its first pixel is the corner of

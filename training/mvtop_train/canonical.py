@@ -39,8 +39,8 @@ def canonical_view(image: bop.Image, rng: np.random.Generator, augment: bool, ji
     `jitter`: of the box that is looked at, in box sizes.
     """
     size = image.box[2:] - image.box[:2]
-    centre = (image.box[:2] + image.box[2:]) / 2 + rng.normal(0, jitter, 2) * size
-    direction = np.linalg.inv(image.k) @ [*centre, 1.0]
+    center = (image.box[:2] + image.box[2:]) / 2 + rng.normal(0, jitter, 2) * size
+    direction = np.linalg.inv(image.k) @ [*center, 1.0]
     roll = rng.uniform(-np.pi, np.pi) if augment else 0.0
     turn = look_at(direction, roll)
     new_from_old = np.eye(4)

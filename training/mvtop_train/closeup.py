@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from . import bop, data
-from .rays import cell_centres
+from .rays import cell_centers
 
 FILL = 0.6  # what the longer side of the box takes of the picture; the rest shows what is around
 MAX_TAPS = 8  # samples along each axis of a pixel, against aliasing
@@ -60,7 +60,7 @@ def take(rgb: np.ndarray, k: np.ndarray, close: CloseUp, size: int):
     """(picture [size, size, 3] uint8, on_image [size, size] bool) of a close-up.
 
     A pixel is the mean of `taps` x `taps` bilinear samples of `rgb`; `on_image` says whether its
-    centre lies on `rgb`.
+    center lies on `rgb`.
     """
     close_from_image = close.k @ close.close_from_cam @ np.linalg.inv(k)
     n = close.taps
@@ -94,7 +94,7 @@ def jittered(box: np.ndarray, rng: np.random.Generator, strength: float) -> np.n
 def make_view(image: bop.Image, config, bounds, rng: np.random.Generator, augment: bool) -> dict:
     """A close-up of `image` as a dict of arrays; see `collate`.
 
-    Augmented, the real camera is rolled first (rigs hold theirs any way up), and the colours are.
+    Augmented, the real camera is rolled first (rigs hold theirs any way up), and the colors are.
 
     bounds  [n, 3] metres, the object's outermost points
     """
@@ -110,7 +110,7 @@ def make_view(image: bop.Image, config, bounds, rng: np.random.Generator, augmen
     close.close_from_cam = close.close_from_cam @ rolled
     picture, seen = take(rgb, image.k, close, size)
     close_from_image = close.k @ close.close_from_cam @ np.linalg.inv(image.k)
-    cells = cell_centres(config.decoder_shapes(), config.pose_strides).numpy()
+    cells = cell_centers(config.decoder_shapes(), config.pose_strides).numpy()
     cells = np.concatenate([cells, np.ones((len(cells), 1))], 1)
     return {
         "image": data.photometric(picture, rng) if augment else picture,

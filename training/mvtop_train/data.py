@@ -55,7 +55,7 @@ def virtual_camera(
     image: bop.Image, size: int, rng: np.random.Generator, aug: Augmentation, augment: bool
 ):
     """A crop as a new camera: (crop_from_image [2, 3] in px, k [3, 3], new_from_old [3, 3])."""
-    centre = (image.box[:2] + image.box[2:]) / 2
+    center = (image.box[:2] + image.box[2:]) / 2
     diameter = (image.box[2:] - image.box[:2]).max()
     if not augment:
         zoom, roll, target = aug.scale, 0.0, size / 2 + rng.uniform(-0.05, 0.05, 2) * size
@@ -71,7 +71,7 @@ def virtual_camera(
     focal = np.diag([image.k[0, 0], image.k[1, 1]])
     crop_from_image = np.zeros((2, 3))
     crop_from_image[:, :2] = zoom * focal @ turn @ np.linalg.inv(focal)
-    crop_from_image[:, 2] = target - crop_from_image[:, :2] @ centre
+    crop_from_image[:, 2] = target - crop_from_image[:, :2] @ center
     k = np.eye(3)
     k[:2, :2] = zoom * focal
     k[:2, 2] = crop_from_image[:, :2] @ image.k[:2, 2] + crop_from_image[:, 2]
@@ -81,7 +81,7 @@ def virtual_camera(
 
 
 def photometric(rgb: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Exposure, contrast, colour cast, blur and noise; the parts' colours stay apart."""
+    """Exposure, contrast, color cast, blur and noise; the parts' colors stay apart."""
     x = rgb.astype(np.float32)
     if rng.random() < 0.8:
         gain = rng.uniform(0.65, 1.4) * rng.uniform(0.88, 1.12, 3).astype(np.float32)
@@ -170,7 +170,7 @@ def make_view(image: bop.Image, size: int, rng, aug: Augmentation, augment: bool
 
 
 def coordinates(image: bop.Image, crop_from_image: np.ndarray, size: int) -> np.ndarray:
-    """Coded object coordinates [cells, cells, 3], one per COORDINATE_STRIDE px, at the centre of
+    """Coded object coordinates [cells, cells, 3], one per COORDINATE_STRIDE px, at the center of
     its block; 0 off the object, and everywhere if the data set has none."""
     cells = size // COORDINATE_STRIDE
     if image.coords_path is None:

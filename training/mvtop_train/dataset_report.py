@@ -15,7 +15,7 @@ import numpy as np
 
 from . import bop, objects, pairs
 
-COLOURS = {"green": (60, 200, 60), "red": (230, 60, 60)}  # of boxes, by the hemisphere in sight
+COLORS = {"green": (60, 200, 60), "red": (230, 60, 60)}  # of boxes, by the hemisphere in sight
 DIRECTIONS, ROLLS = 72, 12  # cells in which viewing directions and rolls are counted
 
 
@@ -24,9 +24,9 @@ def thumbnail(image: bop.Image, label: str, size: tuple[int, int]) -> np.ndarray
     picture = cv2.imread(str(image.path), cv2.IMREAD_COLOR)
     scale = min(size[0] / picture.shape[1], size[1] / picture.shape[0])
     small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    colour = COLOURS.get(image.shows, (255, 220, 0))[::-1]
+    color = COLORS.get(image.shows, (255, 220, 0))[::-1]
     x0, y0, x1, y1 = (int(round((x + 0.5) * scale - 0.5)) for x in image.box)
-    cv2.rectangle(small, (x0, y0), (x1, y1), colour, 1)
+    cv2.rectangle(small, (x0, y0), (x1, y1), color, 1)
     for thickness, ink in ((3, (0, 0, 0)), (1, (255, 255, 255))):
         cv2.putText(small, label, (4, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.42, ink, thickness)
     frame = np.full((size[1], size[0], 3), 255, np.uint8)

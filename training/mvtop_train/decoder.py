@@ -48,7 +48,7 @@ class Flose(nn.Module):
 class Lift(nn.Module):
     """Vectors predicted in a view's own box frame, turned into the reference frame.
 
-    The frame's axes are the box's lines of sight: half extents e_x, e_y and centre ray d_c. After
+    The frame's axes are the box's lines of sight: half extents e_x, e_y and center ray d_c. After
     it, what every view says about directions is said in one frame, and fusing views is adding.
     """
 
@@ -98,13 +98,13 @@ class ProjectiveAttention(nn.Module):
         for linear in (self.value, self.reference, self.others):
             nn.init.xavier_uniform_(linear.weight)
 
-    def forward(self, query, memory, at_centre, boxes, level_shapes):
-        """query [B, Q, C] with position; memory [B, V, N, C]; at_centre [B, V, Q, L, C]."""
+    def forward(self, query, memory, at_center, boxes, level_shapes):
+        """query [B, Q, C] with position; memory [B, V, N, C]; at_center [B, V, Q, L, C]."""
         b, v, n, d = memory.shape
         q, heads, levels, points = query.shape[1], self.heads, self.levels, self.points
         value = self.value(memory).float().reshape(b * v, n, heads, d // heads)
         with torch.autocast(memory.device.type, enabled=False):
-            z = query[:, None, :, None] + at_centre  # [B, V, Q, L, C]
+            z = query[:, None, :, None] + at_center  # [B, V, Q, L, C]
             offsets = self.offsets(z).reshape(b, v, q, levels, heads, points, 2)
             logits = self.weights(z).reshape(b, v, q, levels, heads, points)
             if self.box_units:
@@ -112,7 +112,7 @@ class ProjectiveAttention(nn.Module):
             else:
                 sizes = [[1 / w, 1 / h] for h, w in level_shapes]
                 unit = torch.tensor(sizes, device=z.device)[:, None, None]
-            locations = boxes.centres[:, :, :, None, None, None] + offsets * unit
+            locations = boxes.centers[:, :, :, None, None, None] + offsets * unit
             locations = locations.transpose(3, 4).reshape(b * v, q, heads, levels, points, 2)
             logits = logits.transpose(3, 4).reshape(b * v, q, heads, levels * points)
             weights = logits.softmax(-1).reshape(b * v, q, heads, levels, points)
@@ -164,10 +164,10 @@ class DecoderLayer(nn.Module):
         self.ffn = feed_forward(d, config.ffn)
         self.norm1, self.norm2, self.norm3 = (nn.LayerNorm(d) for _ in range(3))
 
-    def forward(self, x, position, memory, at_centre, boxes, level_shapes):
+    def forward(self, x, position, memory, at_center, boxes, level_shapes):
         with torch.autocast(x.device.type, enabled=False):
             x = self.norm1(x + self.self_attention(x, position, boxes.attended))
-        x = x + self.attention(x + position, memory, at_centre, boxes, level_shapes)
+        x = x + self.attention(x + position, memory, at_center, boxes, level_shapes)
         with torch.autocast(x.device.type, enabled=False):
             x = self.norm2(x)
             return self.norm3(x + self.ffn(x))
@@ -210,7 +210,7 @@ class PoseHeads(nn.Module):
     def _from_box_rays(self, correction, class_index, boxes):
         """Where the boxes alone put the object, moved by a learnt correction (u, v, w).
 
-        Each box gives a point: on its centre ray, as far away as a sphere of the object's diameter
+        Each box gives a point: on its center ray, as far away as a sphere of the object's diameter
         that fills it. The points of all views are averaged, each precise across its ray and ten
         times less along it: with one view this is its point, with more it triangulates. The
         correction is u, v half extents across the reference ray and w (logarithmic) along it.
@@ -226,10 +226,10 @@ class PoseHeads(nn.Module):
         precision = (eye - 0.99 * d[..., None] * d[..., None, :]) * boxes.valid[..., None, None]
         total = precision.sum(1)
         weighted = (precision @ points[..., None]).sum(1)[..., 0]
-        centre = solve3(total, weighted)
+        center = solve3(total, weighted)
         u, v, w = correction[..., 0:1], correction[..., 1:2], correction[..., 2:3]
         along = torch.exp(w.clamp(-3, 3)) - 1
-        return centre + distance[:, 0] * (u * e_x[:, 0] + v * e_y[:, 0] + along * d[:, 0])
+        return center + distance[:, 0] * (u * e_x[:, 0] + v * e_y[:, 0] + along * d[:, 0])
 
 
 def solve3(a, b):
@@ -251,13 +251,13 @@ def _cross(a, b):
 class Boxes:
     """Where the objects are: everything the decoder knows of the detections.
 
-    centres, half_sizes [B, V, Q, 2] in 0..1 of the input; rays [B, V, Q, 12]; valid [B, V, Q]
+    centers, half_sizes [B, V, Q, 2] in 0..1 of the input; rays [B, V, Q, 12]; valid [B, V, Q]
     1.0 where the object was detected, else all other entries are ignored; attended [B, Q] 1.0 for
     queries that the others see (default: those with a box in the reference view).
     """
 
-    def __init__(self, centres, half_sizes, rays, valid, attended=None):
-        self.centres, self.half_sizes, self.rays, self.valid = centres, half_sizes, rays, valid
+    def __init__(self, centers, half_sizes, rays, valid, attended=None):
+        self.centers, self.half_sizes, self.rays, self.valid = centers, half_sizes, rays, valid
         self.attended = valid[:, 0] if attended is None else attended
 
 
@@ -282,30 +282,30 @@ class Decoder(nn.Module):
         returns a list over layers of (rotation_6d, translation, sigma), see `PoseHeads`
         """
         memory = self.flose(memory, rays)
-        at_centre = self._at_centres(memory, boxes.centres, level_shapes)
+        at_center = self._at_centers(memory, boxes.centers, level_shapes)
         with torch.autocast(memory.device.type, enabled=False):
             if self.geometry == "rays":
-                at_centre = at_centre + self.box_embedding(boxes.rays)[:, :, :, None]
+                at_center = at_center + self.box_embedding(boxes.rays)[:, :, :, None]
                 position = self.query(boxes.rays[:, 0])
             else:
-                full = torch.cat([boxes.centres[:, 0], 2 * boxes.half_sizes[:, 0]], -1)
+                full = torch.cat([boxes.centers[:, 0], 2 * boxes.half_sizes[:, 0]], -1)
                 angle = full[..., None] * 2 ** torch.arange(10, device=full.device)
                 position = self.query(torch.cat([angle.sin(), angle.cos()], -1).flatten(-2))
             x = position + self.class_embedding(class_index)
         outputs = []
         for layer, head in zip(self.layers, self.heads, strict=True):
-            x = layer(x, position, memory, at_centre, boxes, level_shapes)
+            x = layer(x, position, memory, at_center, boxes, level_shapes)
             with torch.autocast(x.device.type, enabled=False):
                 outputs.append(head(x.float(), class_index, boxes))
         return outputs
 
     @staticmethod
-    def _at_centres(memory, centres, level_shapes):
-        """Features at the box centres, each level by itself [B, V, Q, L, C]."""
+    def _at_centers(memory, centers, level_shapes):
+        """Features at the box centers, each level by itself [B, V, Q, L, C]."""
         b, v, n, d = memory.shape
-        q, levels = centres.shape[2], len(level_shapes)
+        q, levels = centers.shape[2], len(level_shapes)
         value = memory.float().reshape(b * v, n, 1, d)
-        locations = centres.reshape(b * v, q, 1, 1, 1, 1, 2)
+        locations = centers.reshape(b * v, q, 1, 1, 1, 1, 2)
         locations = locations.expand(b * v, q, levels, 1, levels, 1, 2)
         locations = locations.reshape(b * v, q * levels, 1, levels, 1, 2)
         pick = torch.eye(levels, device=memory.device, dtype=value.dtype)

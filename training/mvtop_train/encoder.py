@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from .rays import cell_centres
+from .rays import cell_centers
 from .sampling import deformable_sampling
 
 
@@ -55,8 +55,8 @@ class DeformableAttention(nn.Module):
         nn.init.xavier_uniform_(self.value.weight)
         nn.init.xavier_uniform_(self.output.weight)
 
-    def forward(self, query, tokens, centres, level_shapes):
-        """query, tokens [V, N, C]; centres [N, 2] in 0..1; returns [V, N, C]."""
+    def forward(self, query, tokens, centers, level_shapes):
+        """query, tokens [V, N, C]; centers [N, 2] in 0..1; returns [V, N, C]."""
         views, n, _ = tokens.shape
         heads, levels, points = self.shape
         value = self.value(tokens).float().reshape(views, n, heads, -1)
@@ -65,7 +65,7 @@ class DeformableAttention(nn.Module):
         cell = torch.tensor([[1 / w, 1 / h] for h, w in level_shapes], device=query.device)
         cell = cell[:, None].expand(heads, levels, points, 2).reshape(-1)
         offsets = F.linear(query, self.offsets.weight * cell[:, None], self.offsets.bias * cell)
-        locations = offsets.float() + centres.repeat(1, heads * levels * points)
+        locations = offsets.float() + centers.repeat(1, heads * levels * points)
         locations = locations.reshape(views, n, heads, levels, points, 2)
         logits = self.weights(query).float().reshape(views, n, heads, levels * points)
         weights = logits.softmax(-1).reshape(views, n, heads, levels, points)
@@ -80,8 +80,8 @@ class EncoderLayer(nn.Module):
         self.norm1, self.norm2 = nn.LayerNorm(d), nn.LayerNorm(d)
         self.ffn = feed_forward(d, config.ffn)
 
-    def forward(self, tokens, position, centres, level_shapes):
-        attended = self.attention(tokens + position, tokens, centres, level_shapes)
+    def forward(self, tokens, position, centers, level_shapes):
+        attended = self.attention(tokens + position, tokens, centers, level_shapes)
         tokens = self.norm1(tokens + attended)
         return self.norm2(tokens + self.ffn(tokens))
 
@@ -115,7 +115,7 @@ class Encoder(nn.Module):
         size = torch.tensor(
             [shapes[0][1] * self.strides[0], shapes[0][0] * self.strides[0]], device=tokens.device
         )
-        centres = (cell_centres(shapes, self.strides, tokens.device) + 0.5) / size
+        centers = (cell_centers(shapes, self.strides, tokens.device) + 0.5) / size
         for layer in self.layers:
-            tokens = layer(tokens, position, centres, shapes)
+            tokens = layer(tokens, position, centers, shapes)
         return tokens

@@ -206,7 +206,7 @@ def write_bundle(
     if half:
         for name in graphs:
             store_in_half(out / f"{name}.onnx")
-    rows = np.concatenate([obj.points.round(6), obj.colours.astype(int)], 1).tolist()
+    rows = np.concatenate([obj.points.round(6), obj.colors.astype(int)], 1).tolist()
     rows = [[*row[:3], *(int(c) for c in row[3:])] for row in rows]
     points_file = f"{obj.name}.points.json"
     (out / points_file).write_text(json.dumps({"unit": "m", "points": rows}))

@@ -1,7 +1,7 @@
 """Images to a feature pyramid, and boxes from its finest level.
 
 The detector is a single convolutional head on the finest level: a score map per class, peaked
-at box centres, and the distances from each cell to the box's four sides (CenterNet, Zhou et al.
+at box centers, and the distances from each cell to the box's four sides (CenterNet, Zhou et al.
 2019; FCOS, Tian et al. 2019). The paper takes the features of an off-the-shelf detector.
 """
 
@@ -115,7 +115,7 @@ class Detector(nn.Module):
 
 
 def detection_loss(logits, boxes, truth, class_index, stride: int):
-    """Focal loss on the centre map and GIoU on the cells near each centre.
+    """Focal loss on the center map and GIoU on the cells near each center.
 
     logits       [V, C, h, w]
     boxes        [V, 4, h, w] input px
@@ -124,15 +124,15 @@ def detection_loss(logits, boxes, truth, class_index, stride: int):
     """
     views, _, rows, columns = logits.shape
     present = truth[:, 2] > truth[:, 0]
-    centre = (truth[:, :2] + truth[:, 2:]) / 2
+    center = (truth[:, :2] + truth[:, 2:]) / 2
     size = (truth[:, 2:] - truth[:, :2]).clamp_min(1)
     u = (torch.arange(columns, device=logits.device) + 0.5) * stride - 0.5
     v = (torch.arange(rows, device=logits.device) + 0.5) * stride - 0.5
     sigma = (size / 8).clamp_min(stride * 0.6)
-    dx = (u[None] - centre[:, :1]) / sigma[:, :1]
-    dy = (v[None] - centre[:, 1:]) / sigma[:, 1:]
+    dx = (u[None] - center[:, :1]) / sigma[:, :1]
+    dy = (v[None] - center[:, 1:]) / sigma[:, 1:]
     heat = torch.exp(-0.5 * (dx[:, None, :] ** 2 + dy[:, :, None] ** 2)) * present[:, None, None]
-    # The cell next to the centre is the positive: its target is exactly 1.
+    # The cell next to the center is the positive: its target is exactly 1.
     heat = torch.where(heat == heat.amax((1, 2), keepdim=True), present[:, None, None] * 1.0, heat)
     target = torch.zeros_like(logits)
     target[torch.arange(views, device=logits.device), class_index] = heat

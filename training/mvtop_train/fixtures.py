@@ -64,7 +64,7 @@ def rays_fixture() -> dict:
     k = k.repeat(3, 1, 1)
     k[1, 0, 0], k[2, :2, 2] = 45.0, torch.tensor([10.0, 40.0])
     ref_from_cam = torch.stack([torch.eye(4, dtype=torch.float64), _random_pose(), _random_pose()])
-    pixels = rays.cell_centres(shapes, strides).double()
+    pixels = rays.cell_centers(shapes, strides).double()
     camera_rays = rays.unproject(k, pixels)
     camera_rays[2, 5] = 0  # a cell without a ray
     boxes = torch.tensor([[[10.0, 5, 30, 22], [40, 30, 63.5, 47.5]]], dtype=torch.float64)

@@ -146,19 +146,19 @@ def vsd_case(rng):
         -1,
     )
 
-    def sphere(centre, radius):
-        a, b = (rays**2).sum(-1), rays @ centre
-        root = b * b - a * (centre @ centre - radius**2)
+    def sphere(center, radius):
+        a, b = (rays**2).sum(-1), rays @ center
+        root = b * b - a * (center @ center - radius**2)
         return np.where(root > 0, (b - np.sqrt(np.maximum(root, 0))) / a, 0)
 
     delta, diameter, taus = 15.0, 200.0, np.arange(0.05, 0.51, 0.05)
     images, results = {"estimate": [], "truth": [], "measured": []}, []
     for i in range(VSD_POSES):
-        centre = np.array([*rng.uniform(-60, 60, 2), rng.uniform(500, 600)])
+        center = np.array([*rng.uniform(-60, 60, 2), rng.uniform(500, 600)])
         # The last estimate and truth are not in the image at all.
         off = rng.uniform(-40, 40, 3) if i < VSD_POSES - 1 else np.array([1e4, 0, 0])
-        truth = sphere(centre + (off if i == VSD_POSES - 1 else 0), diameter / 2)
-        estimate = sphere(centre + off, diameter / 2)
+        truth = sphere(center + (off if i == VSD_POSES - 1 else 0), diameter / 2)
+        estimate = sphere(center + off, diameter / 2)
         # A wall, something before a part of it, holes, and noise as large as delta.
         scene = np.where(truth > 0, truth, 700.0)
         scene[:, : rng.integers(1, width // 2)] -= rng.uniform(0, 200)

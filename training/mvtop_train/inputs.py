@@ -42,7 +42,7 @@ def _of_closeups(batch: dict, config, device) -> dict:
 
 def _of_crops(batch: dict, config, device) -> dict:
     height, width = batch["images"].shape[-3:-1]
-    pixels = rays.cell_centres(config.level_shapes(height, width), config.pose_strides, device)
+    pixels = rays.cell_centers(config.level_shapes(height, width), config.pose_strides, device)
     source = _apply(batch["image_from_crop"][..., None, :, :], pixels)
     size = batch["image_size"][:, :, None]
     inside = ((source >= -0.5) & (source <= size - 0.5)).all(-1).float()

@@ -52,9 +52,9 @@ def depth_images(truth, estimate, lens):
     y = (np.arange(height)[:, None] - cy) / fy
     a = x * x + y * y + 1
 
-    def sphere(centre):
-        b = x * centre[0] + y * centre[1] + centre[2]
-        root = b * b - a * (centre @ centre - 80.0**2)
+    def sphere(center):
+        b = x * center[0] + y * center[1] + center[2]
+        root = b * b - a * (center @ center - 80.0**2)
         return np.where(root > 0, (b - np.sqrt(np.maximum(root, 0))) / a, 0).astype(np.float32)
 
     images = [[sphere(motion[:3, 3]) for motion in motions] for motions in (truth, estimate)]

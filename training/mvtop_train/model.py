@@ -17,7 +17,7 @@ class Views:
 
     images [B, V, 3, H, W] normalised; k [B, V, 3, 3] px; ref_from_cam [B, V, 4, 4] m, identity
     for view 0; boxes [B, V, Q, 4] px; valid [B, V, Q] 1.0 where detected; class_index [B, Q];
-    inside [B, V, N] 1.0 where a cell's centre lies on the image.
+    inside [B, V, N] 1.0 where a cell's center lies on the image.
     Training only: negatives [M, 3, H, W], images without the object, which only the detector is
     given; levels, maps [B, V, C, h, w] that the backbone made of the images before (`bank.py`).
     """
@@ -101,7 +101,7 @@ class Mvtop(nn.Module):
         """[B, V, N, 3], 0 for cells off the image."""
         shapes, strides = self.config.level_shapes(height, width), self.config.pose_strides
         with torch.autocast(views.k.device.type, enabled=False):  # geometry stays in fp32
-            pixels = rays.cell_centres(shapes, strides, views.k.device)
+            pixels = rays.cell_centers(shapes, strides, views.k.device)
             return rays.unproject(views.k, pixels) * views.inside[..., None]
 
     def _poses(self, memory, camera_rays, views: Views, height: int, width: int) -> list:
@@ -119,7 +119,7 @@ def decoder_boxes(views: Views, height: int, width: int) -> Boxes:
     valid = views.valid[..., None]
     size = torch.tensor([width, height], device=views.boxes.device)
     low, high = (views.boxes[..., :2] + 0.5) / size, (views.boxes[..., 2:] + 0.5) / size
-    centres = torch.where(valid > 0, (low + high) / 2, torch.full_like(low, 0.5))
+    centers = torch.where(valid > 0, (low + high) / 2, torch.full_like(low, 0.5))
     lines = rays.box_rays(views.k, views.boxes, views.ref_from_cam)
     lines = torch.where(valid > 0, lines, torch.zeros_like(lines))
-    return Boxes(centres, (high - low) / 2 * valid, lines, views.valid)
+    return Boxes(centers, (high - low) / 2 * valid, lines, views.valid)

@@ -1,7 +1,7 @@
 """What is known of an object, from MV-ball or from a mesh, and its place in a data set: `models/`.
 
     models/models_info.json   BOP's file (mm), with one more key, `name`
-    models/obj_000001.ply     the mesh in mm, with vertex colours
+    models/obj_000001.ply     the mesh in mm, with vertex colors
     models_eval/obj_000001.ply  points spread over the surface, on which errors (ADD) are measured
 
 Training, evaluation and export read the object back from there, so that they serve any data set
@@ -19,7 +19,7 @@ from . import mvball
 
 POINTS = 1200  # on the surface, for ADD and overlays
 DIRECTIONS = 600  # in which the outermost points are kept
-GREY = 160  # of meshes without colour
+GREY = 160  # of meshes without color
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
@@ -32,25 +32,25 @@ class Object:
     diameter_m: float  # largest distance between two of its points
     extent_m: float  # largest absolute coordinate: the unit in which coordinates are coded
     points: np.ndarray  # [n, 3] spread over the surface
-    colours: np.ndarray  # [n, 3] of these points, 0..255
+    colors: np.ndarray  # [n, 3] of these points, 0..255
     bounds: np.ndarray  # [m, 3] outermost points: their projections' extent is the amodal box
 
 
 def ball() -> Object:
     """The MV-ball."""
-    points, colours = mvball.surface_points(POINTS)
+    points, colors = mvball.surface_points(POINTS)
     return Object(
         mvball.OBJ_ID, mvball.NAME, mvball.DIAMETER, mvball.EXTENT,
-        points, colours, mvball.bounding_points(),
+        points, colors, mvball.bounding_points(),
     )  # fmt: skip
 
 
 def from_mesh(mesh: trimesh.Trimesh, obj_id: int, name: str) -> Object:
     """The object that `mesh` (metres) is."""
     bounds = outermost(np.asarray(mesh.vertices))
-    points, colours = sample_surface(mesh)
+    points, colors = sample_surface(mesh)
     return Object(
-        obj_id, name, diameter(bounds), float(np.abs(mesh.bounds).max()), points, colours, bounds
+        obj_id, name, diameter(bounds), float(np.abs(mesh.bounds).max()), points, colors, bounds
     )
 
 
@@ -99,10 +99,10 @@ def diameter(points: np.ndarray) -> float:
 
 
 def sample_surface(mesh: trimesh.Trimesh, n: int = POINTS) -> tuple[np.ndarray, np.ndarray]:
-    """Points [n, 3] drawn evenly from the surface and their colours [n, 3] in 0..255."""
+    """Points [n, 3] drawn evenly from the surface and their colors [n, 3] in 0..255."""
     if mesh.visual.kind == "texture":
-        points, _, colours = trimesh.sample.sample_surface(mesh, n, sample_color=True, seed=0)
-        return np.asarray(points), np.asarray(colours)[:, :3].astype(float)
+        points, _, colors = trimesh.sample.sample_surface(mesh, n, sample_color=True, seed=0)
+        return np.asarray(points), np.asarray(colors)[:, :3].astype(float)
     points, faces = trimesh.sample.sample_surface(mesh, n, seed=0)
     if mesh.visual.kind is None:
         return np.asarray(points), np.full((n, 3), float(GREY))
@@ -110,20 +110,20 @@ def sample_surface(mesh: trimesh.Trimesh, n: int = POINTS) -> tuple[np.ndarray, 
 
 
 def ball_mesh() -> trimesh.Trimesh:
-    """The MV-ball as triangles, metres: seen from its centre, each direction has one radius."""
+    """The MV-ball as triangles, metres: seen from its center, each direction has one radius."""
     mesh = trimesh.creation.icosphere(subdivisions=5)
     towards = np.asarray(mesh.vertices)
     radius = np.full(len(towards), mvball.BALL_RADIUS)
-    colour = np.tile(np.array(mvball.COLOURS["ball"]), (len(towards), 1))
+    color = np.tile(np.array(mvball.COLORS["ball"]), (len(towards), 1))
     for name, axis in mvball.BUMPS.items():
-        along = towards @ axis * mvball.BUMP_CENTRE
-        across = mvball.BUMP_RADIUS**2 - mvball.BUMP_CENTRE**2 + along**2
+        along = towards @ axis * mvball.BUMP_CENTER
+        across = mvball.BUMP_RADIUS**2 - mvball.BUMP_CENTER**2 + along**2
         far = along + np.sqrt(across.clip(0))
         bump = (across > 0) & (far > mvball.BALL_RADIUS)
-        radius[bump], colour[bump] = far[bump], mvball.COLOURS[name]
+        radius[bump], color[bump] = far[bump], mvball.COLORS[name]
     vertices = towards * radius[:, None]
     return trimesh.Trimesh(
-        vertices, mesh.faces, vertex_colors=np.round(colour * 255).astype(np.uint8)
+        vertices, mesh.faces, vertex_colors=np.round(color * 255).astype(np.uint8)
     )
 
 
@@ -138,13 +138,13 @@ def write(root: Path, obj: Object, mesh: trimesh.Trimesh):
     (root / "models" / "models_info.json").write_text(json.dumps({str(obj.id): info}, indent=1))
     file = f"obj_{obj.id:06d}.ply"
     if mesh.visual.kind is None:
-        colours = np.full((len(mesh.vertices), 3), GREY, np.uint8)
+        colors = np.full((len(mesh.vertices), 3), GREY, np.uint8)
     else:
         visual = mesh.visual.to_color() if mesh.visual.kind == "texture" else mesh.visual
-        colours = np.asarray(visual.vertex_colors)[:, :3]
-    plain = trimesh.Trimesh(mesh.vertices * 1e3, mesh.faces, process=False, vertex_colors=colours)
+        colors = np.asarray(visual.vertex_colors)[:, :3]
+    plain = trimesh.Trimesh(mesh.vertices * 1e3, mesh.faces, process=False, vertex_colors=colors)
     plain.export(root / "models" / file, vertex_normal=False)
-    cloud = trimesh.PointCloud(obj.points * 1e3, colors=obj.colours.round().astype(np.uint8))
+    cloud = trimesh.PointCloud(obj.points * 1e3, colors=obj.colors.round().astype(np.uint8))
     cloud.export(root / "models_eval" / file)
 
 
@@ -169,14 +169,14 @@ def read(root: Path, obj_id: int | None = None) -> Object:
     low = np.array([info[f"min_{axis}"] for axis in "xyz"])
     size = np.array([info[f"size_{axis}"] for axis in "xyz"])
     mesh = read_mesh(root, obj_id)
-    points, colours = _points(Path(root), file, mesh)
+    points, colors = _points(Path(root), file, mesh)
     return Object(
         obj_id,
         info.get("name", Path(file).stem),
         info["diameter"] * 1e-3,
         float(np.abs([low, low + size]).max()) * 1e-3,
         points,
-        colours,
+        colors,
         outermost(np.asarray(mesh.vertices)),
     )
 
@@ -192,7 +192,7 @@ def read_mesh(root: Path, obj_id: int) -> trimesh.Trimesh:
 
 
 def _points(root: Path, file: str, mesh) -> tuple[np.ndarray, np.ndarray]:
-    """Surface points [n, 3] in metres and their colours [n, 3]: those kept, else new ones."""
+    """Surface points [n, 3] in metres and their colors [n, 3]: those kept, else new ones."""
     path = root / "models_eval" / file
     kept = _read_ply(path) if path.exists() else mesh
     if isinstance(kept, trimesh.Trimesh):  # as others have it there, a coarser mesh

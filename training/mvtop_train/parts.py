@@ -53,7 +53,7 @@ class Part:
             look = np.clip(rng.uniform(0.8, 1.1) + rng.uniform(-0.05, 0.05, 3), 0, 1)
         quaternion = rng.normal(size=4)
         position = [*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.1, 0.3)]
-        # Scanned meshes are seldom closed: "convex" gives each a mass centre.
+        # Scanned meshes are seldom closed: "convex" gives each a mass center.
         return f"""<asset>
             {texture}<material name="part" rgba="{scenes.row(look)} 1" {gloss}/>
             <mesh name="part" file="part.obj" inertia="convex" maxhullvert="64"/>
@@ -68,7 +68,7 @@ class Part:
 
 
 def _look(mesh: trimesh.Trimesh):
-    """(uv [faces, 3, 2], texture [h, w, 3] uint8), or (None, None) for a mesh without colours."""
+    """(uv [faces, 3, 2], texture [h, w, 3] uint8), or (None, None) for a mesh without colors."""
     visual, corners = mesh.visual, len(mesh.faces) * 3
     if visual.kind == "texture":
         material = visual.material
@@ -76,13 +76,13 @@ def _look(mesh: trimesh.Trimesh):
         if visual.uv is not None and image is not None:
             uv = np.asarray(visual.uv)[np.asarray(mesh.faces).ravel()]
             return uv.reshape(-1, 3, 2), np.asarray(image.convert("RGB"))
-        colours = np.tile(np.asarray(material.main_color)[:3], (len(mesh.faces), 1))
+        colors = np.tile(np.asarray(material.main_color)[:3], (len(mesh.faces), 1))
     elif visual.kind is None:
         return None, None
     else:
-        colours = np.asarray(visual.face_colors)[:, :3]
-    # One texel per colour; every corner of a face points to the middle of its texel.
-    table, index = np.unique(colours, axis=0, return_inverse=True)
+        colors = np.asarray(visual.face_colors)[:, :3]
+    # One texel per color; every corner of a face points to the middle of its texel.
+    table, index = np.unique(colors, axis=0, return_inverse=True)
     side = int(np.ceil(np.sqrt(len(table))))
     texture = np.zeros((side * side, 3), np.uint8)
     texture[: len(table)] = table
@@ -153,11 +153,11 @@ def place_rig(rng: np.random.Generator, cameras: list[Camera], diameter: float, 
     if share.sum() == 0:
         return None
     point = points[rng.choice(len(points), p=share / share.sum())]
-    centres = np.stack([np.linalg.inv(c.cam_from_rig)[:3, 3] for c in cameras])
+    centers = np.stack([np.linalg.inv(c.cam_from_rig)[:3, 3] for c in cameras])
     best, most = None, 0
     for _ in range(TRIES):
         turn = scenes.rotation_of(rng.normal(size=4))
-        heights = ((centres - point) @ turn.T + target)[:, 2]
+        heights = ((centers - point) @ turn.T + target)[:, 2]
         above = int((heights > 0.3 * diameter).sum())
         if above > most:
             best, most = turn, above
@@ -221,14 +221,14 @@ def _view(data, renderer, part: Part, camera: Camera, cam_from_world, world_from
         return None
     rgb, _ = renderer.rgb_depth()
     v, u = np.nonzero(mask)
-    centre = np.array([u.min() + u.max(), v.min() + v.max()]) / 2
+    center = np.array([u.min() + u.max(), v.min() + v.max()]) / 2
     cam_from_obj = cam_from_world @ world_from_obj
     corners = part.obj.bounds @ cam_from_obj[:3, :3].T + cam_from_obj[:3, 3]
     if corners[:, 2].min() > 0:
         pixels = corners @ camera.k.T
         pixels = pixels[:, :2] / pixels[:, 2:]
-        centre = (pixels.min(0) + pixels.max(0)) / 2
-    full = renderer.outline_pixels(data, camera.k, in_scene, centre)
+        center = (pixels.min(0) + pixels.max(0)) / 2
+    full = renderer.outline_pixels(data, camera.k, in_scene, center)
     if visible < LEAST_VISIBLE * full:
         return None
     return scenes.View(

@@ -3,7 +3,7 @@
     python -m mvtop_train.pictures --results out/tables/mvball-seed0-100      (or: make pictures)
 
 A row is a sample: its two views, the pose from both drawn into both, and the pose from the first
-view alone. Coloured axes and points are predicted, thin white axes that end in a dot are true.
+view alone. Colored axes and points are predicted, thin white axes that end in a dot are true.
 Rows are the first samples, not chosen ones. Reads the results and samples of `mvtop_train.tables`.
 """
 
@@ -34,7 +34,7 @@ def cut(image: np.ndarray, box: list[float]) -> np.ndarray:
     """The window around a box, [CELL, CELL, 3]; the image's edge is repeated beyond it."""
     left, top, side = window(box)
     scale = CELL / side
-    # Pixel centres are integers: the window's edge is that of the cell, half a pixel before 0.
+    # Pixel centers are integers: the window's edge is that of the cell, half a pixel before 0.
     shift = -np.array([left, top]) * scale - 0.5
     matrix = np.array([[scale, 0, shift[0]], [0, scale, shift[1]]])
     if scale < 1:  # no flicker from pixels that are jumped over
@@ -124,7 +124,7 @@ def main():
 
 
 def save(path: Path, image: np.ndarray):
-    """PNG with a palette: a third of the size. Maximum coverage keeps the rare colours of axes."""
+    """PNG with a palette: a third of the size. Maximum coverage keeps the rare colors of axes."""
     from PIL import Image
 
     picture = Image.fromarray(np.ascontiguousarray(image[:, :, ::-1]))

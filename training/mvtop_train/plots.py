@@ -10,7 +10,7 @@ from . import results
 matplotlib.use("Agg")  # before pyplot: no display needed
 from matplotlib import pyplot as plt  # noqa: E402
 
-COLOURS = ["#1f6feb", "#d9480f", "#2b8a3e", "#862e9c"]  # told apart in grey as well
+COLORS = ["#1f6feb", "#d9480f", "#2b8a3e", "#862e9c"]  # told apart in grey as well
 BIN_DEG = 3.0  # of the histogram, as in the paper
 
 
@@ -31,11 +31,11 @@ def histogram(path: Path, runs: dict[str, results.Results]):
     """Counts of rotation errors in 3-degree bins, log scale; one outline for each run."""
     figure, axes = _axes("Two views", "rotation error, degrees", f"poses per {BIN_DEG:.0f} degrees")
     bins = np.arange(0, 180 + BIN_DEG, BIN_DEG)
-    for (name, run), colour in zip(runs.items(), COLOURS, strict=False):
+    for (name, run), color in zip(runs.items(), COLORS, strict=False):
         values = run.rot_deg[run.found]
         label = f"{name}: {len(values)} poses, mean {results.mean(values)[0]:.1f}°"
-        axes.hist(values, bins, histtype="stepfilled", color=colour, alpha=0.35)
-        axes.hist(values, bins, histtype="step", color=colour, label=label)
+        axes.hist(values, bins, histtype="stepfilled", color=color, alpha=0.35)
+        axes.hist(values, bins, histtype="step", color=color, label=label)
     axes.set(yscale="log", xlim=(0, 180), ylim=(0.7, None))
     axes.legend()
     _save(figure, path)
@@ -47,10 +47,10 @@ def curves(path: Path, title: str, x: str, series: dict[str, list[tuple[float, r
     figure.suptitle(title)
     errors = (("rot_deg", 1, "mean rotation error, degrees"), ("add_m", 1e3, "mean ADD, mm"))
     for axes, (key, unit, label) in zip(panels, errors, strict=True):
-        for (name, points), colour in zip(series.items(), COLOURS, strict=False):
+        for (name, points), color in zip(series.items(), COLORS, strict=False):
             values = unit * np.array([results.mean(getattr(run, key)) for _, run in points])
             at = [number for number, _ in points]
-            axes.errorbar(at, *values.T, marker="o", capsize=3, color=colour, label=name)
+            axes.errorbar(at, *values.T, marker="o", capsize=3, color=color, label=name)
         axes.set(xlabel=x, ylabel=label)
         axes.set_ylim(bottom=0)
         axes.grid(alpha=0.3)
@@ -65,9 +65,9 @@ def calibration(path: Path, runs: dict[str, results.Results]):
         "expected rotation error, degrees",
         "actual rotation error, degrees",
     )
-    for (name, run), colour in zip(runs.items(), COLOURS, strict=False):
-        axes.plot(run.sigma_rot_deg, run.rot_deg, ".", color=colour, alpha=0.2, markersize=3)
-        axes.plot(*results.calibration(run), "o-", color=colour, label=name)
+    for (name, run), color in zip(runs.items(), COLORS, strict=False):
+        axes.plot(run.sigma_rot_deg, run.rot_deg, ".", color=color, alpha=0.2, markersize=3)
+        axes.plot(*results.calibration(run), "o-", color=color, label=name)
     axes.set(xscale="log", yscale="log")
     ends = np.array([0.5, 180])
     axes.plot(ends, ends, color="black", linewidth=0.8, linestyle="--", label="as expected")
@@ -82,9 +82,9 @@ def roc(path: Path, groups: dict[str, list[results.Results]], resolved_deg: floa
         "resolved poses flagged",
         "unresolved poses flagged",
     )
-    for (name, runs), colour in zip(groups.items(), COLOURS, strict=False):
+    for (name, runs), color in zip(groups.items(), COLORS, strict=False):
         fpr, tpr, area = results.pooled_roc(runs, resolved_deg)
-        axes.plot(fpr, tpr, color=colour, label=f"{name}: area {area:.3f}")
+        axes.plot(fpr, tpr, color=color, label=f"{name}: area {area:.3f}")
     axes.plot([0, 1], [0, 1], color="black", linewidth=0.8, linestyle="--")
     axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
     axes.legend(loc="lower right")

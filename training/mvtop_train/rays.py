@@ -1,6 +1,6 @@
 """Lines of sight of feature cells and boxes. Counterpart of `mvtop-core/src/rays.rs`.
 
-Pixels: OpenCV, the top-left pixel's centre is (0, 0). Directions are unit vectors; origins and
+Pixels: OpenCV, the top-left pixel's center is (0, 0). Directions are unit vectors; origins and
 moments are in metres. Training cameras are pinholes; at inference Rust uses the true lens.
 """
 
@@ -9,27 +9,27 @@ import torch
 BOX_RAY_GAIN = 10.0  # half extents are angles of a few degrees: brought to the order of 1
 
 
-def cell_centres(level_shapes, strides, device=None) -> torch.Tensor:
-    """Pixel (u, v) of every cell's centre, all levels one after the other [N, 2].
+def cell_centers(level_shapes, strides, device=None) -> torch.Tensor:
+    """Pixel (u, v) of every cell's center, all levels one after the other [N, 2].
 
     The cells of a level share the whole input evenly, whose size the finest level gives: 480 rows
     of pixels at stride 64 are 8 rows of cells, 60 px apart.
     """
     height, width = (cells * strides[0] for cells in level_shapes[0])
-    centres = []
+    centers = []
     for rows, columns in level_shapes:
         v, u = torch.meshgrid(
             torch.arange(rows, device=device), torch.arange(columns, device=device), indexing="ij"
         )
         cell = torch.tensor([width / columns, height / rows], device=device)
-        centres.append((torch.stack([u, v], -1).reshape(-1, 2) + 0.5) * cell - 0.5)
-    return torch.cat(centres)
+        centers.append((torch.stack([u, v], -1).reshape(-1, 2) + 0.5) * cell - 0.5)
+    return torch.cat(centers)
 
 
 def unproject(k: torch.Tensor, pixels: torch.Tensor) -> torch.Tensor:
     """Unit rays [..., n, 3] of `pixels` [..., n, 2] through pinholes `k` [..., 3, 3]."""
-    focal, centre = k[..., None, [0, 1], [0, 1]], k[..., None, :2, 2]
-    xy = (pixels - centre) / focal
+    focal, center = k[..., None, [0, 1], [0, 1]], k[..., None, :2, 2]
+    xy = (pixels - center) / focal
     return torch.nn.functional.normalize(torch.cat([xy, torch.ones_like(xy[..., :1])], -1), dim=-1)
 
 
@@ -57,7 +57,7 @@ def encode(camera_rays, ref_from_cam, encoding: str) -> torch.Tensor:
 
 
 def box_rays(k, boxes, ref_from_cam) -> torch.Tensor:
-    """Lines of sight of boxes: origin, centre ray and half extents, in the reference frame.
+    """Lines of sight of boxes: origin, center ray and half extents, in the reference frame.
 
     k             [..., 3, 3]
     boxes         [..., Q, 4] x0, y0, x1, y1, px

@@ -37,7 +37,7 @@ def predict(model: Mvtop, cameras: list[rig.Camera], images, boxes) -> dict:
     tensors = np.zeros((count, 3, config.height, config.width))
     k_net, net_boxes = np.zeros((count, 3, 3)), np.zeros((count, 4))
     inside = []
-    pixels = rays.cell_centres(config.level_shapes(), config.strides)
+    pixels = rays.cell_centers(config.level_shapes(), config.strides)
     for i, (camera, rgb, box) in enumerate(zip(cameras, images, boxes, strict=True)):
         small, scale = letterbox(rgb, config.width, config.height)
         h, w = small.shape[:2]

@@ -24,7 +24,7 @@ class Renderer:
         self._context.free()
 
     def aim(self, data: mujoco.MjData, k: np.ndarray, cam_from_world: np.ndarray, alone=False):
-        """Set the camera; `k` [3, 3] with pixel centres at integers. `alone`: only the object."""
+        """Set the camera; `k` [3, 3] with pixel centers at integers. `alone`: only the object."""
         option = self._alone if alone else self._option
         mujoco.mjv_updateScene(
             self.model, data, option, None, mujoco.MjvCamera(),
@@ -32,9 +32,9 @@ class Renderer:
         )  # fmt: skip
         fx, f, cx, cy = k[0, 0], k[1, 1], k[0, 2] + 0.5, k[1, 2] + 0.5
         rotation = cam_from_world[:3, :3]
-        centre = -rotation.T @ cam_from_world[:3, 3]
+        center = -rotation.T @ cam_from_world[:3, 3]
         for gl_camera in self._scene.camera:  # both eyes: mono rendering averages them
-            gl_camera.pos[:] = centre
+            gl_camera.pos[:] = center
             gl_camera.forward[:] = rotation[2]
             gl_camera.up[:] = -rotation[1]
             gl_camera.frustum_near, gl_camera.frustum_far = NEAR, FAR
@@ -53,13 +53,13 @@ class Renderer:
         mujoco.mjr_readPixels(rgb, z, self._rect, self._context)
         return rgb[::-1], self._metres(z)
 
-    def outline_pixels(self, data, k, cam_from_world, centre) -> int:
+    def outline_pixels(self, data, k, cam_from_world, center) -> int:
         """Pixels of the object if nothing hid it and the image did not end.
 
-        centre  [2] px, where the object projects to in the image of `k`
+        center  [2] px, where the object projects to in the image of `k`
         """
         k = k.copy()  # the same camera, its window moved by whole pixels onto the object
-        k[:2, 2] += np.round(np.array([self.width, self.height]) / 2 - centre)
+        k[:2, 2] += np.round(np.array([self.width, self.height]) / 2 - center)
         self.aim(data, k, cam_from_world, alone=True)
         return int((self.geom_ids() >= 0).sum())
 

@@ -38,7 +38,7 @@ class View:
 
 
 def noise_texture(rng: np.random.Generator, size: int = 128) -> bytes:
-    """PNG of smooth coloured noise over several octaves."""
+    """PNG of smooth colored noise over several octaves."""
     image = np.zeros((size, size, 3), np.float32)
     for octave in (4, 8, 16, 32, 64):
         weight = rng.uniform(0, 1) / np.sqrt(octave)
@@ -98,11 +98,11 @@ def _distractor(rng: np.random.Generator, index: int, textures: int) -> str:
 
 def _ball(rng: np.random.Generator) -> str:
     shade = rng.uniform(0.9, 1.1)
-    tint = {n: np.clip(np.array(c) * shade, 0, 1) for n, c in mvball.COLOURS.items()}
+    tint = {n: np.clip(np.array(c) * shade, 0, 1) for n, c in mvball.COLORS.items()}
     gloss = f'specular="{rng.uniform(0, 0.6):.2f}" shininess="{rng.uniform(0, 1):.2f}"'
     bumps = "".join(
         f'<geom name="{name}" type="sphere" size="{mvball.BUMP_RADIUS}" mass="0" group="{GROUP}" '
-        f'pos="{row(axis * mvball.BUMP_CENTRE)}" material="ball_{name}"/>'
+        f'pos="{row(axis * mvball.BUMP_CENTER)}" material="ball_{name}"/>'
         for name, axis in mvball.BUMPS.items()
     )
     position = row([*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.1, 0.3)])
@@ -124,11 +124,11 @@ def _lights(rng: np.random.Generator) -> str:
     for i in range(count):
         angle, height = rng.uniform(0, 2 * np.pi), rng.uniform(0.8, 2.5)
         radius = rng.uniform(0, 2)
-        colour = np.clip(rng.uniform(0.3, 0.9) / np.sqrt(count) + rng.uniform(-0.08, 0.08, 3), 0, 1)
+        color = np.clip(rng.uniform(0.3, 0.9) / np.sqrt(count) + rng.uniform(-0.08, 0.08, 3), 0, 1)
         position = np.array([radius * np.cos(angle), radius * np.sin(angle), height])
         lights.append(
             f'<light pos="{row(position)}" dir="{row(-position / np.linalg.norm(position))}" '
-            f'diffuse="{row(colour)}" specular="{row(colour * rng.uniform(0, 1))}" '
+            f'diffuse="{row(color)}" specular="{row(color * rng.uniform(0, 1))}" '
             f'castshadow="{"true" if shadows and i == 0 else "false"}"/>'
         )
     return "".join(lights)
@@ -276,8 +276,8 @@ def find_view(
         if mask.sum() < 0.5 * full:
             continue
         rgb, z = renderer.rgb_depth()
-        centre = k @ (cam_from_world @ world_from_obj)[:3, 3]
-        full = renderer.outline_pixels(data, k, cam_from_world, centre[:2] / centre[2])
+        center = k @ (cam_from_world @ world_from_obj)[:3, 3]
+        full = renderer.outline_pixels(data, k, cam_from_world, center[:2] / center[2])
         return View(k, cam_from_world, world_from_obj, shows, bump_pixels, mask, full, rgb, z)
     return None
 

@@ -90,7 +90,7 @@ class Transformer(nn.Module):
         shapes = self.config.level_shapes()
         k = torch.from_numpy(canonical.K).float().expand(b, v, 3, 3)
         with torch.autocast("cpu", enabled=False):  # geometry stays in fp32
-            camera_rays = rays.unproject(k, rays.cell_centres(shapes, self.config.strides))
+            camera_rays = rays.unproject(k, rays.cell_centers(shapes, self.config.strides))
             lines = rays.encode(camera_rays, ref_from_cam, self.config.los_encoding)
             box_rays = rays.box_rays(k, boxes[..., None, :], ref_from_cam)
         counts = [rows * columns for rows, columns in shapes]

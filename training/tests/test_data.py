@@ -39,7 +39,7 @@ def test_exactly_one_hemisphere_shows(views):
         coords = scenes.object_coordinates(view)[view.mask]
         assert np.isnan(coords).any(1).mean() < 0.05
         # No visible point lies on the other hemisphere (object coordinates from the depth map).
-        on_hidden = coords @ mvball.BUMPS[hidden] > mvball.BUMP_CENTRE + 0.3 * mvball.BUMP_RADIUS
+        on_hidden = coords @ mvball.BUMPS[hidden] > mvball.BUMP_CENTER + 0.3 * mvball.BUMP_RADIUS
         assert not on_hidden.any()  # comparisons with NaN are false
 
 
@@ -88,7 +88,7 @@ def test_a_crop_is_an_exact_camera(tmp_path, views):
             pose = view["cam_from_obj"]
             pixels = (points @ pose[:3, :3].T + pose[:3, 3]) @ view["k"].T
             pixels = pixels[:, :2] / pixels[:, 2:]
-            seen = np.stack([u, v], 1) * 4 + 1.5  # centres of 4 x 4 blocks
+            seen = np.stack([u, v], 1) * 4 + 1.5  # centers of 4 x 4 blocks
             assert np.median(np.linalg.norm(pixels - seen, axis=1)) < 1.0
             box = amodal_boxes(mvball.bounding_points())(view["k"], pose)
             assert (pixels >= box[:2] - 2).all() and (pixels <= box[2:] + 2).all()

@@ -76,7 +76,7 @@ def test_the_bundle_has_no_grid_sample_and_states_operator_shapes(tiny, tmp_path
                 assert node.domain == "mvtop"
                 assert len(known[node.output[0]]) == 3
                 assert known[node.output[0]][2].dim_value == tiny.config.d_model
-    # One per encoder layer, one at the box centres, one per decoder layer.
+    # One per encoder layer, one at the box centers, one per decoder layer.
     assert count == tiny.config.encoder_layers + 1 + tiny.config.decoder_layers
 
 

@@ -9,17 +9,17 @@ from mvtop_train.config import LOS_CHANNELS
 K = torch.tensor([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]])
 
 
-def test_first_cell_of_a_stride_16_map_looks_from_its_centre():
-    pixel = rays.cell_centres([(30, 40)], [16])[0]
+def test_first_cell_of_a_stride_16_map_looks_from_its_center():
+    pixel = rays.cell_centers([(30, 40)], [16])[0]
     assert pixel.tolist() == [7.5, 7.5]
     d = rays.unproject(K, pixel[None])[0]
     assert d.tolist() == pytest.approx([-0.436855, -0.325020, 0.838761], abs=1e-5)
 
 
 def test_cells_of_a_level_share_the_whole_input():
-    centres = rays.cell_centres([(30, 40), (8, 10)], [16, 64])
-    assert centres[1200].tolist() == [31.5, 29.5]  # 64 x 60 px cells
-    assert centres[-1].tolist() == [640 - 32.5, 480 - 30.5]
+    centers = rays.cell_centers([(30, 40), (8, 10)], [16, 64])
+    assert centers[1200].tolist() == [31.5, 29.5]  # 64 x 60 px cells
+    assert centers[-1].tolist() == [640 - 32.5, 480 - 30.5]
 
 
 def test_encodings_of_a_camera_behind_the_object():
@@ -89,13 +89,13 @@ def test_boxes_alone_put_a_sphere_where_it_is():
 
     heads = PoseHeads(config.preset("tiny"))
     radius = heads.radii[0].item()
-    centre = torch.tensor([0.1, -0.05, 0.8])
+    center = torch.tensor([0.1, -0.05, 0.8])
     side = torch.tensor([[0.0, 0, -1, 0.8], [0, 1, 0, 0], [1, 0, 0, 0.8], [0, 0, 0, 1]])
     poses = torch.stack([torch.eye(4), side])  # the second camera looks along the first's -x
     k = K.expand(2, 3, 3)
     boxes = []
     for pose_ in poses:
-        in_cam = pose_[:3, :3].T @ (centre - pose_[:3, 3])
+        in_cam = pose_[:3, :3].T @ (center - pose_[:3, 3])
         u, v = (K @ in_cam)[:2] / in_cam[2]
         half = 600 * radius / in_cam.norm()
         boxes.append(torch.stack([u - half, v - half, u + half, v + half]))
@@ -104,7 +104,7 @@ def test_boxes_alone_put_a_sphere_where_it_is():
     for valid, tolerance in (([1.0, 0.0], 0.02), ([1.0, 1.0], 0.003)):
         given = Boxes(None, None, lines, torch.tensor(valid)[None, :, None])
         t = heads._from_box_rays(torch.zeros(1, 1, 3), index, given)[0, 0]
-        assert (t - centre).norm() < tolerance
+        assert (t - center).norm() < tolerance
 
 
 def test_solve3_solves():

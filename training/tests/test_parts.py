@@ -27,11 +27,11 @@ PLANES = ([-20, 20], [-10, 0, 10], [-10, 5, 10, 30])
 
 
 def bracket() -> trimesh.Trimesh:
-    """Two boxes as an L, in mm, each of one colour."""
+    """Two boxes as an L, in mm, each of one color."""
     foot = trimesh.creation.box(bounds=[[-20, -10, -10], [20, 10, 5]])
     wall = trimesh.creation.box(bounds=[[-20, 0, 5], [20, 10, 30]])
-    for box, colour in ((foot, RED), (wall, BLUE)):
-        box.visual.face_colors = [*colour, 255]
+    for box, color in ((foot, RED), (wall, BLUE)):
+        box.visual.face_colors = [*color, 255]
     return trimesh.util.concatenate([foot, wall])
 
 
@@ -80,8 +80,8 @@ def test_the_object_is_read_back_from_the_data_set(dataset):
     assert (
         len(obj.points) == objects.POINTS and (np.ptp(obj.points, 0) > [0.039, 0.019, 0.039]).all()
     )
-    colours = {tuple(row) for row in obj.colours.astype(int).tolist()}
-    assert colours == {RED, BLUE}
+    colors = {tuple(row) for row in obj.colors.astype(int).tolist()}
+    assert colors == {RED, BLUE}
 
 
 def test_object_coordinates_lie_on_the_part(dataset):
@@ -99,7 +99,7 @@ def test_object_coordinates_lie_on_the_part(dataset):
             rgb = cv2.imread(str(image.path))[:, :, ::-1].astype(int)
             seen = rgb[v + image.visible_box[1], u + image.visible_box[0]]
             wall, foot = points[:, 2] > 8, points[:, 2] < 3
-            # Lights are coloured at most a little: red stays redder than blue, and so on.
+            # Lights are colored at most a little: red stays redder than blue, and so on.
             for part, more, less in ((foot, 0, 2), (wall, 2, 0)):
                 if part.sum() > 30:
                     assert seen[part, more].mean() > seen[part, less].mean()
@@ -221,7 +221,7 @@ def test_mesh_formats_give_the_same_part(files, tmp_path, end):
     obj = objects.from_mesh(objects.load_mesh(path, "mm"), 1, "bracket")
     assert obj.diameter_m == pytest.approx(0.06, abs=1e-5)
     part = parts.Part(objects.load_mesh(path, "mm"), obj)
-    assert (part.texture is None) == (end == "stl")  # which has no colours
+    assert (part.texture is None) == (end == "stl")  # which has no colors
 
 
 def test_a_rig_that_cannot_see_the_part_is_refused():

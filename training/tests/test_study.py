@@ -98,16 +98,16 @@ def test_the_hypothesis_loss_is_least_at_the_truth():
 def test_a_canonical_view_shows_points_where_its_camera_says(tmp_path):
     k = np.array([[600.0, 0, 315], [0, 600, 244], [0, 0, 1]])
     cam_from_obj = random_pose(np.random.default_rng(1), [0.1, -0.06, 0.8])
-    centre = (k @ cam_from_obj[:3, 3] / cam_from_obj[2, 3])[:2]
+    center = (k @ cam_from_obj[:3, 3] / cam_from_obj[2, 3])[:2]
     rgb = np.zeros((480, 640, 3), np.uint8)
-    dot = np.round(centre + [12, -7]).astype(int)  # a pixel near the object's centre
+    dot = np.round(center + [12, -7]).astype(int)  # a pixel near the object's center
     rgb[dot[1], dot[0]] = 255
     rgb = cv2.GaussianBlur(rgb, (0, 0), 2)
     rgb = (rgb * (250 / rgb.max())).astype(np.uint8)
     cv2.imwrite(str(tmp_path / "image.png"), rgb)
     image = bop.Image(
         path=tmp_path / "image.png", coords_path=None, k=k, cam_from_world=np.eye(4),
-        cam_from_obj=cam_from_obj, box=np.array([*(centre - 40), *(centre + 40)]),
+        cam_from_obj=cam_from_obj, box=np.array([*(center - 40), *(center + 40)]),
         visible_box=None, annotation=0, shows="green", info={},
     )  # fmt: skip
     for augment in (False, True):

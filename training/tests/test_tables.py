@@ -149,8 +149,8 @@ def test_cut_shows_the_box_in_the_middle_of_the_cell():
     assert side == 20 * (1 + pictures.MARGIN)
     assert (left + side / 2, top + side / 2) == (129.5, 49.5)
     bright = np.argwhere(pictures.cut(image, box)[:, :, 0] > 127)
-    centre = (bright.min(0) + bright.max(0)) / 2
-    assert np.abs(centre - (pictures.CELL - 1) / 2).max() <= 0.5
+    center = (bright.min(0) + bright.max(0)) / 2
+    assert np.abs(center - (pictures.CELL - 1) / 2).max() <= 0.5
     extent = bright.max(0) - bright.min(0) + 1
     assert np.abs(extent - pictures.CELL / (1 + pictures.MARGIN)).max() <= 2
 

@@ -124,11 +124,11 @@ pub struct Eval {
     #[arg(requires = "true_boxes")]
     pub box_noise: f64,
 
-    /// Turn every camera but the reference by this angle about a random axis through its centre
+    /// Turn every camera but the reference by this angle about a random axis through its center
     #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = not_negative)]
     pub rig_noise_deg: f64,
 
-    /// Move the centre of every camera but the reference by this distance in a random direction
+    /// Move the center of every camera but the reference by this distance in a random direction
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = not_negative)]
     pub rig_noise_mm: f64,
 

@@ -17,12 +17,12 @@ const MAX_SIZE_RATIO: f64 = 1.6;
 /// The radius that two boxes agree on may be out of the object's range by this factor.
 const SIZE_TOLERANCE: f64 = 1.25;
 
-/// The line of sight through a box's centre and how large the box appears.
+/// The line of sight through a box's center and how large the box appears.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LineOfSight {
     /// Index into the bundle's classes; only equal classes match.
     pub class: usize,
-    /// Camera centre, metres, in one frame common to all views.
+    /// Camera center, metres, in one frame common to all views.
     pub origin: Vector3<f64>,
     /// Unit vector in that frame.
     pub direction: Vector3<f64>,
@@ -188,19 +188,19 @@ impl Eq for Proposal {}
 /// Where an object is thought to be, and how large, metres.
 struct Ball {
     class: usize,
-    centre: Vector3<f64>,
+    center: Vector3<f64>,
     radius: f64,
 }
 
 impl Ball {
     /// The cost of taking a box for a sight of this ball, or `None` where it is not one.
     fn fit(&self, sight: &LineOfSight) -> Option<f64> {
-        let to_centre = self.centre - sight.origin;
-        let depth = to_centre.dot(&sight.direction);
+        let to_center = self.center - sight.origin;
+        let depth = to_center.dot(&sight.direction);
         if sight.class != self.class || depth <= 0.0 {
             return None;
         }
-        let miss = (to_centre - depth * sight.direction).norm();
+        let miss = (to_center - depth * sight.direction).norm();
         cost(miss, self.radius, depth * sight.sin_radius)
     }
 }
@@ -226,7 +226,7 @@ fn meet(a: &LineOfSight, b: &LineOfSight) -> Option<(Ball, f64)> {
     let cost = cost((on_a - on_b).norm(), radius_a, radius_b)?;
     let ball = Ball {
         class: a.class,
-        centre: (on_a + on_b) / 2.0,
+        center: (on_a + on_b) / 2.0,
         radius: (radius_a * radius_b).sqrt(),
     };
     Some((ball, cost))

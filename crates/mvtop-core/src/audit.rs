@@ -279,10 +279,10 @@ impl Compare<'_> {
             return known.map(Histogram::of).sum();
         };
         let range_mm = model.diameter_mm * BINS as f64 / 100.0;
-        let grid = Grid::new(b.iter().map(|pose| model.centre(pose)), range_mm);
+        let grid = Grid::new(b.iter().map(|pose| model.center(pose)), range_mm);
         let known: Vec<_> = known.collect();
         let nearest = |(pose, mut best): (&Pose, Option<f64>)| {
-            for index in grid.near(model.centre(pose), range_mm) {
+            for index in grid.near(model.center(pose), range_mm) {
                 let limit = best.unwrap_or(f64::INFINITY).min(BINS as f64);
                 if limit == 0.0 {
                     break;

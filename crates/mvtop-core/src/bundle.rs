@@ -78,7 +78,7 @@ pub struct Class {
     pub points: Vec<SurfacePoint>,
 }
 
-/// A coloured point on the surface of an object.
+/// A colored point on the surface of an object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfacePoint {
     /// Object frame, metres.

@@ -1,6 +1,6 @@
 //! A calibrated camera: its lens, between points and pixels, and its place in the world.
 //!
-//! Camera frame: x right, y down, z forward. Pixels: integer coordinates are pixel centres, the
+//! Camera frame: x right, y down, z forward. Pixels: integer coordinates are pixel centers, the
 //! top-left one at (0, 0).
 
 pub mod brown_conrady;

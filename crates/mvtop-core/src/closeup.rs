@@ -84,7 +84,7 @@ impl CloseUp {
 
     /// The picture as the network takes it, from the `image` of the real camera.
     ///
-    /// A pixel is the mean of some bilinear samples, then `(x/255 - mean)/std`; 0 where its centre is
+    /// A pixel is the mean of some bilinear samples, then `(x/255 - mean)/std`; 0 where its center is
     /// off the image.
     ///
     /// - returns: `[3, size, size]`
@@ -121,7 +121,7 @@ impl CloseUp {
         Array3::from_shape_fn((3, size, size), |(c, v, u)| pixels[v * size + u][c])
     }
 
-    /// Direction in which each feature cell looks, in the close-up's frame; 0 for cells whose centre
+    /// Direction in which each feature cell looks, in the close-up's frame; 0 for cells whose center
     /// is off the real camera's image.
     ///
     /// - returns: `[N, 3]`, as [`camera_rays`]

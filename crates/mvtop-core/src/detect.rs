@@ -56,7 +56,7 @@ pub fn peaks(
 
 /// The box within the image, or `None` where nothing of it is left.
 ///
-/// The image spans `[-0.5, width - 0.5]` by `[-0.5, height - 0.5]` px, pixel centres being integers.
+/// The image spans `[-0.5, width - 0.5]` by `[-0.5, height - 0.5]` px, pixel centers being integers.
 pub fn clip(bbox: [f64; 4], width: u32, height: u32) -> Option<[f64; 4]> {
     let (right, bottom) = (f64::from(width) - 0.5, f64::from(height) - 0.5);
     let clipped = [

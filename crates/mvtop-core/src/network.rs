@@ -47,7 +47,7 @@ pub struct Features {
 pub struct Queries {
     /// `[V, N, R]`, from [`crate::rays::encode`]
     pub rays: Array3<f32>,
-    /// `[V, Q, 2]`, box centres over the network's input, 0 to 1; 0.5 where not detected
+    /// `[V, Q, 2]`, box centers over the network's input, 0 to 1; 0.5 where not detected
     pub centers: Array3<f32>,
     /// `[V, Q, 2]`, half the boxes' sides over the input's; 0 where not detected
     pub half_sizes: Array3<f32>,

@@ -7,15 +7,15 @@ use image::RgbImage;
 use image::imageops::{FilterType, replace, resize};
 use nalgebra::{Isometry3, Point2, Point3};
 
-use self::canvas::{Canvas, Colour};
+use self::canvas::{Canvas, Color};
 use crate::bundle::Class;
 use crate::prediction::{ObjectPose, Prediction};
 use crate::{Camera, Rig};
 
-/// One colour per object, in turn; none of them is one of the axes'.
-const OBJECT_COLOURS: [Colour; 4] = [[0, 229, 255], [255, 64, 208], [255, 196, 0], [178, 255, 89]];
+/// One color per object, in turn; none of them is one of the axes'.
+const OBJECT_COLORS: [Color; 4] = [[0, 229, 255], [255, 64, 208], [255, 196, 0], [178, 255, 89]];
 /// x, y and z.
-const AXIS_COLOURS: [Colour; 3] = [[255, 40, 40], [40, 220, 40], [60, 110, 255]];
+const AXIS_COLORS: [Color; 3] = [[255, 40, 40], [40, 220, 40], [60, 110, 255]];
 /// Straight lines of the scene are drawn in this many pieces, for lenses bend them.
 const AXIS_PIECES: usize = 16;
 /// As many of an object's points are drawn at most, evenly chosen.
@@ -46,33 +46,33 @@ pub fn draw(image: &RgbImage, camera: &Camera, objects: &[Drawn]) -> RgbImage {
     };
     let unit = f64::from(image.height()) / NOMINAL_HEIGHT;
     let text_scale = unit.round().clamp(1.0, 16.0) as u32 * 2;
-    let coloured = || objects.iter().zip(OBJECT_COLOURS.iter().cycle());
-    for (object, &colour) in coloured() {
-        draw_points(&mut canvas, camera, object, unit, colour);
+    let colored = || objects.iter().zip(OBJECT_COLORS.iter().cycle());
+    for (object, &color) in colored() {
+        draw_points(&mut canvas, camera, object, unit, color);
     }
-    for (object, &colour) in coloured() {
+    for (object, &color) in colored() {
         if let Some([x0, y0, x1, y1]) = object.bbox {
             let corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)];
             let corners = corners.map(|(x, y)| Point2::new(x, y));
-            canvas.polyline(&corners, 1.5 * unit, colour, 0.9);
+            canvas.polyline(&corners, 1.5 * unit, color, 0.9);
         }
         draw_axes(&mut canvas, camera, object, unit);
     }
-    for (object, &colour) in coloured() {
+    for (object, &color) in colored() {
         let corner = object
             .bbox
             .map(|bbox| Point2::new(bbox[0], bbox[1]))
             .or_else(|| {
                 let reach = object.diameter_m / 2.0;
-                let centre = Point3::from(object.cam_from_obj.translation.vector);
+                let center = Point3::from(object.cam_from_obj.translation.vector);
                 camera
                     .lens
-                    .project(&Point3::new(centre.x - reach, centre.y - reach, centre.z))
+                    .project(&Point3::new(center.x - reach, center.y - reach, center.z))
             });
         if let Some(corner) = corner {
             let (_, height) = canvas::text_size(&object.label, text_scale);
             let above = corner.y - f64::from(height) - 2.0 * unit;
-            canvas.text(&object.label, corner.x, above, text_scale, colour);
+            canvas.text(&object.label, corner.x, above, text_scale, color);
         }
     }
     canvas.text(&camera.id, 0.0, 0.0, text_scale, [255; 3]);
@@ -117,7 +117,7 @@ pub fn draw_prediction(
 }
 
 /// A copy of a camera's image with the axes of a known pose: thin white lines that end in a dot of
-/// the axis' colour beyond the predicted ones, so that both can be seen where they agree.
+/// the axis' color beyond the predicted ones, so that both can be seen where they agree.
 pub fn draw_known(
     image: &RgbImage,
     camera: &Camera,
@@ -129,12 +129,12 @@ pub fn draw_known(
     };
     let unit = f64::from(image.height()) / NOMINAL_HEIGHT;
     let cam_from_obj = camera.world_from_cam.inv_mul(world_from_obj);
-    for (pixels, colour) in axes(camera, &cam_from_obj, 0.85 * diameter_m) {
+    for (pixels, color) in axes(camera, &cam_from_obj, 0.85 * diameter_m) {
         canvas.polyline(&pixels, 3.0 * unit, [16, 16, 16], 0.6);
         canvas.polyline(&pixels, 1.5 * unit, [255; 3], 1.0);
         if let Some(end) = pixels.last() {
             canvas.dot(*end, 4.5 * unit, [255; 3], 1.0);
-            canvas.dot(*end, 3.0 * unit, colour, 1.0);
+            canvas.dot(*end, 3.0 * unit, color, 1.0);
         }
     }
     canvas.image
@@ -162,7 +162,7 @@ pub fn contact_sheet(images: &[RgbImage]) -> RgbImage {
 }
 
 /// Dots where the camera sees the object's surface.
-fn draw_points(canvas: &mut Canvas, camera: &Camera, object: &Drawn, unit: f64, colour: Colour) {
+fn draw_points(canvas: &mut Canvas, camera: &Camera, object: &Drawn, unit: f64, color: Color) {
     let in_camera: Vec<(Point3<f64>, Point2<f64>)> = object
         .points
         .iter()
@@ -179,28 +179,28 @@ fn draw_points(canvas: &mut Canvas, camera: &Camera, object: &Drawn, unit: f64, 
                 && point.coords.angle(&other.coords) < nearby
         });
         if !hidden {
-            canvas.dot(*pixel, 1.3 * unit, colour, 0.6);
+            canvas.dot(*pixel, 1.3 * unit, color, 0.6);
         }
     }
 }
 
 fn draw_axes(canvas: &mut Canvas, camera: &Camera, object: &Drawn, unit: f64) {
     let length = 0.65 * object.diameter_m;
-    for (pixels, colour) in axes(camera, &object.cam_from_obj, length) {
+    for (pixels, color) in axes(camera, &object.cam_from_obj, length) {
         canvas.polyline(&pixels, 5.5 * unit, [16, 16, 16], 0.6);
-        canvas.polyline(&pixels, 3.5 * unit, colour, 1.0);
+        canvas.polyline(&pixels, 3.5 * unit, color, 1.0);
     }
 }
 
-/// Lines of the axes in the image, with their colours; far ones first, so that near ones cover
+/// Lines of the axes in the image, with their colors; far ones first, so that near ones cover
 /// them.
 fn axes(
     camera: &Camera,
     cam_from_obj: &Isometry3<f64>,
     length: f64,
-) -> Vec<(Vec<Point2<f64>>, Colour)> {
-    let mut axes: Vec<(f64, Vec<Point2<f64>>, Colour)> = Vec::new();
-    for (axis, colour) in AXIS_COLOURS.into_iter().enumerate() {
+) -> Vec<(Vec<Point2<f64>>, Color)> {
+    let mut axes: Vec<(f64, Vec<Point2<f64>>, Color)> = Vec::new();
+    for (axis, color) in AXIS_COLORS.into_iter().enumerate() {
         let at = |piece: usize| {
             let mut point = Point3::origin();
             point[axis] = length * piece as f64 / AXIS_PIECES as f64;
@@ -210,12 +210,12 @@ fn axes(
             .map(|piece| camera.lens.project(&at(piece)))
             .collect();
         if let Some(pixels) = pixels {
-            axes.push((at(AXIS_PIECES).z, pixels, colour));
+            axes.push((at(AXIS_PIECES).z, pixels, color));
         }
     }
     axes.sort_by(|a, b| b.0.total_cmp(&a.0));
     axes.into_iter()
-        .map(|(_, pixels, colour)| (pixels, colour))
+        .map(|(_, pixels, color)| (pixels, color))
         .collect()
 }
 
@@ -254,13 +254,13 @@ mod tests {
         let drawn = draw(&image, &camera(), &[object]);
         assert_eq!(drawn.dimensions(), (640, 480));
         // 0.13 m at 1 m and 500 px: 65 px to the right and down.
-        assert_eq!(drawn.get_pixel(380, 240), &Rgb(AXIS_COLOURS[0]));
-        assert_eq!(drawn.get_pixel(320, 300), &Rgb(AXIS_COLOURS[1]));
+        assert_eq!(drawn.get_pixel(380, 240), &Rgb(AXIS_COLORS[0]));
+        assert_eq!(drawn.get_pixel(320, 300), &Rgb(AXIS_COLORS[1]));
         assert_eq!(drawn.get_pixel(390, 240), &Rgb([0; 3]));
     }
 
     #[test]
-    fn known_axes_are_white_and_end_in_their_colour() {
+    fn known_axes_are_white_and_end_in_their_color() {
         // The camera stands at x = 1 m; the object is a metre before it.
         let mut camera = camera();
         camera.world_from_cam = Isometry3::translation(1.0, 0.0, 0.0);
@@ -268,8 +268,8 @@ mod tests {
         let drawn = draw_known(&RgbImage::new(640, 480), &camera, &world_from_obj, 0.2);
         // 0.17 m at 1 m and 500 px: 85 px to the right and down.
         assert_eq!(drawn.get_pixel(360, 240), &Rgb([255; 3]));
-        assert_eq!(drawn.get_pixel(405, 240), &Rgb(AXIS_COLOURS[0]));
-        assert_eq!(drawn.get_pixel(320, 325), &Rgb(AXIS_COLOURS[1]));
+        assert_eq!(drawn.get_pixel(405, 240), &Rgb(AXIS_COLORS[0]));
+        assert_eq!(drawn.get_pixel(320, 325), &Rgb(AXIS_COLORS[1]));
         assert_eq!(drawn.get_pixel(415, 240), &Rgb([0; 3]));
         let behind = Isometry3::translation(1.0, 0.0, -1.0);
         let untouched = draw_known(&RgbImage::new(640, 480), &camera, &behind, 0.2);

@@ -51,7 +51,7 @@ impl LosEncoding {
 /// - `strides`: of the levels, network pixels per cell; a level has `net_height / stride` rows,
 ///   rounded up, which share the whole height evenly
 /// - returns: `[N, 3]`, unit vectors through the true lens, levels in the order of `strides`, each
-///   row by row; 0 for cells whose centre lies in the padding or that no ray meets
+///   row by row; 0 for cells whose center lies in the padding or that no ray meets
 pub fn camera_rays(camera: &Camera, letterbox: &Letterbox, strides: &[usize]) -> Array2<f32> {
     let mut rays = Vec::new();
     for &stride in strides {
@@ -63,13 +63,13 @@ pub fn camera_rays(camera: &Camera, letterbox: &Letterbox, strides: &[usize]) ->
                 size.div_ceil(stride)
             }
         });
-        let centre = |cell: usize, size: usize, cells: usize| {
+        let center = |cell: usize, size: usize, cells: usize| {
             (cell as f64 + 0.5) * size as f64 / cells as f64 - 0.5
         };
         rays.par_extend((0..rows * columns).into_par_iter().map(|cell| {
             let net = [
-                centre(cell % columns, size[0], columns),
-                centre(cell / columns, size[1], rows),
+                center(cell % columns, size[0], columns),
+                center(cell / columns, size[1], rows),
             ];
             let [u, v] = letterbox.image_from_net(net);
             let inside = u <= f64::from(camera.width) - 0.5 && v <= f64::from(camera.height) - 0.5;
@@ -115,7 +115,7 @@ pub fn encode(
     lines
 }
 
-/// Lines of sight of a box: camera centre, direction through the box's centre, and how far the
+/// Lines of sight of a box: camera center, direction through the box's center, and how far the
 /// directions to its sides lie to the left and right, and above and below.
 ///
 /// - `bounds`: `[x0, y0, x1, y1]`, image px

@@ -6,7 +6,7 @@
 //! out[b, q, h, d] = Σ_{l,k} weights[b, q, h, l, k] · bilinear(value_l[b, :, h, d], x·W_l − ½, y·H_l − ½)
 //! ```
 //!
-//! where locations run from 0 to 1 over the full extent of a level (not from centre to centre) and
+//! where locations run from 0 to 1 over the full extent of a level (not from center to center) and
 //! cells outside the map read as zero. A location that is not finite contributes nothing.
 //!
 //! Source: Zhu et al., "Deformable DETR", ICLR 2021, eq. 3.

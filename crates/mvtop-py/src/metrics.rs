@@ -150,7 +150,7 @@ impl Mesh {
 
     /// Depth image, in the unit of the vertices and the pose.
     ///
-    /// - half_pixel: pixels are centred at (0.5, 0.5), as in bop_toolkit's renderers
+    /// - half_pixel: pixels are centered at (0.5, 0.5), as in bop_toolkit's renderers
     /// - returns: (H, W), float32, of the camera's size; 0 where there is nothing
     ///
     /// Raises ValueError for a lens with distortion.
@@ -164,12 +164,12 @@ impl Mesh {
     ) -> PyResult<F32> {
         let pose = cam_from_obj.pose("cam_from_obj")?;
         let camera = camera.core();
-        let centre = match half_pixel {
-            true => metrics::PixelCentre::Half,
-            false => metrics::PixelCentre::Integer,
+        let center = match half_pixel {
+            true => metrics::PixelCenter::Half,
+            false => metrics::PixelCenter::Integer,
         };
         let size = [camera.width, camera.height];
-        let depth = compute(py, || self.0.depth(&pose, &camera.lens, size, centre))?;
+        let depth = compute(py, || self.0.depth(&pose, &camera.lens, size, center))?;
         Ok(F32(depth.map_err(python)?.into_dyn()))
     }
 }

@@ -70,7 +70,7 @@ pub fn encode_rays(
     Ok(F32(lines.into_dyn()))
 }
 
-/// Lines of sight of a box: camera centre o, direction d through the box's centre, and how far the
+/// Lines of sight of a box: camera center o, direction d through the box's center, and how far the
 /// directions to its sides lie to the left and right, and above and below.
 ///
 /// - box: x0, y0, x1, y1, px of the image

@@ -14,7 +14,7 @@ use crate::error::{python, value};
 
 /// A calibrated camera: its lens, and its place in the world.
 ///
-/// Camera frame: x right, y down, z forward. Pixels: integer coordinates are pixel centres, the
+/// Camera frame: x right, y down, z forward. Pixels: integer coordinates are pixel centers, the
 /// top-left one at (0, 0). Distortion is OpenCV's, in OpenCV's order.
 #[pyclass(frozen, module = "mvtop")]
 pub struct Camera(mvtop_core::Camera);

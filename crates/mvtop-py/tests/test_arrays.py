@@ -142,7 +142,7 @@ def test_mistakes_are_value_errors(mistake, sentence):
     assert "\n" not in str(refusal.value)
 
 
-def test_rays_look_through_the_centres_of_cells():
+def test_rays_look_through_the_centers_of_cells():
     camera = mvtop.Camera(K, (640, 480))
     rays = mvtop.camera_rays(camera, [32, 64])
     assert rays.shape == (15 * 20 + 8 * 10, 3) and rays.dtype == np.float32

@@ -147,7 +147,7 @@ fn worst(lines: &[Line], plan: &Plan) -> Result<String> {
     let mut objects: Vec<(&Line, &Scored)> = objects.collect();
     objects.sort_by(|a, b| b.1.badness().total_cmp(&a.1.badness()));
     let mut html = String::from(
-        "<h2>Worst poses</h2><p>Coloured: predicted. Thin white axes that end in a dot: the \
+        "<h2>Worst poses</h2><p>Colored: predicted. Thin white axes that end in a dot: the \
          truth.</p>",
     );
     for (line, scored) in objects.into_iter().take(WORST) {

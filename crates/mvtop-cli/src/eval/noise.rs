@@ -16,9 +16,9 @@ use sha2::{Digest, Sha256};
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Noise {
     pub seed: u64,
-    /// Angle by which each camera but the reference is turned about its own centre.
+    /// Angle by which each camera but the reference is turned about its own center.
     pub rig_deg: f64,
-    /// Distance by which its centre is moved.
+    /// Distance by which its center is moved.
     pub rig_mm: f64,
     /// Standard deviation of each side of a box, in widths (left, right) or heights (top, bottom).
     pub boxes: f64,

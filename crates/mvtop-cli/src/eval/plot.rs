@@ -13,7 +13,7 @@ const BOTTOM: f64 = 36.0;
 /// Bars of a histogram, at most; ticks of an axis, about.
 const BINS: f64 = 24.0;
 const TICKS: f64 = 5.0;
-const COLOURS: [&str; 4] = ["#1f77b4", "#d62728", "#2ca02c", "#9467bd"];
+const COLORS: [&str; 4] = ["#1f77b4", "#d62728", "#2ca02c", "#9467bd"];
 
 /// Plot area with axes from 0 to `x_max` and to `y_max`.
 struct Axes {
@@ -103,7 +103,7 @@ pub fn histogram(title: &str, unit: &str, values: &[f64]) -> String {
         axes.put(format_args!(
             "<rect x=\"{x0:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" \
              fill=\"{}\"/>",
-            COLOURS[0]
+            COLORS[0]
         ));
     }
     axes.end()
@@ -114,7 +114,7 @@ pub fn histogram(title: &str, unit: &str, values: &[f64]) -> String {
 pub fn recall_curves(title: &str, unit: &str, max: f64, errors_of: &[(&str, Vec<f64>)]) -> String {
     let mut axes = Axes::new(title, unit, max, 1.0, 0.25);
     for (i, (name, errors)) in errors_of.iter().enumerate() {
-        let colour = COLOURS[i % COLOURS.len()];
+        let color = COLORS[i % COLORS.len()];
         let mut sorted: Vec<f64> = errors.iter().copied().filter(|&x| x <= max).collect();
         sorted.sort_by(f64::total_cmp);
         let total = errors.len().max(1) as f64;
@@ -130,9 +130,9 @@ pub fn recall_curves(title: &str, unit: &str, max: f64, errors_of: &[(&str, Vec<
         // Where curves seldom go.
         let legend = HEIGHT - BOTTOM - 8.0 - 13.0 * (errors_of.len() - 1 - i) as f64;
         axes.put(format_args!(
-            "<polyline points=\"{points}\" fill=\"none\" stroke=\"{colour}\" \
+            "<polyline points=\"{points}\" fill=\"none\" stroke=\"{color}\" \
              stroke-width=\"1.5\"/><text x=\"{:.1}\" y=\"{legend:.1}\" text-anchor=\"end\" \
-             fill=\"{colour}\">{name}</text>",
+             fill=\"{color}\">{name}</text>",
             WIDTH - RIGHT - 6.0
         ));
     }

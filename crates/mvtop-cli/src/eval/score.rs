@@ -3,7 +3,7 @@
 use mvtop_core::bop::Model;
 use mvtop_core::known::KnownPose;
 use mvtop_core::metrics::{
-    DepthImage, MSPD_THRESHOLDS_PX, MSSD_THRESHOLDS, MatchingCost, PixelCentre, VSD_TAUS,
+    DepthImage, MSPD_THRESHOLDS_PX, MSSD_THRESHOLDS, MatchingCost, PixelCenter, VSD_TAUS,
     VSD_THRESHOLDS, VsdOptions, auc_exact, auc_poet, auc_posecnn, average_recall, recall,
     rotation_error_deg, translation_error, vsd,
 };
@@ -166,7 +166,7 @@ impl View<'_> {
         } = self.camera;
         let depth = |pose| {
             let mesh = &model.mesh;
-            mesh.depth(pose, lens, [*width, *height], PixelCentre::Half)
+            mesh.depth(pose, lens, [*width, *height], PixelCenter::Half)
         };
         let options = VsdOptions {
             delta: self.vsd_delta,

@@ -39,12 +39,12 @@ impl Grid {
         grid
     }
 
-    /// Every point within `radius` of `centre`, and others near it.
-    pub fn near(&self, centre: Vector3<f64>, radius: f64) -> impl Iterator<Item = usize> {
+    /// Every point within `radius` of `center`, and others near it.
+    pub fn near(&self, center: Vector3<f64>, radius: f64) -> impl Iterator<Item = usize> {
         // The caller rounds distances; a point on the rim must not be lost to that.
         let radius = radius * (1.0 + 1e-9);
         let [xs, ys, zs] = [0, 1, 2]
-            .map(|axis| self.index(centre[axis] - radius)..=self.index(centre[axis] + radius));
+            .map(|axis| self.index(center[axis] - radius)..=self.index(center[axis] + radius));
         let cells = xs.flat_map(move |x| {
             let zs = zs.clone();
             ys.clone()

@@ -44,7 +44,7 @@ impl Model {
 
     /// Where a pose puts the mean of the points, millimetres. ADD is never less than the distance
     /// of these places.
-    pub fn centre(&self, pose: &Pose) -> Vector3<f64> {
+    pub fn center(&self, pose: &Pose) -> Vector3<f64> {
         pose.rotation * self.mean + pose.translation_mm
     }
 

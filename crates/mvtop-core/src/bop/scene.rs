@@ -140,7 +140,7 @@ fn sensors(folder: &Path) -> Vec<String> {
 impl Scene {
     /// Reads what is known of the images; the images themselves are not opened.
     ///
-    /// Sensors without colour or grey images, as of depth only, are left out.
+    /// Sensors without color or grey images, as of depth only, are left out.
     ///
     /// # Errors
     /// [`Error::Read`] where a file cannot be read, [`Error::Input`] where it is not BOP's.

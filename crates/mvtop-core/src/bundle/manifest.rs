@@ -249,7 +249,7 @@ pub(super) fn read_points(path: &Path) -> Result<Vec<SurfacePoint>> {
             let color = [r, g, b];
             let valid = [x, y, z].iter().all(|v| v.is_finite())
                 && color.iter().all(|c| (0.0..=255.0).contains(c));
-            // Rounded, since the file may hold averaged colours.
+            // Rounded, since the file may hold averaged colors.
             let point = SurfacePoint {
                 position: [x, y, z],
                 color: color.map(|c| c.round() as u8),

@@ -46,10 +46,10 @@ fn bundle() -> Bundle {
     }
 }
 
-/// Looks from `centre` at the point one metre above the world's origin.
-fn camera(id: &str, size: (u32, u32), f: f64, centre: [f64; 3]) -> Camera {
-    let centre = Vector3::from(centre);
-    let z = (Vector3::new(0.0, 0.0, 1.0) - centre).normalize();
+/// Looks from `center` at the point one metre above the world's origin.
+fn camera(id: &str, size: (u32, u32), f: f64, center: [f64; 3]) -> Camera {
+    let center = Vector3::from(center);
+    let z = (Vector3::new(0.0, 0.0, 1.0) - center).normalize();
     let rotation = UnitQuaternion::face_towards(&z, &Vector3::new(0.0, 0.0, -1.0));
     let (cx, cy) = (f64::from(size.0) / 2.0 - 0.5, f64::from(size.1) / 2.0 - 0.5);
     Camera {
@@ -63,7 +63,7 @@ fn camera(id: &str, size: (u32, u32), f: f64, centre: [f64; 3]) -> Camera {
             cy,
             distortion: Distortion::None,
         },
-        world_from_cam: Isometry3::from_parts(Translation3::from(centre), rotation),
+        world_from_cam: Isometry3::from_parts(Translation3::from(center), rotation),
     }
 }
 
@@ -85,13 +85,13 @@ const BALLS: [[f64; 3]; 2] = [[-0.1, 0.05, 1.0], [0.15, -0.05, 1.1]];
 /// Box of a ball in a camera's image.
 fn ball_box(camera: &Camera, ball: [f64; 3]) -> [f64; 4] {
     let in_camera = camera.world_from_cam.inverse() * Point3::from(ball);
-    let centre = camera.lens.project(&in_camera).unwrap();
+    let center = camera.lens.project(&in_camera).unwrap();
     let radius = camera.lens.fx * RADIUS / in_camera.z;
     [
-        centre.x - radius,
-        centre.y - radius,
-        centre.x + radius,
-        centre.y + radius,
+        center.x - radius,
+        center.y - radius,
+        center.x + radius,
+        center.y + radius,
     ]
 }
 
@@ -187,12 +187,12 @@ impl Network for Geometry {
                 (point - origin).cross(&direction).norm()
             };
             let nearest = |a: &&Vector3<f64>, b: &&Vector3<f64>| off(0, a).total_cmp(&off(0, b));
-            let centre = *self.in_cameras.iter().min_by(nearest).unwrap();
+            let center = *self.in_cameras.iter().min_by(nearest).unwrap();
             assert_eq!(queries.valid[(0, q)], 1.0, "the anchor sees its objects");
             assert!(line(0).0.norm() < 1e-6, "the anchor is the origin");
             for v in 0..queries.valid.nrows() {
                 if queries.valid[(v, q)] == 1.0 {
-                    assert!(off(v, &centre) < 1e-4, "a box of another object");
+                    assert!(off(v, &center) < 1e-4, "a box of another object");
                 } else {
                     assert!(
                         queries
@@ -206,7 +206,7 @@ impl Network for Geometry {
                 }
             }
             for axis in 0..3 {
-                decoded.translation[(q, axis)] = centre[axis] as f32;
+                decoded.translation[(q, axis)] = center[axis] as f32;
             }
             decoded.rotation_6d[(q, 0)] = 2.0;
             decoded.rotation_6d[(q, 4)] = 3.0;

@@ -132,7 +132,7 @@ impl View<'_> {
 }
 
 impl Picture {
-    /// Centre and half size of a box over the network's input, 0 to 1.
+    /// Center and half size of a box over the network's input, 0 to 1.
     ///
     /// - `bbox`: px of what `camera` takes
     pub fn net_box(&self, bbox: [f64; 4]) -> ([f64; 2], [f64; 2]) {

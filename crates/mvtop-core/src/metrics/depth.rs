@@ -23,8 +23,8 @@ pub struct Mesh {
 
 /// Which point of a pixel decides what it shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum PixelCentre {
-    /// Pixel (0, 0) is centred at u = 0, v = 0: mvtop's and BOP's data sets' convention, and that
+pub enum PixelCenter {
+    /// Pixel (0, 0) is centered at u = 0, v = 0: mvtop's and BOP's data sets' convention, and that
     /// of bop_toolkit's distance images.
     #[default]
     Integer,
@@ -37,7 +37,7 @@ pub enum PixelCentre {
 /// ray r lies within it where the three `edges` have the same sign on r. Nothing is divided by
 /// z, so triangles that reach behind the camera need no clipping.
 struct Triangle {
-    /// Plane through the camera's centre and each edge; all positive on a ray that meets it.
+    /// Plane through the camera's center and each edge; all positive on a ray that meets it.
     edges: [Vector3<f64>; 3],
     /// Sum of the edges: depth along a ray r with r.z = 1 is `volume / (sum · r)`.
     sum: Vector3<f64>,
@@ -101,7 +101,7 @@ impl Mesh {
         cam_from_obj: &Isometry3<f64>,
         lens: &Lens,
         [width, height]: [u32; 2],
-        centre: PixelCentre,
+        center: PixelCenter,
     ) -> Result<DepthImage> {
         if lens.distortion != Distortion::None {
             return Err(Error::Input(
@@ -112,9 +112,9 @@ impl Mesh {
         }
         let pixels = Pixels {
             lens: lens.clone(),
-            offset: match centre {
-                PixelCentre::Integer => 0.0,
-                PixelCentre::Half => 0.5,
+            offset: match center {
+                PixelCenter::Integer => 0.0,
+                PixelCenter::Half => 0.5,
             },
             width: width as usize,
             height: height as usize,
@@ -221,7 +221,7 @@ fn range(coordinates: [f64; 3], size: usize) -> Option<[usize; 2]> {
     (first <= last).then_some([first as usize, last as usize])
 }
 
-/// Distances from the camera's centre, of a depth image: `depth_im_to_dist_im` of bop_toolkit.
+/// Distances from the camera's center, of a depth image: `depth_im_to_dist_im` of bop_toolkit.
 ///
 /// - returns: `[height, width]`, 0 where the depth is
 pub fn distances(depth: &DepthImage, lens: &Lens) -> Array2<f64> {
@@ -230,7 +230,7 @@ pub fn distances(depth: &DepthImage, lens: &Lens) -> Array2<f64> {
     })
 }
 
-/// Distance from the camera's centre of a point that is `depth` before the camera.
+/// Distance from the camera's center of a point that is `depth` before the camera.
 pub(super) fn distance(depth: f64, lens: &Lens, row: usize, column: usize) -> f64 {
     let x = (column as f64 - lens.cx) / lens.fx * depth;
     let y = (row as f64 - lens.cy) / lens.fy * depth;

@@ -22,7 +22,7 @@ pub(super) struct Affine {
     t: [f64; 3],
 }
 
-/// Two poses before a pinhole of focal lengths `fx`, `fy`; its centre does not matter to them.
+/// Two poses before a pinhole of focal lengths `fx`, `fy`; its center does not matter to them.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PinholePair {
     pub truth: Affine,

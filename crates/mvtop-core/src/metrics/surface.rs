@@ -16,7 +16,7 @@ use crate::{Error, Result};
 /// of the points.
 #[derive(Debug)]
 pub struct Surface {
-    /// Farthest from the centre first: where a pose is off, it is most off there, and a symmetry
+    /// Farthest from the center first: where a pose is off, it is most off there, and a symmetry
     /// that is not the best one is ruled out after a few points.
     points: Columns,
     /// Made when first needed.
@@ -41,9 +41,9 @@ impl Surface {
         let sum = points
             .iter()
             .fold(Point3::origin(), |sum, p| sum + p.coords);
-        let centre = sum / points.len() as f64;
+        let center = sum / points.len() as f64;
         let mut sorted: Vec<&Point3<f64>> = points.iter().collect();
-        sorted.sort_by(|a, b| (*b - centre).norm().total_cmp(&(*a - centre).norm()));
+        sorted.sort_by(|a, b| (*b - center).norm().total_cmp(&(*a - center).norm()));
         Ok(Self {
             points: Columns {
                 x: sorted.iter().map(|p| p.x).collect(),

@@ -5,16 +5,16 @@ use nalgebra::Point2;
 
 use super::font;
 
-pub type Colour = [u8; 3];
+pub type Color = [u8; 3];
 
-/// An image to draw on; coordinates are pixels, integers being pixel centres.
+/// An image to draw on; coordinates are pixels, integers being pixel centers.
 pub struct Canvas {
     pub image: RgbImage,
 }
 
 impl Canvas {
     /// Lines through `points`, `width` px thick; `alpha` is the opacity, 0 to 1.
-    pub fn polyline(&mut self, points: &[Point2<f64>], width: f64, colour: Colour, alpha: f64) {
+    pub fn polyline(&mut self, points: &[Point2<f64>], width: f64, color: Color, alpha: f64) {
         // The distance to the whole line, so that joints are not painted twice.
         let distance = |pixel: Point2<f64>| {
             points
@@ -22,17 +22,17 @@ impl Canvas {
                 .map(|ends| to_segment(&pixel, ends))
                 .fold(f64::INFINITY, f64::min)
         };
-        self.paint(points, width / 2.0, colour, alpha, distance);
+        self.paint(points, width / 2.0, color, alpha, distance);
     }
 
-    pub fn dot(&mut self, centre: Point2<f64>, radius: f64, colour: Colour, alpha: f64) {
-        self.paint(&[centre], radius, colour, alpha, |pixel| {
-            (pixel - centre).norm()
+    pub fn dot(&mut self, center: Point2<f64>, radius: f64, color: Color, alpha: f64) {
+        self.paint(&[center], radius, color, alpha, |pixel| {
+            (pixel - center).norm()
         });
     }
 
     /// Text on a dark ground, its top left corner at `(x, y)` or as near as the image allows.
-    pub fn text(&mut self, text: &str, x: f64, y: f64, scale: u32, colour: Colour) {
+    pub fn text(&mut self, text: &str, x: f64, y: f64, scale: u32, color: Color) {
         let (width, height) = text_size(text, scale);
         let place = |at: f64, size: u32, limit: u32| {
             // A saturating cast: NaN becomes 0.
@@ -52,7 +52,7 @@ impl Canvas {
                 for column in 0..font::WIDTH as u32 * scale {
                     let bits = glyph[(row / scale) as usize];
                     if bits >> (font::WIDTH as u32 - 1 - column / scale) & 1 == 1 {
-                        self.blend(origin + column, top + 2 * scale + row, colour, 1.0);
+                        self.blend(origin + column, top + 2 * scale + row, color, 1.0);
                     }
                 }
             }
@@ -65,7 +65,7 @@ impl Canvas {
         &mut self,
         points: &[Point2<f64>],
         radius: f64,
-        colour: Colour,
+        color: Color,
         alpha: f64,
         distance: impl Fn(Point2<f64>) -> f64,
     ) {
@@ -81,14 +81,14 @@ impl Canvas {
             for x in range(0, self.image.width()) {
                 let pixel = Point2::new(f64::from(x), f64::from(y));
                 let cover = (radius + 0.5 - distance(pixel)).clamp(0.0, 1.0);
-                self.blend(x, y, colour, alpha * cover);
+                self.blend(x, y, color, alpha * cover);
             }
         }
     }
 
-    fn blend(&mut self, x: u32, y: u32, colour: Colour, alpha: f64) {
+    fn blend(&mut self, x: u32, y: u32, color: Color, alpha: f64) {
         if let Some(pixel) = self.image.get_pixel_mut_checked(x, y) {
-            for (channel, target) in pixel.0.iter_mut().zip(colour) {
+            for (channel, target) in pixel.0.iter_mut().zip(color) {
                 let value = f64::from(*channel) * (1.0 - alpha) + f64::from(target) * alpha;
                 *channel = value.round() as u8;
             }

@@ -164,7 +164,7 @@ fn instead_of(key: &str, known: &[&str]) -> Option<&'static str> {
         }
         "camera_frame" | "pixel_origin" => {
             "leave it out: frames are OpenCV's (x right, y down, z forward) and pixel (0, 0) is \
-             the centre of the top-left pixel"
+             the center of the top-left pixel"
         }
         _ => return None,
     })

@@ -173,13 +173,13 @@ fn focal_length(fields: &Fields, key: &str, side: u32) -> Checked<f64> {
 }
 
 fn principal_point(fields: &Fields, key: &str, side_key: &str, side: u32) -> Checked<f64> {
-    let centre = fields.number(key)?;
+    let center = fields.number(key)?;
     let side = f64::from(side);
-    if (-side..=2.0 * side).contains(&centre) {
-        Ok(centre)
+    if (-side..=2.0 * side).contains(&center) {
+        Ok(center)
     } else {
         Err(format!(
-            "{}: the principal point `{key}` of {centre} px lies more than one image size outside \
+            "{}: the principal point `{key}` of {center} px lies more than one image size outside \
              the image of `{side_key}` {side} px",
             fields.place
         ))

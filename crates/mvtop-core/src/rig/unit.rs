@@ -41,11 +41,11 @@ impl Unit {
 
     /// Refuses cameras too far apart or too close together for this to be their unit.
     pub fn check(self, cameras: &[Camera]) -> Checked<()> {
-        let centre = |camera: &Camera| camera.world_from_cam.translation.vector;
+        let center = |camera: &Camera| camera.world_from_cam.translation.vector;
         let pairs = cameras.iter().enumerate().flat_map(|(i, a)| {
             cameras[i + 1..]
                 .iter()
-                .map(move |b| (a, b, (centre(a) - centre(b)).norm()))
+                .map(move |b| (a, b, (center(a) - center(b)).norm()))
         });
         let Some((a, b, apart)) = pairs.max_by(|x, y| x.2.total_cmp(&y.2)) else {
             return Ok(());

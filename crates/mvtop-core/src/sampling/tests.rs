@@ -130,7 +130,7 @@ fn six_locations_worked_by_hand() {
 
 #[test]
 fn gradients_worked_by_hand() {
-    // Between the centres of cells 1 and 2 of a row [1, 2, 4]: the slope is 3 per unit of x.
+    // Between the centers of cells 1 and 2 of a row [1, 2, 4]: the slope is 3 per unit of x.
     let case = Case::single((1, 3), vec![1.0, 2.0, 4.0], [2.0 / 3.0, 0.5]);
     let [value, locations, weights] = case.backward(&[10.0]);
     for (got, expected) in value.iter().zip([0.0, 5.0, 5.0]) {

@@ -78,8 +78,8 @@ fn scene_is_read_in_metres() {
     assert_eq!((view.lens.fx, view.lens.fy), (600.0, 610.0));
     assert_eq!((view.lens.cx, view.lens.cy), (320.0, 240.0));
     assert_eq!(view.depth_scale, 0.1);
-    let centre = view.world_from_cam.unwrap() * Point3::origin();
-    assert!((centre - Point3::new(2.0, 0.0, 0.0)).norm() < 1e-9);
+    let center = view.world_from_cam.unwrap() * Point3::origin();
+    assert!((center - Point3::new(2.0, 0.0, 0.0)).norm() < 1e-9);
     let [first, second] = &view.objects[..] else {
         panic!()
     };

@@ -88,20 +88,20 @@ fn box_that_spans_half_the_view_has_none() {
     assert!(CloseUp::new(&real, [280.0, 200.0, 380.0, 300.0], SIZE).is_some());
 }
 
-/// The smooth colour that lies in a direction of the world.
-fn colour(direction: &Vector3<f64>) -> [f64; 3] {
+/// The smooth color that lies in a direction of the world.
+fn color(direction: &Vector3<f64>) -> [f64; 3] {
     let d = direction.normalize();
     [d.x, d.y, d.z].map(|x| 127.5 + 120.0 * (2.0 * x).sin())
 }
 
-/// A picture of these colours by a lens, black where it has no ray.
+/// A picture of these colors by a lens, black where it has no ray.
 fn photograph(real: &Camera) -> RgbImage {
     RgbImage::from_fn(real.width, real.height, |u, v| {
         let ray = real
             .lens
             .unproject(&Point2::new(f64::from(u), f64::from(v)));
         Rgb(ray.map_or([0; 3], |ray| {
-            colour(&(real.world_from_cam * ray.into_inner())).map(|c| c.round() as u8)
+            color(&(real.world_from_cam * ray.into_inner())).map(|c| c.round() as u8)
         }))
     })
 }
@@ -109,7 +109,7 @@ fn photograph(real: &Camera) -> RgbImage {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// Whatever the lens: the real and the virtual camera see every direction in the same colour,
+    /// Whatever the lens: the real and the virtual camera see every direction in the same color,
     /// the box's middle and sides where the real camera has them.
     #[test]
     fn real_and_virtual_camera_agree(
@@ -160,7 +160,7 @@ proptest! {
             if at.x < 3.0 || at.y < 3.0 || at.x > 636.0 || at.y > 476.0 {
                 continue;
             }
-            let expected = colour(&(closeup.camera.world_from_cam * direction));
+            let expected = color(&(closeup.camera.world_from_cam * direction));
             for channel in 0..3 {
                 let got = f64::from(picture[(channel, row, column)]) * 255.0;
                 prop_assert!(

@@ -55,7 +55,7 @@ fn first_cell_of_a_pinhole_by_hand() {
 fn levels_follow_each_other_row_by_row() {
     let camera = camera(pinhole(1.0, -0.5, -0.5), 8, 4);
     let rays = camera_rays(&camera, &Letterbox::new(8, 4, 8, 4), &[2, 4]);
-    let centres = [
+    let centers = [
         (1, 1),
         (3, 1),
         (5, 1),
@@ -67,8 +67,8 @@ fn levels_follow_each_other_row_by_row() {
         (2, 2),
         (6, 2),
     ];
-    assert_eq!(rays.nrows(), centres.len());
-    for (ray, (x, y)) in rays.rows().into_iter().zip(centres) {
+    assert_eq!(rays.nrows(), centers.len());
+    for (ray, (x, y)) in rays.rows().into_iter().zip(centers) {
         assert_close((&ray / ray[2]).view(), &[x as f32, y as f32, 1.0]);
     }
 }
@@ -83,8 +83,8 @@ fn every_lens_images_each_ray_at_its_cell() {
             let point = Point3::new(ray[0], ray[1], ray[2]).cast::<f64>();
             let pixel = camera.lens.project(&point).expect("a pixel");
             // Cells of 32 image pixels.
-            let centre = |i: usize| i as f64 * 32.0 + 15.5;
-            let expected = Point2::new(centre(cell % 20), centre(cell / 20));
+            let center = |i: usize| i as f64 * 32.0 + 15.5;
+            let expected = Point2::new(center(cell % 20), center(cell / 20));
             // The rays are f32: 1e-7 of some 1000 px.
             assert!(
                 (pixel - expected).norm() < 1e-3,
@@ -104,7 +104,7 @@ fn padding_and_cells_without_a_ray_are_zero() {
         let expected = if cell / 80 < 45 { 1.0 } else { 0.0 };
         assert!((norm - expected).abs() < 1e-6, "cell {cell}: {norm}");
     }
-    // An equidistant fisheye of 50 px per radian sees nothing past 50π = 157 px from its centre.
+    // An equidistant fisheye of 50 px per radian sees nothing past 50π = 157 px from its center.
     let mut lens = lenses().pop().unwrap();
     (lens.fx, lens.fy) = (50.0, 50.0);
     let fisheye = camera(lens, 640, 480);

@@ -2,7 +2,7 @@
 
 Transforms are named by their frames: `a_from_b` is a 4x4 matrix that maps coordinates in frame b
 into frame a. Units: metres, pixels, radians; others where a name ends in `_deg` or `_mm`. Camera
-axes and lenses are OpenCV's: x right, y down, z forward; integer pixel coordinates are centres.
+axes and lenses are OpenCV's: x right, y down, z forward; integer pixel coordinates are centers.
 """
 
 from mvtop._mvtop import (

@@ -11,7 +11,7 @@ class Camera:
     """
     A calibrated camera: its lens, and its place in the world.
 
-    Camera frame: x right, y down, z forward. Pixels: integer coordinates are pixel centres, the
+    Camera frame: x right, y down, z forward. Pixels: integer coordinates are pixel centers, the
     top-left one at (0, 0). Distortion is OpenCV's, in OpenCV's order.
     """
     @property
@@ -84,7 +84,7 @@ class Mesh:
         """
         Depth image, in the unit of the vertices and the pose.
 
-        - half_pixel: pixels are centred at (0.5, 0.5), as in bop_toolkit's renderers
+        - half_pixel: pixels are centered at (0.5, 0.5), as in bop_toolkit's renderers
         - returns: (H, W), float32, of the camera's size; 0 where there is nothing
 
         Raises ValueError for a lens with distortion.
@@ -259,7 +259,7 @@ def average_recall(errors: SupportsGetItem[int, SupportsFloat | SupportsIndex], 
 
 def box_rays(camera: Camera, box: ArrayLike, ref_from_cam: ArrayLike) -> NDArray[float32] | None:
     """
-    Lines of sight of a box: camera centre o, direction d through the box's centre, and how far the
+    Lines of sight of a box: camera center o, direction d through the box's center, and how far the
     directions to its sides lie to the left and right, and above and below.
 
     - box: x0, y0, x1, y1, px of the image

@@ -61,7 +61,7 @@ def log(
 
 
 def line_of_sight(camera: Camera, found: ObjectPose) -> NDArray[np.float64] | None:
-    """From a camera through the centre of its box to beside the object.
+    """From a camera through the center of its box to beside the object.
 
     Returns (2, 3), world frame, metres; None where the camera did not detect the object.
     """

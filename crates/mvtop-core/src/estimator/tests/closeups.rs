@@ -51,10 +51,10 @@ impl Network for Triangulation {
             a += across;
             b += across * vector(0);
         }
-        let centre = a.try_inverse().unwrap() * b;
+        let center = a.try_inverse().unwrap() * b;
         Ok(Decoded {
             rotation_6d: array![[1.0, 0.0, 0.0, 0.0, 1.0, 0.0]],
-            translation: array![[centre.x as f32, centre.y as f32, centre.z as f32]],
+            translation: array![[center.x as f32, center.y as f32, center.z as f32]],
             sigma: array![[1.0, 0.01]],
         })
     }

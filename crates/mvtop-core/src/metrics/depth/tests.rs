@@ -52,8 +52,8 @@ fn sphere(radius: f64) -> Mesh {
     Mesh::new(vertices, triangles).unwrap()
 }
 
-fn depth(mesh: &Mesh, pose: Isometry3<f64>, centre: PixelCentre) -> DepthImage {
-    mesh.depth(&pose, &lens(), SIZE, centre).unwrap()
+fn depth(mesh: &Mesh, pose: Isometry3<f64>, center: PixelCenter) -> DepthImage {
+    mesh.depth(&pose, &lens(), SIZE, center).unwrap()
 }
 
 #[test]
@@ -62,7 +62,7 @@ fn square_before_the_camera_covers_its_pixels() {
     let image = depth(
         &square(0.2),
         Isometry3::translation(0., 0., 2.),
-        PixelCentre::Integer,
+        PixelCenter::Integer,
     );
     for ((row, column), &z) in image.indexed_iter() {
         let inside = (26..=36).contains(&column) && (18..=30).contains(&row);
@@ -72,12 +72,12 @@ fn square_before_the_camera_covers_its_pixels() {
             "row {row} column {column}"
         );
     }
-    // Pixel 36 is now centred at 36.5, beyond the square's end at 36; pixel 25 at 25.5, before
+    // Pixel 36 is now centered at 36.5, beyond the square's end at 36; pixel 25 at 25.5, before
     // its begin at 26.
     let image = depth(
         &square(0.2),
         Isometry3::translation(0., 0., 2.),
-        PixelCentre::Half,
+        PixelCenter::Half,
     );
     let seen: Vec<usize> = (0..64)
         .filter(|&column| image[(24, column)] > 0.0)
@@ -90,7 +90,7 @@ fn plane_has_the_depth_of_its_equation_also_where_it_passes_the_camera() {
     // Turned about x by 60 degrees, it fills the image and reaches far behind the camera.
     let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 60_f64.to_radians());
     let pose = Isometry3::from_parts(Translation3::new(0.1, 0.2, 1.5), turn);
-    let image = depth(&square(1e4), pose, PixelCentre::Integer);
+    let image = depth(&square(1e4), pose, PixelCenter::Integer);
     let normal = turn * Vector3::z();
     let mut seen = 0;
     for ((row, column), &z) in image.indexed_iter() {
@@ -112,12 +112,12 @@ fn plane_has_the_depth_of_its_equation_also_where_it_passes_the_camera() {
 
 #[test]
 fn sphere_has_the_depth_of_its_equation() {
-    let (centre, radius) = (Vector3::new(0.1, -0.05, 1.2), 0.3);
+    let (center, radius) = (Vector3::new(0.1, -0.05, 1.2), 0.3);
     let pose = Isometry3::from_parts(
-        Translation3::from(centre),
+        Translation3::from(center),
         UnitQuaternion::from_euler_angles(0.4, 1.1, -0.3),
     );
-    let image = depth(&sphere(radius), pose, PixelCentre::Integer);
+    let image = depth(&sphere(radius), pose, PixelCenter::Integer);
     let mut hits = 0;
     for ((row, column), &z) in image.indexed_iter() {
         let ray = Vector3::new(
@@ -125,9 +125,9 @@ fn sphere_has_the_depth_of_its_equation() {
             (row as f64 - 24.0) / 60.0,
             1.0,
         );
-        // |s ray - centre| = radius, the nearer root.
-        let (a, b) = (ray.norm_squared(), ray.dot(&centre));
-        let root = b * b - a * (centre.norm_squared() - radius * radius);
+        // |s ray - center| = radius, the nearer root.
+        let (a, b) = (ray.norm_squared(), ray.dot(&center));
+        let root = b * b - a * (center.norm_squared() - radius * radius);
         // Near the outline a mesh and its sphere differ.
         if root > 0.01 {
             hits += 1;
@@ -157,7 +157,7 @@ fn nearer_surface_hides_the_farther_in_either_order() {
         depth(
             &mesh,
             Isometry3::translation(0., 0., z),
-            PixelCentre::Integer,
+            PixelCenter::Integer,
         )
     };
     assert_eq!(both(true), both(false));
@@ -172,7 +172,7 @@ fn what_cannot_be_seen_leaves_the_image_empty() {
         Isometry3::translation(50., 0., 2.),
         Isometry3::rotation(Vector3::y() * std::f64::consts::FRAC_PI_2),
     ] {
-        let image = depth(&square(0.2), pose, PixelCentre::Integer);
+        let image = depth(&square(0.2), pose, PixelCenter::Integer);
         assert!(image.iter().all(|&z| z == 0.0), "{pose}");
     }
 }
@@ -200,7 +200,7 @@ fn meshes_and_lenses_that_cannot_be_are_refused() {
     bent.distortion =
         Distortion::BrownConrady(crate::camera::BrownConrady::new(&[0.1, 0.0, 0.0, 0.0]).unwrap());
     let pose = Isometry3::translation(0., 0., 1.);
-    let error = square(1.0).depth(&pose, &bent, SIZE, PixelCentre::Integer);
+    let error = square(1.0).depth(&pose, &bent, SIZE, PixelCenter::Integer);
     assert!(error.unwrap_err().to_string().contains("undistort"));
 }
 
@@ -209,7 +209,7 @@ proptest! {
     #[test]
     fn sphere_has_no_holes(x in -0.2..0.2, y in -0.2..0.2, turn in [-3.0..3.0, -3.0..3.0, -3.0..3.0]) {
         let pose = Isometry3::new(Vector3::new(x, y, 1.0), Vector3::from(turn));
-        let image = depth(&sphere(0.25), pose, PixelCentre::Half);
+        let image = depth(&sphere(0.25), pose, PixelCenter::Half);
         for row in image.rows() {
             let seen: Vec<usize> = (0..64).filter(|&c| row[c] > 0.0).collect();
             if let (Some(first), Some(last)) = (seen.first(), seen.last()) {
