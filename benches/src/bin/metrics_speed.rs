@@ -4,10 +4,10 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use mvtop_core::metrics::{
+use mvtop_core::{Distortion, Lens};
+use mvtop_eval::metrics::{
     BOP_MAX_STEP, ContinuousSymmetry, MatchingCost, Surface, Symmetries, VSD_TAUS, VsdOptions, vsd,
 };
-use mvtop_core::{Distortion, Lens};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use ndarray::{Array2, Array3, Axis};
 use safetensors::SafeTensors;

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 use mvtop_core::Options;
-use mvtop_core::bop::Grouping;
 use mvtop_core::onnx::{Provider, SessionOptions};
+use mvtop_eval::bop::Grouping;
 
 use crate::audit::args::Audit;
 

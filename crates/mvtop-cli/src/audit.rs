@@ -7,7 +7,7 @@ mod report;
 use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use mvtop_core::audit::{Files, Leakage, Settings, Split, common_objects, leakage, load_models};
+use mvtop_eval::leakage::{Files, Leakage, Settings, Split, common_objects, leakage, load_models};
 
 use self::args::Audit;
 use crate::failure::{Failure, Result, may_write, print};

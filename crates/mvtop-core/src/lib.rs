@@ -34,14 +34,7 @@ pub mod prediction;
 
 pub mod report;
 
-pub mod metrics;
-
-pub mod bop;
-
 pub mod overlay;
-
-// Beside the flow: what data sets are checked for.
-pub mod audit;
 
 mod error;
 

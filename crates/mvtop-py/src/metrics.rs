@@ -1,6 +1,6 @@
 //! Errors of poses.
 
-use mvtop_core::metrics;
+use mvtop_eval::metrics;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use ndarray::{ArrayD, Ix2};
 use pyo3::prelude::*;

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use mvtop_core::audit::BINS;
+use mvtop_eval::leakage::BINS;
 
 use super::report::{nearest, percent};
 use super::{Audited, Measure};

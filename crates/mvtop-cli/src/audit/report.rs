@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use mvtop_core::audit::{Counts, Histogram, ObjectLeakage, Pose, Split, rotation_deg};
+use mvtop_eval::leakage::{Counts, Histogram, ObjectLeakage, Pose, Split, rotation_deg};
 use serde::Serialize;
 
 use super::{Audited, Measure};

@@ -5,8 +5,8 @@ use std::path::Path;
 use std::time::Instant;
 
 use mvtop_core::Estimator;
-use mvtop_core::bop::{Group, ViewId, load_depth};
 use mvtop_core::prediction::ObjectPose;
+use mvtop_eval::bop::{Group, ViewId, load_depth};
 use serde::Serialize;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};

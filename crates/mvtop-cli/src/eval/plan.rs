@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use mvtop_core::bop::{Group, Instance, Model, Scene, View, ViewId};
-use mvtop_core::bop::{groups, load_models, load_targets, scene_ids};
 use mvtop_core::known::{KnownBoxes, KnownPose};
 use mvtop_core::{Camera, Estimator, Rig};
+use mvtop_eval::bop::{Group, Instance, Model, Scene, View, ViewId};
+use mvtop_eval::bop::{groups, load_models, load_targets, scene_ids};
 use nalgebra::Isometry3;
 
 use super::sample::Sample;

@@ -1,14 +1,14 @@
 //! What BOP's metrics say of one pose, and of many.
 
-use mvtop_core::bop::Model;
 use mvtop_core::known::KnownPose;
-use mvtop_core::metrics::{
+use mvtop_core::prediction::ObjectPose;
+use mvtop_core::{Camera, Distortion};
+use mvtop_eval::bop::Model;
+use mvtop_eval::metrics::{
     DepthImage, MSPD_THRESHOLDS_PX, MSSD_THRESHOLDS, MatchingCost, PixelCenter, VSD_TAUS,
     VSD_THRESHOLDS, VsdOptions, auc_exact, auc_poet, auc_posecnn, average_recall, recall,
     rotation_error_deg, translation_error, vsd,
 };
-use mvtop_core::prediction::ObjectPose;
-use mvtop_core::{Camera, Distortion};
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
@@ -242,8 +242,8 @@ mod tests {
     use super::*;
     use mvtop_core::Lens;
     use mvtop_core::known::KnownBoxes;
-    use mvtop_core::metrics::{Mesh, Surface, Symmetries};
     use mvtop_core::prediction::{Sigma, Timings};
+    use mvtop_eval::metrics::{Mesh, Surface, Symmetries};
     use nalgebra::Point3;
 
     /// A square plate of 0.2 m that faces the camera 1 m before it: 100 px wide.

@@ -1,11 +1,9 @@
 //! Rigs, lenses, images, lines of sight and poses.
 
 mod bad_rigs;
-mod bop;
 mod closeups;
 mod images;
 mod lenses;
-mod metrics;
 mod poses;
 mod rays;
 mod rigs;

@@ -1,6 +1,6 @@
 //! Data sets in BOP's layout, written by the tests.
 
-use mvtop_core::bop::{
+use mvtop_eval::bop::{
     Group, Grouping, Scene, Target, ViewId, groups, load_depth, load_models, load_targets,
     scene_ids,
 };

@@ -1,10 +1,10 @@
 //! Metrics against what the BOP toolkit gives (`fixtures_metrics.py`), and cases worked by hand.
 
-use mvtop_core::metrics::{
+use mvtop_core::{Distortion, Lens};
+use mvtop_eval::metrics::{
     BOP_MAX_STEP, ContinuousSymmetry, MatchingCost, Surface, Symmetries, VsdOptions,
     rotation_error_deg, translation_error, vsd,
 };
-use mvtop_core::{Distortion, Lens};
 use nalgebra::{
     Isometry3, Matrix3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3,
 };

@@ -7,8 +7,8 @@ use nalgebra::{Isometry3, Point3};
 use super::Symmetries;
 use super::kernel::{Affine, Columns, PinholePair, max_squared, max_squared_px, sum_of_lengths};
 use super::nearest::Tree;
-use crate::camera::{Distortion, Lens};
 use crate::{Error, Result};
+use mvtop_core::camera::{Distortion, Lens};
 
 /// Points on an object's surface, in its frame, made ready for measuring many poses.
 ///

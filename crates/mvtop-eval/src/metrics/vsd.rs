@@ -1,8 +1,8 @@
 //! Visible surface discrepancy.
 
 use super::depth::{DepthImage, distance};
-use crate::camera::Lens;
 use crate::{Error, Result};
+use mvtop_core::camera::Lens;
 
 /// BOP's misalignment tolerances, as shares of the object's diameter.
 pub const VSD_TAUS: [f64; 10] = [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5];

@@ -3,7 +3,7 @@
 use nalgebra::Isometry3;
 
 use super::Symmetries;
-use crate::pose;
+use mvtop_core::pose;
 
 /// Least angle between the estimated rotation and a symmetric one of the true, degrees.
 ///

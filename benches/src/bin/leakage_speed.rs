@@ -1,7 +1,7 @@
-//! How fast `mvtop_core::audit` is: a million poses against a hundred thousand, of 21 objects.
+//! How fast `mvtop_eval::leakage` is: a million poses against a hundred thousand, of 21 objects.
 //!
 //! ```text
-//! cargo run --release -p mvtop-core --example audit_speed -- out/audit
+//! cargo run --release -p mvtop-benches --bin leakage_speed -- out/audit
 //! ```
 //!
 //! writes two splits in BOP layout (0.6 GB) and models into the folder, times the comparison in
@@ -13,7 +13,7 @@ use std::fmt::Write;
 use std::path::Path;
 use std::time::Instant;
 
-use mvtop_core::audit::{Files, Pose, Settings, common_objects, leakage, load_models};
+use mvtop_eval::leakage::{Files, Pose, Settings, common_objects, leakage, load_models};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 const OBJECTS: usize = 21;
@@ -28,7 +28,7 @@ fn main() -> Result<(), Failure> {
     let mut arguments = std::env::args().skip(1);
     let folder = arguments
         .next()
-        .ok_or("usage: audit_speed FOLDER [TEST [TRAIN]]")?;
+        .ok_or("usage: leakage_speed FOLDER [TEST [TRAIN]]")?;
     let folder = Path::new(&folder);
     let mut number = |default| {
         arguments

@@ -6,8 +6,8 @@ use nalgebra::Isometry3;
 use serde::de::DeserializeOwned;
 use serde_json::json;
 
-use crate::rig::transform;
 use crate::{Error, Result};
+use mvtop_core::rig::transform;
 
 /// Metres per unit of a file.
 pub(super) const MM: f64 = 1e-3;

@@ -4,8 +4,8 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use ndarray::Array2;
 use rayon::prelude::*;
 
-use crate::camera::{Distortion, Lens};
 use crate::{Error, Result};
+use mvtop_core::camera::{Distortion, Lens};
 
 /// `[height, width]`: z coordinate in the camera frame of what each pixel shows, 0 for nothing.
 pub type DepthImage = Array2<f32>;

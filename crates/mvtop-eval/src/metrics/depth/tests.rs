@@ -197,8 +197,9 @@ fn meshes_and_lenses_that_cannot_be_are_refused() {
     let error = Mesh::new(vec![Point3::new(0.0, f64::NAN, 0.0)], vec![]).unwrap_err();
     assert!(error.to_string().contains("vertex 0"));
     let mut bent = lens();
-    bent.distortion =
-        Distortion::BrownConrady(crate::camera::BrownConrady::new(&[0.1, 0.0, 0.0, 0.0]).unwrap());
+    bent.distortion = Distortion::BrownConrady(
+        mvtop_core::camera::BrownConrady::new(&[0.1, 0.0, 0.0, 0.0]).unwrap(),
+    );
     let pose = Isometry3::translation(0., 0., 1.);
     let error = square(1.0).depth(&pose, &bent, SIZE, PixelCenter::Integer);
     assert!(error.unwrap_err().to_string().contains("undistort"));

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use mvtop_core::audit::{
+use mvtop_eval::leakage::{
     BINS, Counts, Files, Leakage, Model, Pose, Settings, Split, leakage, load_models, rotation_deg,
 };
 use nalgebra::{Matrix3, Rotation3, Vector3};

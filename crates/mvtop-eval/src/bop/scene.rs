@@ -9,8 +9,8 @@ use serde::Deserialize;
 
 use super::annotation::{Annotation, load_annotations};
 use super::json::{motion, read};
-use crate::camera::{BrownConrady, Distortion, Lens};
 use crate::{Error, Result};
+use mvtop_core::camera::{BrownConrady, Distortion, Lens};
 
 /// One image of a scene.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
