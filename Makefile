@@ -93,7 +93,7 @@ eval: .venv/data.done $(CLI)  ## held-out scenes: SPLIT=hard|easy SEED=n PAIRS=n
 	scripts/need-gl.sh
 	$(PY) -m mvtop_train.samples --out $(SAMPLES) --split $(SPLIT) --seed $(SEED) \
 	  --count $(PAIRS) --views $(VIEWS)
-	$(CLI) eval --samples $(SAMPLES) --model $(MODEL)
+	$(CLI) eval samples $(SAMPLES) --model $(MODEL)
 
 tables: .venv/tables.done $(CLI)  ## errors over views and noise, tables and curves: SEED=n PAIRS=n; resumes
 	scripts/need-gl.sh

@@ -6,11 +6,12 @@ use mvtop_core::Estimator;
 use mvtop_core::bundle::Bundle;
 use mvtop_core::onnx::Doctor;
 
-use crate::args::Network;
-use crate::failure::{Failure, Result, print};
+use crate::args::NetworkArgs;
+use crate::failure::{Failure, Result};
 use crate::model_dir;
+use crate::write::print;
 
-pub fn run(args: &Network) -> Result<()> {
+pub fn run(args: &NetworkArgs) -> Result<()> {
     print(&format!("mvtop-cli {}\n", env!("CARGO_PKG_VERSION")))?;
     let runtime = Doctor::examine(args.ort_lib.as_deref());
     print(&format!("{runtime}\n"))?;

@@ -6,8 +6,8 @@ use image::RgbImage;
 use mvtop_core::known::{self, KnownBoxes, KnownPose};
 use mvtop_core::{Estimator, PredictOptions, Prediction, Rig};
 
+use super::args::Trial;
 use super::noise::Noise;
-use crate::args::Eval;
 use crate::failure::{Failure, Result};
 
 pub struct Sample {
@@ -76,11 +76,12 @@ impl Sample {
         })
     }
 
-    pub fn predict(&self, estimator: &Estimator, args: &Eval, noise: &Noise) -> Result<Prediction> {
+    pub fn predict(&self, estimator: &Estimator, trial: &Trial) -> Result<Prediction> {
+        let noise = trial.noise();
         let options = PredictOptions {
             reference: None,
-            boxes: args.true_boxes.then(|| self.boxes(noise)),
-            min_views: args.detection.min_views as usize,
+            boxes: trial.true_boxes.then(|| self.boxes(&noise)),
+            min_views: trial.detection.min_views as usize,
         };
         let mut rig = self.rig.clone();
         noise.disturb_rig(&mut rig, &self.name);
