@@ -45,7 +45,7 @@ test-rust: .venv/run.done build-tests
 test-python: .venv/train.done build-tests
 	scripts/need-gl.sh
 	$(PY) -m pytest -q training/tests
-	$(PY) -m mvtop_train.fixtures --check
+	$(PY) -m mvtop_train.export.fixtures --check
 
 lint: .venv/train.done
 	cargo fmt --all --check
@@ -87,20 +87,20 @@ test-ray: test-wheel .venv/ray.done  ## a whole BOP data set on a local Ray clus
 	$(PY) -m pytest -q examples
 
 fixtures: .venv/train.done  ## write the parity fixtures anew
-	$(PY) -m mvtop_train.fixtures
+	$(PY) -m mvtop_train.export.fixtures
 
 eval: .venv/data.done $(CLI)  ## held-out scenes: SPLIT=hard|easy SEED=n PAIRS=n VIEWS=n
 	scripts/need-gl.sh
-	$(PY) -m mvtop_train.samples --out $(SAMPLES) --split $(SPLIT) --seed $(SEED) \
+	$(PY) -m mvtop_train.synthesis.samples --out $(SAMPLES) --split $(SPLIT) --seed $(SEED) \
 	  --count $(PAIRS) --views $(VIEWS)
 	$(CLI) eval samples $(SAMPLES) --model $(MODEL)
 
 tables: .venv/tables.done $(CLI)  ## errors over views and noise, tables and curves: SEED=n PAIRS=n; resumes
 	scripts/need-gl.sh
-	$(PY) -m mvtop_train.tables --model $(MODEL) --seed $(SEED) --pairs $(PAIRS) --out $(TABLES)
+	$(PY) -m mvtop_train.study.tables --model $(MODEL) --seed $(SEED) --pairs $(PAIRS) --out $(TABLES)
 
 pictures: tables  ## poses from one and from two views, drawn beside each other: SPLIT=hard|easy
-	$(PY) -m mvtop_train.pictures --model $(MODEL) --split $(SPLIT) --results $(TABLES) \
+	$(PY) -m mvtop_train.study.pictures --model $(MODEL) --split $(SPLIT) --results $(TABLES) \
 	  --samples out/eval/$(SPLIT)-seed$(SEED)-views$(MOST_$(SPLIT))-$(PAIRS) --out $(TABLES)/pairs-$(SPLIT).png
 
 bench: .venv/run.done  ## criterion benches

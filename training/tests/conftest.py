@@ -6,16 +6,20 @@ import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 import torch  # noqa: E402
 
-from mvtop_train import config, mvball  # noqa: E402
-from mvtop_train.data import amodal_boxes  # noqa: E402
-from mvtop_train.model import Mvtop, Views  # noqa: E402
+from mvtop_train.data import mvball, objects  # noqa: E402
+from mvtop_train.data.boxes import amodal_boxes  # noqa: E402
+from mvtop_train.network import config  # noqa: E402
+from mvtop_train.network.model import Mvtop  # noqa: E402
+from mvtop_train.network.views import Views  # noqa: E402
+
+MVBALL = objects.classes_of(objects.ball())
 
 
 @pytest.fixture(scope="session")
 def tiny():
     """The tiny network with random weights, made to use all its inputs."""
     torch.manual_seed(3)
-    model = Mvtop(config.preset("tiny")).eval()
+    model = Mvtop(config.preset("tiny", MVBALL)).eval()
     for name, parameter in model.named_parameters():
         if "offsets.weight" in name or "weights.weight" in name:
             torch.nn.init.normal_(parameter, std=0.05)

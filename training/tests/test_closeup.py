@@ -6,10 +6,13 @@ import numpy as np
 import onnxruntime
 import pytest
 import torch
+from conftest import MVBALL
 from test_export import decoder_inputs, run
 
-from mvtop_train import closeup, config, export
-from mvtop_train.model import Mvtop
+from mvtop_train.data import closeup
+from mvtop_train.export import bundle
+from mvtop_train.network import config
+from mvtop_train.network.model import Mvtop
 
 K = np.array([[610.0, 0, 322], [0, 590, 236], [0, 0, 1]])
 
@@ -55,12 +58,12 @@ def test_boxes_are_jittered_without_bias():
 @pytest.fixture(scope="module")
 def model():
     torch.manual_seed(2)
-    return Mvtop(config.preset("tiny", closeup=64, closeup_strides=(16, 32))).eval()
+    return Mvtop(config.preset("tiny", MVBALL, closeup=64, closeup_strides=(16, 32))).eval()
 
 
 @pytest.mark.parametrize("half", [False, True])
 def test_exported_closeups_match_torch(model, tmp_path, half):
-    export.write_bundle(model, tmp_path, {}, portable=True, half=half)
+    bundle.write_bundle(model, tmp_path, {}, portable=True, half=half)
     manifest = json.loads((tmp_path / "model.json").read_text())
     assert manifest["closeup"] == {"size": 64, "strides": [16, 32]}
     assert set(manifest["graphs"]) == {"features", "closeup", "decoder"}
@@ -68,14 +71,14 @@ def test_exported_closeups_match_torch(model, tmp_path, half):
     torch.manual_seed(torch_seed)
     rays = torch.nn.functional.normalize(torch.randn(3, n, 3), dim=-1)
     given = {
-        "features": (export.ExportedDetector, {"images": torch.randn(3, 3, c.height, c.width)}),
+        "features": (bundle.ExportedDetector, {"images": torch.randn(3, 3, c.height, c.width)}),
         "closeup": (
-            export.ExportedCloseUps, {"images": torch.randn(3, 3, 64, 64), "camera_rays": rays}
+            bundle.ExportedCloseUps, {"images": torch.randn(3, 3, 64, 64), "camera_rays": rays}
         ),
     }  # fmt: skip
     decoder = decoder_inputs(c, 3, 1)
     decoder["memory"], decoder["rays"] = torch.randn(3, n, 32), torch.randn(3, n, c.los_channels)
-    given["decoder"] = (export.ExportedDecoder, decoder)
+    given["decoder"] = (bundle.ExportedDecoder, decoder)
     tolerance = 2e-2 if half else 1e-4
     for name, (module, inputs) in given.items():
         session = onnxruntime.InferenceSession(tmp_path / f"{name}.onnx")
@@ -89,6 +92,6 @@ def test_exported_closeups_match_torch(model, tmp_path, half):
 
 def test_half_precision_halves_the_files(model, tmp_path):
     for half in (False, True):
-        export.write_bundle(model, tmp_path / str(half), {}, portable=True, half=half)
+        bundle.write_bundle(model, tmp_path / str(half), {}, portable=True, half=half)
     whole, half = ((tmp_path / str(h) / "closeup.onnx").stat().st_size for h in (False, True))
     assert half < 0.75 * whole

@@ -4,18 +4,22 @@ import cv2
 import numpy as np
 import pytest
 
-from mvtop_train import bop, generate, mvball, objects, scenes
-from mvtop_train.data import Augmentation, amodal_boxes, make_view
+from mvtop_train.data import bop, mvball, objects, rendered
+from mvtop_train.data.boxes import amodal_boxes
+from mvtop_train.data.crops import Augmentation, make_view
+from mvtop_train.synthesis import scenes
+from mvtop_train.synthesis.generate import scene_views
+from mvtop_train.synthesis.gl import open_gl
 
 
 @pytest.fixture(scope="module")
 def gl():
-    return generate.open_gl()
+    return open_gl()
 
 
 @pytest.fixture(scope="module")
 def views(gl):
-    return generate.scene_views(gl, seed=11, split="hard", index=0, order=["green", "red"])
+    return scene_views(gl, seed=11, split="hard", index=0, order=["green", "red"])
 
 
 def test_axes_of_every_camera_are_orthonormal():
@@ -36,7 +40,7 @@ def test_exactly_one_hemisphere_shows(views):
     for view in views:
         assert view.bump_pixels > 10
         hidden = {"green": "red", "red": "green"}[view.shows]
-        coords = scenes.object_coordinates(view)[view.mask]
+        coords = rendered.object_coordinates(view)[view.mask]
         assert np.isnan(coords).any(1).mean() < 0.05
         # No visible point lies on the other hemisphere (object coordinates from the depth map).
         on_hidden = coords @ mvball.BUMPS[hidden] > mvball.BUMP_CENTER + 0.3 * mvball.BUMP_RADIUS
@@ -44,20 +48,20 @@ def test_exactly_one_hemisphere_shows(views):
 
 
 def test_a_scene_is_drawn_from_its_number_alone(gl, views):
-    again = generate.scene_views(gl, seed=11, split="hard", index=0, order=["green", "red"])
+    again = scene_views(gl, seed=11, split="hard", index=0, order=["green", "red"])
     for a, b in zip(views, again, strict=True):
         assert np.array_equal(a.rgb, b.rgb) and np.array_equal(a.cam_from_obj, b.cam_from_obj)
-    other = generate.scene_views(gl, seed=11, split="easy", index=0, order=["green", "red"])
+    other = scene_views(gl, seed=11, split="easy", index=0, order=["green", "red"])
     assert not np.allclose(views[0].cam_from_obj, other[0].cam_from_obj)
 
 
 def test_the_camera_projects_the_ball_onto_its_mask(views):
     for view in views:
-        box = scenes.amodal_box(view, mvball.bounding_points())
+        box = rendered.amodal_box(view, mvball.bounding_points())
         v, u = np.nonzero(view.mask)
         assert box[0] <= u.min() + 1 and box[1] <= v.min() + 1
         assert box[2] >= u.max() - 1 and box[3] >= v.max() - 1
-        radius = np.linalg.norm(scenes.object_coordinates(view)[view.mask], axis=1)
+        radius = np.linalg.norm(rendered.object_coordinates(view)[view.mask], axis=1)
         assert np.nanmedian(radius) == pytest.approx(mvball.BALL_RADIUS, abs=5e-4)
 
 
@@ -69,7 +73,7 @@ def test_a_written_scene_reads_back(tmp_path, views):
         code = cv2.imread(str(image.coords_path))[:, :, ::-1]
         coords, mask = bop.decode_coords(code)
         x, y, w, h = image.visible_box
-        expected = scenes.object_coordinates(view)[y : y + h + 1, x : x + w + 1]
+        expected = rendered.object_coordinates(view)[y : y + h + 1, x : x + w + 1]
         assert np.array_equal(mask, ~np.isnan(expected[..., 0]))
         error = np.abs(coords[mask] * mvball.EXTENT - expected[mask]).max()
         assert error < mvball.EXTENT / 120

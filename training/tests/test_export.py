@@ -7,9 +7,11 @@ import onnx
 import onnxruntime
 import pytest
 import torch
+from conftest import MVBALL
 
-from mvtop_train import config, export
-from mvtop_train.model import Mvtop
+from mvtop_train.export import bundle
+from mvtop_train.network import config
+from mvtop_train.network.model import Mvtop
 
 
 def run(session, inputs):
@@ -44,7 +46,7 @@ def decoder_inputs(c, views, queries):
 @pytest.fixture(scope="module")
 def portable(tiny, tmp_path_factory):
     out = tmp_path_factory.mktemp("portable")
-    export.write_bundle(tiny, out, {}, portable=True)
+    bundle.write_bundle(tiny, out, {}, portable=True)
     return out
 
 
@@ -53,8 +55,8 @@ def test_portable_graphs_match_torch(tiny, portable, views, queries):
     torch.manual_seed(views)
     c = tiny.config
     for name, module, inputs in (
-        ("features", export.ExportedFeatures(tiny), feature_inputs(c, views)),
-        ("decoder", export.ExportedDecoder(tiny), decoder_inputs(c, views, queries)),
+        ("features", bundle.ExportedFeatures(tiny), feature_inputs(c, views)),
+        ("decoder", bundle.ExportedDecoder(tiny), decoder_inputs(c, views, queries)),
     ):
         session = onnxruntime.InferenceSession(portable / f"{name}.onnx")
         with torch.no_grad():
@@ -64,7 +66,7 @@ def test_portable_graphs_match_torch(tiny, portable, views, queries):
 
 
 def test_the_bundle_has_no_grid_sample_and_states_operator_shapes(tiny, tmp_path):
-    export.write_bundle(tiny, tmp_path, {})
+    bundle.write_bundle(tiny, tmp_path, {})
     count = 0
     for name in ("features", "decoder"):
         graph = onnx.load(tmp_path / f"{name}.onnx").graph
@@ -81,24 +83,24 @@ def test_the_bundle_has_no_grid_sample_and_states_operator_shapes(tiny, tmp_path
 
 
 def test_model_json_lists_every_file_with_its_checksum(tiny, tmp_path):
-    export.write_bundle(tiny, tmp_path, {"note": "test"})
+    bundle.write_bundle(tiny, tmp_path, {"note": "test"})
     description = json.loads((tmp_path / "model.json").read_text())
     files = {p.name for p in tmp_path.iterdir()} - {"model.json"}
     assert set(description["files"]) == files
     for name, entry in description["files"].items():
-        assert entry == export._entry(tmp_path / name)
+        assert entry == bundle._entry(tmp_path / name)
     assert description["detector"] == {"score_threshold": 0.3, "nms_iou": 0.5}
-    export.write_bundle(tiny, tmp_path, {}, agree_threshold=0.2)
+    bundle.write_bundle(tiny, tmp_path, {}, agree_threshold=0.2)
     detector = json.loads((tmp_path / "model.json").read_text())["detector"]
     assert detector == {"score_threshold": 0.3, "agree_threshold": 0.2, "nms_iou": 0.5}
 
 
 def test_the_paper_preset_builds_exports_and_runs(tmp_path):
     torch.manual_seed(0)
-    c = config.preset("paper")
+    c = config.preset("paper", MVBALL)
     model = Mvtop(c).eval()
     assert (c.encoder_layers, c.decoder_layers, c.heads, c.d_model) == (5, 5, 16, 256)
-    export.write_bundle(model, tmp_path, {}, portable=True)
+    bundle.write_bundle(model, tmp_path, {}, portable=True)
     inputs = feature_inputs(c, 2)
     features = onnxruntime.InferenceSession(tmp_path / "features.onnx")
     memory = run(features, inputs)[0]

@@ -1,17 +1,22 @@
 """Data sets are the same however they were made, and have the size that was asked for."""
 
+import io
 import queue
 
 import numpy as np
 import pytest
+from tqdm import tqdm
 
-from mvtop_train import bop, dataset_report, generate, objects, pairs, scenes
-from mvtop_train.data import load_index
+from mvtop_train import generate as command
+from mvtop_train.data import bop, objects, pairs
+from mvtop_train.errors import UserError
+from mvtop_train.study import dataset_report
+from mvtop_train.synthesis import generate, recipe, scenes, workers
 
 
 def make(out, *tasks):
-    recipe = generate.Recipe(seed=5, split="train", size=(192, 192))
-    generate._ball_work((recipe, out, list(tasks), queue.SimpleQueue()))
+    made = recipe.Recipe(seed=5, split="train", size=(192, 192))
+    generate._ball_work((made, out, list(tasks), queue.SimpleQueue()))
 
 
 def files(root) -> dict:
@@ -47,22 +52,22 @@ def test_scenes_that_are_whole_are_left_alone(dataset):
 
 def test_the_random_stream_of_a_scene_stays():
     """Held-out samples and data sets are named by their seed: this may never change."""
-    rng = np.random.default_rng([1, generate.SPLITS["train"], 0])
+    rng = np.random.default_rng([1, recipe.SPLITS["train"], 0])
     model, _ = scenes.drop(rng, [scenes.noise_texture(np.random.default_rng(0))])
     assert model.ngeom == 9
     assert rng.random() == 0.44839630934448427
 
 
 def test_views_per_scene_by_hand():
-    assert generate.views_per_scene(12, 6) == [6, 6]
-    assert generate.views_per_scene(14, 6) == [6, 6, 2]
-    assert generate.views_per_scene(13, 6) == [6, 7]  # one image alone would have no partner
-    assert generate.views_per_scene(4, 6) == [4]
+    assert recipe.views_per_scene(12, 6) == [6, 6]
+    assert recipe.views_per_scene(14, 6) == [6, 6, 2]
+    assert recipe.views_per_scene(13, 6) == [6, 7]  # one image alone would have no partner
+    assert recipe.views_per_scene(4, 6) == [4]
 
 
-@pytest.mark.parametrize("images", [*range(2, 40), *generate.PAPER_IMAGES.values()])
+@pytest.mark.parametrize("images", [*range(2, 40), *recipe.PAPER_IMAGES.values()])
 def test_as_many_images_as_asked_for(images):
-    counts = generate.views_per_scene(images, 6)
+    counts = recipe.views_per_scene(images, 6)
     assert sum(counts) == images and min(counts) > 1 and max(counts) <= 7
 
 
@@ -77,16 +82,16 @@ def test_pairs_show_both_hemispheres():
 def test_every_image_is_the_reference_of_one_written_pair(dataset):
     scenes_, images, count = pairs.write(dataset / "train")
     assert (scenes_, images, count) == (2, 5, 5)
-    read = load_index(dataset, obj=objects.read(dataset))
+    read = bop.load_index(dataset, obj=objects.read(dataset))
     for scene, a, b in pairs.read(dataset / "train"):
         assert {read[scene][a].shows, read[scene][b].shows} == {"green", "red"}
 
 
 def test_another_recipe_is_refused(tmp_path):
-    generate.Recipe(seed=1, split="train", size=(640, 480)).check(tmp_path)
-    generate.Recipe(seed=1, split="train", size=(640, 480)).check(tmp_path)
-    with pytest.raises(SystemExit, match="was made with seed 1, got 2"):
-        generate.Recipe(seed=2, split="train", size=(640, 480)).check(tmp_path)
+    recipe.Recipe(seed=1, split="train", size=(640, 480)).check(tmp_path)
+    recipe.Recipe(seed=1, split="train", size=(640, 480)).check(tmp_path)
+    with pytest.raises(UserError, match="was made with seed 1, got 2"):
+        recipe.Recipe(seed=2, split="train", size=(640, 480)).check(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +108,7 @@ def test_another_recipe_is_refused(tmp_path):
 def test_bad_options_are_one_sentence(monkeypatch, tmp_path, options, message):
     monkeypatch.setattr("sys.argv", ["generate", "--out", str(tmp_path), *options])
     with pytest.raises(SystemExit) as error:
-        generate.main()
+        command.main()
     assert str(error.value).startswith(message) and "; fix: " in str(error.value)
 
 
@@ -113,7 +118,7 @@ def test_the_report_counts_what_is_there(dataset, tmp_path):
     assert (stats["scenes"], stats["images"], stats["pairs"]) == (2, 5, 5)
     assert sum(stats["images_by_hemisphere"].values()) == 5
     assert sum(stats["hemisphere_px"]["histogram"]) == 5
-    assert stats["hemisphere_px"]["min_p5_median_p95_max"][0] > generate.MIN_PIXELS["train"]
+    assert stats["hemisphere_px"]["min_p5_median_p95_max"][0] > recipe.MIN_PIXELS["train"]
     assert 0.5 <= stats["distance_m"]["min_p5_median_p95_max"][0]
     assert 0 < stats["viewing_directions"]["hit"] <= 5 / dataset_report.DIRECTIONS
     sheet = dataset_report.contact_sheet(found, rows=1, columns=2, size=(60, 45))
@@ -128,11 +133,17 @@ def test_a_viewpoint_by_hand():
     assert roll == pytest.approx(0)  # the object's y points to the right in the image
 
 
-def test_what_a_worker_refuses_comes_back_as_a_value():
-    """A pool waits for ever for a process that exits."""
+def refuse_the_first(job):
+    tasks, done = job
+    for task in tasks:
+        if task == 0:
+            raise UserError("no scene 0")
+        done.put(task)
 
-    def fail(job):
-        raise SystemExit(f"error: {job}")
 
-    assert generate._guarded((fail, "no scene")) == "error: no scene"
-    assert generate._guarded((lambda job: None, "scene")) is None
+def test_what_a_worker_refuses_is_raised_where_it_was_called():
+    """A pool would wait for ever for a process that exits."""
+    bar = tqdm(total=3, disable=False, file=io.StringIO())
+    with pytest.raises(UserError, match="^no scene 0$"):
+        workers.run_workers(refuse_the_first, range(3), 2, lambda tasks, done: (tasks, done), bar)
+    assert bar.n == 1  # what the other worker did

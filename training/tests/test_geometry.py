@@ -2,9 +2,10 @@
 
 import pytest
 import torch
+from conftest import MVBALL
 
-from mvtop_train import pose, rays
-from mvtop_train.config import LOS_CHANNELS
+from mvtop_train.network import pose, rays
+from mvtop_train.network.config import LOS_CHANNELS
 
 K = torch.tensor([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]])
 
@@ -84,10 +85,10 @@ def test_uncertainty_does_not_touch_the_pose():
 
 def test_boxes_alone_put_a_sphere_where_it_is():
     """One view by the box's size, two views by triangulation; the correction is zero."""
-    from mvtop_train import config
-    from mvtop_train.decoder import Boxes, PoseHeads
+    from mvtop_train.network import config
+    from mvtop_train.network.decoder import Boxes, PoseHeads
 
-    heads = PoseHeads(config.preset("tiny"))
+    heads = PoseHeads(config.preset("tiny", MVBALL))
     radius = heads.radii[0].item()
     center = torch.tensor([0.1, -0.05, 0.8])
     side = torch.tensor([[0.0, 0, -1, 0.8], [0, 1, 0, 0], [1, 0, 0, 0.8], [0, 0, 0, 1]])
@@ -108,7 +109,7 @@ def test_boxes_alone_put_a_sphere_where_it_is():
 
 
 def test_solve3_solves():
-    from mvtop_train.decoder import solve3
+    from mvtop_train.network.decoder import solve3
 
     torch.manual_seed(0)
     m = torch.randn(5, 3, 3, dtype=torch.float64)

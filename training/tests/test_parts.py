@@ -8,18 +8,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from mvtop_train import (
-    batches,
-    bop,
-    coordinates,
-    generate,
-    objects,
-    parts,
-    rig,
-    samples,
-    scenes,
-)
-from mvtop_train.data import Augmentation, choose_views, fixed_views, load_index, make_view
+from mvtop_train.data import batches, bop, objects, rig
+from mvtop_train.data.bop import load_index
+from mvtop_train.data.choice import choose_views, fixed_views
+from mvtop_train.data.crops import Augmentation, make_view
+from mvtop_train.errors import UserError
+from mvtop_train.synthesis import coordinates, parts, samples, scenes
+from mvtop_train.synthesis.gl import open_gl
 
 RED, BLUE = (200, 20, 20), (20, 20, 200)
 # Of the two boxes below, mm: every point of the part lies on one of these planes.
@@ -63,7 +58,7 @@ def dataset(files):
     part = parts.Part(mesh, objects.from_mesh(mesh, 1, "bracket"))
     objects.write(out, part.obj, mesh)
     cameras = rig.load(files / "rig.json")
-    gl = generate.open_gl()
+    gl = open_gl()
     for number in range(2):
         rng = np.random.default_rng([3, number])
         pool = [scenes.noise_texture(rng)]
@@ -189,7 +184,7 @@ def edit(path, change):
 def test_missing_extrinsics_are_one_sentence(dataset, tmp_path):
     root = strip(dataset, tmp_path / "foreign")
     edit(root / "train" / "000000" / "scene_camera.json", lambda c: c["1"].pop("cam_t_w2c"))
-    with pytest.raises(SystemExit, match="image 1: expected the camera's pose .* fix: "):
+    with pytest.raises(UserError, match="image 1: expected the camera's pose .* fix: "):
         load_index(root, obj=objects.read(root))
 
 
@@ -200,17 +195,17 @@ def test_of_several_objects_one_is_chosen(dataset, tmp_path):
     obj = objects.read(root)
     chosen = load_index(root, obj=obj)[0][0]
     assert chosen.cam_from_obj[2, 3] != 0.5
-    with pytest.raises(SystemExit, match="image 0: expected one object, got 2; fix: "):
+    with pytest.raises(UserError, match="image 0: expected one object, got 2; fix: "):
         load_index(root)
     edit(root / "models" / "models_info.json", lambda info: info.update({"7": info["1"]}))
-    with pytest.raises(SystemExit, match=r"expected one of \[1, 7\], got none chosen; fix: "):
+    with pytest.raises(UserError, match=r"expected one of \[1, 7\], got none chosen; fix: "):
         objects.read(root)
 
 
 def test_a_mesh_in_the_wrong_unit_is_refused(files):
-    with pytest.raises(SystemExit, match="expected a part of 2 mm to 5 m, got 60 m .* fix: "):
+    with pytest.raises(UserError, match="expected a part of 2 mm to 5 m, got 60 m .* fix: "):
         objects.load_mesh(files / "bracket.ply", "m")
-    with pytest.raises(SystemExit, match="no such file; fix: "):
+    with pytest.raises(UserError, match="no such file; fix: "):
         objects.load_mesh(files / "none.ply", "mm")
 
 
@@ -233,7 +228,7 @@ def test_a_rig_that_cannot_see_the_part_is_refused():
         rig.Camera(id="a", cam_from_rig=np.eye(4), **lens),
         rig.Camera(id="b", cam_from_rig=apart, **lens),
     ]
-    with pytest.raises(SystemExit, match="expected a place where 2 cameras see .* fix: "):
+    with pytest.raises(UserError, match="expected a place where 2 cameras see .* fix: "):
         parts.check_rig(cameras, obj, "rig.json")
     parts.check_rig(cameras[:1], obj, "rig.json")
 
@@ -283,7 +278,7 @@ def test_bad_rigs_are_one_sentence(tmp_path, change, message):
     change(content)
     path = tmp_path / "rig.json"
     path.write_text(json.dumps(content))
-    with pytest.raises(SystemExit) as error:
+    with pytest.raises(UserError) as error:
         rig.load(path)
     assert message in str(error.value) and str(error.value).endswith("fix: see docs/rig.md")
 
@@ -301,14 +296,14 @@ def test_samples_of_a_data_set_hold_its_poses(dataset, tmp_path):
         saved = cv2.imread(str(tmp_path / "000000" / f"{camera.id}.png"))
         assert np.array_equal(saved, cv2.imread(str(image.path)))
     assert len(list(tmp_path.iterdir())) == 2
-    with pytest.raises(SystemExit, match="expected a scene of 3 images, got none; fix: "):
+    with pytest.raises(UserError, match="expected a scene of 3 images, got none; fix: "):
         samples.write_from_data(tmp_path, dataset, "train", obj, count=2, views=3)
 
 
 def test_a_mesh_that_cannot_fall_is_refused():
     sheet = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], [[0, 1, 2]])
     with pytest.raises(
-        SystemExit, match="expected a body that can fall, got: at least 4 vertices .*; fix: "
+        UserError, match="expected a body that can fall, got: at least 4 vertices .*; fix: "
     ):
         parts.Part(sheet, objects.from_mesh(sheet, 1, "sheet"))
 

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from mvtop_train import sampling
+from mvtop_train.network import sampling
 
 needs_kernel = pytest.mark.usefixtures("kernel")
 

@@ -6,8 +6,9 @@ import pytest
 import torch
 from conftest import random_pose
 
-from mvtop_train import baselines, bop, canonical, mvball, study
-from mvtop_train.baselines import late_fusion, rotation_bins, vote
+from mvtop_train.data import bop, mvball
+from mvtop_train.study import baselines, canonical, variants
+from mvtop_train.study.baselines import late_fusion, rotation_bins, vote
 
 POINTS = mvball.bounding_points(100)
 
@@ -121,7 +122,7 @@ def test_a_canonical_view_shows_points_where_its_camera_says(tmp_path):
         assert np.linalg.norm(middle[:2] / middle[2] - 79.5) < 8  # jitter of the box
 
 
-@pytest.mark.parametrize("name", study.VARIANTS)
+@pytest.mark.parametrize("name", variants.VARIANTS)
 def test_every_variant_trains_and_is_tested(name):
     rng = np.random.default_rng(0)
     world_from_obj = [random_pose(rng) for _ in range(3)]
@@ -136,9 +137,9 @@ def test_every_variant_trains_and_is_tested(name):
         np.array(["green", "red"] * 6),
         [np.arange(4 * i, 4 * i + 4) for i in range(3)],
     )
-    variant = study.VARIANTS[name]
-    model = study.fit(variant, cached, (16, 32), steps=2, seed=0, name=name)
-    results = study.test(model, variant, cached)
+    variant = variants.VARIANTS[name]
+    model = variants.fit(variant, cached, (16, 32), steps=2, seed=0, name=name)
+    results = variants.test(model, variant, cached)
     wanted = {"two_views"} if variant.views == 2 else {"one_view"}
     assert wanted <= set(results)
     for result in results.values():

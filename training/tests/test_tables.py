@@ -8,7 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-from mvtop_train import pictures, results, tables
+from mvtop_train.errors import UserError
+from mvtop_train.study import pictures, results, tables
 
 
 def line(sample: str, rot=None, sigma=None, views=2) -> dict:
@@ -38,7 +39,7 @@ def test_results_are_read_with_what_was_not_found(tmp_path):
 @pytest.mark.parametrize("text", ["", "[]", '{"sample": "a"}\n', "\0"])
 def test_other_files_are_refused_in_one_sentence(tmp_path, text):
     (tmp_path / "r.jsonl").write_text(text)
-    with pytest.raises(SystemExit, match=r"^error: .*; fix: mvtop-cli eval") as refused:
+    with pytest.raises(UserError, match=r".*; fix: mvtop-cli eval") as refused:
         results.read(tmp_path / "r.jsonl")
     assert "\n" not in str(refused.value)
 
@@ -135,9 +136,9 @@ def test_tables_and_pictures_are_made_and_finished_runs_are_kept(tmp_path, monke
 
 
 def test_command_that_cannot_run_is_one_sentence():
-    with pytest.raises(SystemExit, match=r"^error: cannot run /none.*; fix: cargo build"):
+    with pytest.raises(UserError, match=r"^cannot run /none.*; fix: cargo build"):
         tables.call(["/none"])
-    with pytest.raises(SystemExit, match="failed with code 3"):
+    with pytest.raises(UserError, match="failed with code 3"):
         tables.call([sys.executable, "-c", "raise SystemExit(3)"])
 
 
@@ -156,7 +157,7 @@ def test_cut_shows_the_box_in_the_middle_of_the_cell():
 
 
 def test_pictures_refuse_what_are_no_results(tmp_path):
-    command = [sys.executable, "-m", "mvtop_train.pictures", "--results", str(tmp_path)]
+    command = [sys.executable, "-m", "mvtop_train.study.pictures", "--results", str(tmp_path)]
     command += ["--samples", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 1

@@ -1,5 +1,5 @@
-//! Our side of `training/mvtop_train/metrics_speed.py`: reads a scene, prints a line of JSON with
-//! the time and the value of each metric and pose.
+//! Our side of `training/mvtop_train/study/metrics_speed.py`: reads a scene, prints a line of JSON
+//! with the time and the value of each metric and pose.
 
 use std::hint::black_box;
 use std::time::Instant;

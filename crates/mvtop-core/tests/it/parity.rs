@@ -1,4 +1,5 @@
-//! Every stage against the fixture that the PyTorch side wrote (`training/mvtop_train/fixtures.py`).
+//! Every stage against the fixture that the PyTorch side wrote
+//! (`training/mvtop_train/export/fixtures/stages.py`).
 
 use crate::fixtures::{Fixture, fixture_path, rigid, sample_rig};
 use mvtop_core::image::{self, Letterbox};

@@ -1,4 +1,4 @@
-//! Metrics against what the BOP toolkit gives (`fixtures_metrics.py`), and cases worked by hand.
+//! Metrics against what the BOP toolkit gives (`export/fixtures/metrics.py`), and cases worked by hand.
 
 use mvtop_core::{Distortion, Lens};
 use mvtop_eval::metrics::{

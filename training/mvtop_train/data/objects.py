@@ -1,0 +1,216 @@
+"""What is known of an object, from MV-ball or from a mesh, and its place in a data set: `models/`.
+
+    models/models_info.json   BOP's file (mm), with one more key, `name`
+    models/obj_000001.ply     the mesh in mm, with vertex colors
+    models_eval/obj_000001.ply  points spread over the surface, on which errors (ADD) are measured
+
+Training, evaluation and export read the object back from there, so that they serve any data set
+in BOP layout; without `models_eval/` the points are drawn from the mesh.
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from ..errors import UserError
+from ..network.config import ObjectClass
+from . import mvball
+
+POINTS = 1200  # on the surface, for ADD and overlays
+DIRECTIONS = 600  # in which the outermost points are kept
+GREY = 160  # of meshes without color
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+
+
+@dataclass(frozen=True)
+class Object:
+    """One rigid object; all lengths in metres, all points in the object's frame."""
+
+    id: int
+    name: str
+    diameter_m: float  # largest distance between two of its points
+    extent_m: float  # largest absolute coordinate: the unit in which coordinates are coded
+    points: np.ndarray  # [n, 3] spread over the surface
+    colors: np.ndarray  # [n, 3] of these points, 0..255
+    bounds: np.ndarray  # [m, 3] outermost points: their projections' extent is the amodal box
+
+
+def ball() -> Object:
+    """The MV-ball."""
+    points, colors = mvball.surface_points(POINTS)
+    return Object(
+        mvball.OBJ_ID, mvball.NAME, mvball.DIAMETER, mvball.EXTENT,
+        points, colors, mvball.bounding_points(),
+    )  # fmt: skip
+
+
+def classes_of(*objects: Object) -> tuple[ObjectClass, ...]:
+    """The classes of a network for these objects."""
+    return tuple(ObjectClass(obj.id, obj.name, obj.diameter_m) for obj in objects)
+
+
+def from_mesh(mesh: trimesh.Trimesh, obj_id: int, name: str) -> Object:
+    """The object that `mesh` (metres) is."""
+    bounds = outermost(np.asarray(mesh.vertices))
+    points, colors = sample_surface(mesh)
+    return Object(
+        obj_id, name, diameter(bounds), float(np.abs(mesh.bounds).max()), points, colors, bounds
+    )
+
+
+def load_mesh(path: Path, unit: str) -> trimesh.Trimesh:
+    """A mesh file that trimesh reads (obj, stl, ply, ...), in metres."""
+    if not Path(path).is_file():
+        raise UserError(f"mesh {path}: no such file; fix: check the path")
+    try:
+        # Vertices of STL files are not shared between faces: merge them, for smooth shading.
+        mesh = trimesh.load(path, force="mesh", process=Path(path).suffix.lower() == ".stl")
+        faces = len(mesh.faces)
+    except Exception as error:
+        raise UserError(
+            f"mesh {path}: expected an obj, stl or ply file with triangles, got {error}; "
+            "fix: export the part again as one of these"
+        ) from None
+    if faces == 0:
+        raise UserError(
+            f"mesh {path}: expected triangles, got none; fix: export the part as a mesh"
+        )
+    mesh.apply_scale(UNITS[unit])
+    size = diameter(outermost(np.asarray(mesh.vertices)))
+    if not 0.002 <= size <= 5:
+        raise UserError(
+            f"mesh {path}: expected a part of 2 mm to 5 m, got {size:.3g} m in unit "
+            f"{unit!r}; fix: --mesh-unit ({', '.join(UNITS)})"
+        )
+    return mesh
+
+
+def directions(n: int) -> np.ndarray:
+    """Unit vectors [n, 3] spread evenly over the sphere (Fibonacci lattice)."""
+    z = 1 - (2 * np.arange(n) + 1) / n
+    angle = np.pi * (1 + np.sqrt(5)) * np.arange(n)
+    radius = np.sqrt(1 - z**2)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], 1)
+
+
+def outermost(points: np.ndarray) -> np.ndarray:
+    """The points [m, 3] that lie farthest out in some of many directions."""
+    return points[np.unique((points @ directions(DIRECTIONS).T).argmax(0))]
+
+
+def diameter(points: np.ndarray) -> float:
+    return float(np.linalg.norm(points[:, None] - points, axis=-1).max())
+
+
+def sample_surface(mesh: trimesh.Trimesh, n: int = POINTS) -> tuple[np.ndarray, np.ndarray]:
+    """Points [n, 3] drawn evenly from the surface and their colors [n, 3] in 0..255."""
+    if mesh.visual.kind == "texture":
+        points, _, colors = trimesh.sample.sample_surface(mesh, n, sample_color=True, seed=0)
+        return np.asarray(points), np.asarray(colors)[:, :3].astype(float)
+    points, faces = trimesh.sample.sample_surface(mesh, n, seed=0)
+    if mesh.visual.kind is None:
+        return np.asarray(points), np.full((n, 3), float(GREY))
+    return np.asarray(points), mesh.visual.face_colors[faces, :3].astype(float)
+
+
+def ball_mesh() -> trimesh.Trimesh:
+    """The MV-ball as triangles, metres: seen from its center, each direction has one radius."""
+    mesh = trimesh.creation.icosphere(subdivisions=5)
+    towards = np.asarray(mesh.vertices)
+    radius = np.full(len(towards), mvball.BALL_RADIUS)
+    color = np.tile(np.array(mvball.COLORS["ball"]), (len(towards), 1))
+    for name, axis in mvball.BUMPS.items():
+        along = towards @ axis * mvball.BUMP_CENTER
+        across = mvball.BUMP_RADIUS**2 - mvball.BUMP_CENTER**2 + along**2
+        far = along + np.sqrt(across.clip(0))
+        bump = (across > 0) & (far > mvball.BALL_RADIUS)
+        radius[bump], color[bump] = far[bump], mvball.COLORS[name]
+    vertices = towards * radius[:, None]
+    return trimesh.Trimesh(
+        vertices, mesh.faces, vertex_colors=np.round(color * 255).astype(np.uint8)
+    )
+
+
+def write(root: Path, obj: Object, mesh: trimesh.Trimesh):
+    """Write the object (and its `mesh`, metres) as the one object of the data set at `root`."""
+    for name in ("models", "models_eval"):
+        (root / name).mkdir(parents=True, exist_ok=True)
+    low, high = mesh.bounds * 1e3
+    info = {"diameter": obj.diameter_m * 1e3, "name": obj.name}
+    for axis, start, size in zip("xyz", low.tolist(), (high - low).tolist(), strict=True):
+        info |= {f"min_{axis}": start, f"size_{axis}": size}
+    (root / "models" / "models_info.json").write_text(json.dumps({str(obj.id): info}, indent=1))
+    file = f"obj_{obj.id:06d}.ply"
+    if mesh.visual.kind is None:
+        colors = np.full((len(mesh.vertices), 3), GREY, np.uint8)
+    else:
+        visual = mesh.visual.to_color() if mesh.visual.kind == "texture" else mesh.visual
+        colors = np.asarray(visual.vertex_colors)[:, :3]
+    plain = trimesh.Trimesh(mesh.vertices * 1e3, mesh.faces, process=False, vertex_colors=colors)
+    plain.export(root / "models" / file, vertex_normal=False)
+    cloud = trimesh.PointCloud(obj.points * 1e3, colors=obj.colors.round().astype(np.uint8))
+    cloud.export(root / "models_eval" / file)
+
+
+def read(root: Path, obj_id: int | None = None) -> Object:
+    """The object of the data set at `root`; `obj_id` chooses where there are several."""
+    path = Path(root) / "models" / "models_info.json"
+    if not path.exists():
+        raise UserError(
+            f"{path}: no such file, expected a data set in BOP layout in {root}; "
+            f"fix: python -m mvtop_train.generate --out {root}"
+        )
+    infos = {int(key): info for key, info in json.loads(path.read_text()).items()}
+    if obj_id is None and len(infos) == 1:
+        obj_id = next(iter(infos))
+    if obj_id not in infos:
+        got = "none chosen" if obj_id is None else str(obj_id)
+        raise UserError(
+            f"object of {root}: expected one of {sorted(infos)}, got {got}; "
+            f"fix: --object {min(infos)}"
+        )
+    info, file = infos[obj_id], f"obj_{obj_id:06d}.ply"
+    low = np.array([info[f"min_{axis}"] for axis in "xyz"])
+    size = np.array([info[f"size_{axis}"] for axis in "xyz"])
+    mesh = read_mesh(root, obj_id)
+    points, colors = _points(Path(root), file, mesh)
+    return Object(
+        obj_id,
+        info.get("name", Path(file).stem),
+        info["diameter"] * 1e-3,
+        float(np.abs([low, low + size]).max()) * 1e-3,
+        points,
+        colors,
+        outermost(np.asarray(mesh.vertices)),
+    )
+
+
+def read_mesh(root: Path, obj_id: int) -> trimesh.Trimesh:
+    """The object's mesh in metres; points alone, of early data sets of ours, come as they are."""
+    path = Path(root) / "models" / f"obj_{obj_id:06d}.ply"
+    if not path.exists():
+        raise UserError(
+            f"{path}: no such file, expected the object's mesh (PLY, mm); fix: put it there"
+        )
+    return _read_ply(path)
+
+
+def _points(root: Path, file: str, mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Surface points [n, 3] in metres and their colors [n, 3]: those kept, else new ones."""
+    path = root / "models_eval" / file
+    kept = _read_ply(path) if path.exists() else mesh
+    if isinstance(kept, trimesh.Trimesh):  # as others have it there, a coarser mesh
+        return sample_surface(mesh)
+    chosen = np.random.default_rng(0).permutation(len(kept.vertices))[:POINTS]
+    chosen.sort()
+    return np.asarray(kept.vertices)[chosen], np.asarray(kept.colors)[chosen, :3].astype(float)
+
+
+def _read_ply(path: Path):
+    mesh = trimesh.load(path, process=False)
+    if isinstance(mesh, trimesh.Scene):
+        mesh = mesh.to_mesh()
+    return mesh.apply_scale(1e-3)

@@ -1,0 +1,57 @@
+"""The pairs of a split: which image is looked at together with which, the reference first.
+
+`pairs.json` beside the scenes: {"pairs": [[scene, image, image], ...]}, in the order of scenes and
+images. Every image that has a partner is the reference of exactly one pair. Of MV-ball the partner
+shows the other hemisphere (paper, section 3), so that a pair determines the pose and neither image
+does; of other objects it is the scene's next image.
+"""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+from ..errors import UserError
+from . import bop
+
+FILE = "pairs.json"
+
+
+def of_scene(shows: dict[int, str | None]) -> list[tuple[int, int]]:
+    """Pairs of image numbers. shows  image number -> hemisphere, or None"""
+    numbers = sorted(shows)
+    pairs = []
+    for number in numbers:
+        if shows[number] in ("green", "red"):
+            same = [n for n in numbers if shows[n] == shows[number]]
+            others = [n for n in numbers if shows[n] not in (shows[number], None)]
+            place = same.index(number)
+        else:
+            others, place = [n for n in numbers if n != number], numbers.index(number)
+        if others:
+            pairs.append((number, others[place % len(others)]))
+    return pairs
+
+
+def scenes(folder: Path) -> Iterator[tuple[int, dict[int, str | None]]]:
+    """(scene number, what each image shows) of the whole scenes of a split's folder."""
+    for path in sorted(p for p in folder.iterdir() if p.name.isdigit() and bop.is_whole(p)):
+        info = json.loads((path / "scene_gt_info.json").read_text())
+        yield int(path.name), {int(key): info[key][0].get("hemisphere") for key in info}
+
+
+def write(folder: Path) -> tuple[int, int, int]:
+    """Write the pairs of the scenes that a split has so far; how many (scenes, images, pairs)."""
+    found = list(scenes(folder))
+    pairs = [[scene, *pair] for scene, shows in found for pair in of_scene(shows)]
+    bop.write_json(folder / FILE, {"pairs": pairs})
+    return len(found), sum(len(shows) for _, shows in found), len(pairs)
+
+
+def read(folder: Path) -> list[tuple[int, int, int]]:
+    """(scene, reference image, other image) of a split."""
+    path = folder / FILE
+    if not path.exists():
+        raise UserError(
+            f"{path}: no such file; fix: python -m mvtop_train.generate writes it at its end"
+        )
+    return [tuple(pair) for pair in json.loads(path.read_text())["pairs"]]

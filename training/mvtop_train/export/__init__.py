@@ -1,0 +1,1 @@
+"""From weights to the bundle that Rust runs, and the numbers that both must agree on."""

@@ -1,0 +1,102 @@
+"""The one configuration type, and its presets."""
+
+import dataclasses
+from dataclasses import dataclass
+
+# "none" is PoET's: for comparison, not exported.
+LOS_CHANNELS = {"none": 0, "direction": 3, "origin_direction": 6, "plucker": 6, "plucker_origin": 9}
+
+
+@dataclass(frozen=True)
+class ObjectClass:
+    id: int
+    name: str
+    diameter_m: float
+
+
+@dataclass(frozen=True)
+class Config:
+    """Everything that decides the shape of a network.
+
+    `geometry` chooses how positions enter it. "image": as in the paper and PoET, in fractions of
+    the image; the translation is regressed in metres. "rays": only through lines of sight, so
+    that nothing depends on where the image ends and a network trained on crops runs on whole
+    images: box rays make the queries, offsets are in box units, and what a view contributes is
+    turned into the reference frame by the view's own rays (`decoder.Lift`).
+    """
+
+    preset: str
+    width: int  # network input, px
+    height: int
+    backbone: str  # "conv" or "resnet50_fpn"
+    channels: tuple[int, ...]  # of "conv", at strides 4, 8, 16, 32
+    strides: tuple[int, ...]
+    d_model: int
+    heads: int
+    points: int
+    encoder_layers: int
+    decoder_layers: int
+    ffn: int
+    los_encoding: str
+    geometry: str
+    classes: tuple[ObjectClass, ...] = ()  # what it detects; a preset leaves them open
+    mean: tuple[float, float, float] = (0.5, 0.5, 0.5)
+    std: tuple[float, float, float] = (0.25, 0.25, 0.25)
+    closeup: int = 0  # side of the close-ups that poses are decoded from, px; 0: whole images
+    closeup_strides: tuple[int, ...] = ()  # of the levels that are used of close-ups
+
+    @property
+    def los_channels(self) -> int:
+        return LOS_CHANNELS[self.los_encoding]
+
+    @property
+    def pose_strides(self) -> tuple[int, ...]:
+        """Of the levels that poses are decoded from."""
+        return self.closeup_strides if self.closeup else self.strides
+
+    def level_shapes(self, height: int | None = None, width: int | None = None):
+        """(rows, columns) of each pose level for an input of the given size."""
+        height, width = height or self.height, width or self.width
+        return [(-(-height // stride), -(-width // stride)) for stride in self.pose_strides]
+
+    def decoder_shapes(self):
+        """(rows, columns) of each level of what the poses are decoded from."""
+        return self.level_shapes(self.closeup or self.height, self.closeup or self.width)
+
+
+PRESETS = {
+    "tiny": Config(
+        preset="tiny", width=160, height=128, backbone="conv", channels=(8, 16, 32, 32),
+        strides=(8, 16, 32), d_model=32, heads=4, points=2, encoder_layers=1, decoder_layers=2,
+        ffn=64, los_encoding="plucker_origin", geometry="rays",
+    ),
+    "small": Config(
+        preset="small", width=512, height=384, backbone="conv", channels=(64, 128, 256, 256),
+        strides=(8, 16, 32), d_model=128, heads=8, points=4, encoder_layers=2, decoder_layers=3,
+        ffn=256, los_encoding="plucker_origin", geometry="rays",
+        closeup=160, closeup_strides=(16, 32),
+    ),
+    "paper": Config(
+        preset="paper", width=640, height=480, backbone="resnet50_fpn", channels=(),
+        strides=(16, 32, 64, 128), d_model=256, heads=16, points=4, encoder_layers=5,
+        decoder_layers=5, ffn=1024, los_encoding="origin_direction", geometry="image",
+        mean=(0.485, 0.456, 0.406), std=(0.229, 0.224, 0.225),
+    ),
+}  # fmt: skip
+
+
+def preset(name: str, classes: tuple[ObjectClass, ...], **changes) -> Config:
+    """A preset for the given classes, with single fields changed (ablations)."""
+    return dataclasses.replace(PRESETS[name], classes=classes, **changes)
+
+
+def to_dict(config: Config) -> dict:
+    return dataclasses.asdict(config)
+
+
+def from_dict(fields: dict) -> Config:
+    fields = {k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()}
+    fields["classes"] = tuple(
+        c if isinstance(c, ObjectClass) else ObjectClass(**c) for c in fields["classes"]
+    )
+    return Config(**fields)

@@ -1,0 +1,112 @@
+"""Images to a feature pyramid, and boxes from its finest level.
+
+The detector is a single convolutional head on the finest level: a score map per class, peaked
+at box centers, and the distances from each cell to the box's four sides (CenterNet, Zhou et al.
+2019; FCOS, Tian et al. 2019). The paper takes the features of an off-the-shelf detector.
+"""
+
+import math
+
+import torch
+import torch.nn.functional as F
+from torch import nn
+
+
+class Conv(nn.Sequential):
+    """3x3 convolution, batch normalisation (folded away on export), ReLU."""
+
+    def __init__(self, inputs: int, outputs: int, stride: int = 1, relu: bool = True):
+        layers = [
+            nn.Conv2d(inputs, outputs, 3, stride, 1, bias=False),
+            nn.BatchNorm2d(outputs, momentum=0.03),
+        ]
+        super().__init__(*layers, *([nn.ReLU(inplace=True)] if relu else []))
+
+
+class Residual(nn.Module):
+    def __init__(self, channels: int):
+        super().__init__()
+        self.body = nn.Sequential(Conv(channels, channels), Conv(channels, channels, relu=False))
+
+    def forward(self, x):
+        return F.relu(x + self.body(x))
+
+
+class ConvBackbone(nn.Module):
+    """Small residual network with a top-down path; returns one map per stride 8, 16, 32."""
+
+    def __init__(self, channels, d_model: int):
+        super().__init__()
+        c4, c8, c16, c32 = channels
+        self.stem = nn.Sequential(Conv(3, c4 // 2, 2), Conv(c4 // 2, c4, 2), Residual(c4))
+        self.stage8 = nn.Sequential(Conv(c4, c8, 2), Residual(c8))
+        self.stage16 = nn.Sequential(Conv(c8, c16, 2), Residual(c16))
+        self.stage32 = nn.Sequential(Conv(c16, c32, 2), Residual(c32))
+        self.lateral = nn.ModuleList(nn.Conv2d(c, d_model, 1) for c in (c8, c16, c32))
+        self.smooth = nn.ModuleList(Conv(d_model, d_model) for _ in range(2))
+
+    def forward(self, images):
+        x8 = self.stage8(self.stem(images))
+        x16 = self.stage16(x8)
+        x32 = self.stage32(x16)
+        p32 = self.lateral[2](x32)
+        p16 = self._merge(self.lateral[1](x16), p32, self.smooth[1])
+        p8 = self._merge(self.lateral[0](x8), p16, self.smooth[0])
+        return [p8, p16, p32]
+
+    @staticmethod
+    def _merge(fine, coarse, smooth):
+        return smooth(fine + F.interpolate(coarse, size=fine.shape[-2:], mode="nearest"))
+
+
+class ResNetFpnBackbone(nn.Module):
+    """The backbone of torchvision's Mask R-CNN: FPN maps 2, 3 and pool, and one level more.
+
+    Strides 16, 32, 64, 128, as PoET takes them. Weights are random here; a Mask R-CNN checkpoint
+    fits `body` under torchvision's own names.
+    """
+
+    def __init__(self, d_model: int):
+        super().__init__()
+        from torchvision.models.detection.backbone_utils import resnet_fpn_backbone
+
+        self.body = resnet_fpn_backbone(backbone_name="resnet50", weights=None, trainable_layers=5)
+        self.extra = nn.Conv2d(256, 256, 3, 2, 1)
+        self.project = nn.ModuleList(
+            nn.Sequential(nn.Conv2d(256, d_model, 1), nn.GroupNorm(32, d_model)) for _ in range(4)
+        )
+
+    def forward(self, images):
+        maps = self.body(images)
+        levels = [maps["2"], maps["3"], maps["pool"], self.extra(maps["pool"])]
+        return [project(level) for project, level in zip(self.project, levels, strict=True)]
+
+
+def build_backbone(config) -> nn.Module:
+    if config.backbone == "conv":
+        return ConvBackbone(config.channels, config.d_model)
+    return ResNetFpnBackbone(config.d_model)
+
+
+class Detector(nn.Module):
+    """Scores [V, C, h, w] as logits and boxes [V, 4, h, w] (x0, y0, x1, y1, input px)."""
+
+    def __init__(self, d_model: int, classes: int, stride: int):
+        super().__init__()
+        self.stride = stride
+        self.hidden = nn.Sequential(nn.Conv2d(d_model, d_model, 3, 1, 1), nn.ReLU(inplace=True))
+        self.score = nn.Conv2d(d_model, classes, 1)
+        self.sides = nn.Conv2d(d_model, 4, 1)
+        nn.init.constant_(self.score.bias, -math.log(99))  # focal loss: start at 1 %
+        nn.init.constant_(self.sides.bias, math.log(4))
+
+    def forward(self, level):
+        x = self.hidden(level)
+        rows, columns = level.shape[-2:]
+        sides = torch.exp(self.sides(x).float().clamp(-4, 6)) * self.stride
+        u = (torch.arange(columns, device=level.device) + 0.5) * self.stride - 0.5
+        v = (torch.arange(rows, device=level.device) + 0.5) * self.stride - 0.5
+        left, top, right, bottom = sides.unbind(1)
+        u, v = u[None, None, :], v[None, :, None]
+        boxes = torch.stack([u - left, v - top, u + right, v + bottom], 1)
+        return self.score(x).float(), boxes

@@ -1,0 +1,1 @@
+"""Methods, models and data sets compared and looked at: the tables and pictures of the docs."""

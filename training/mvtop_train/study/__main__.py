@@ -1,0 +1,77 @@
+"""Methods and variants side by side: same frozen features, same data, same budget.
+
+    python -m mvtop_train.study --weights models/mvball.weights.pt --data data/mvball \
+        --test data/test --out out/study
+
+Trains the transformer and heads of each variant on cached canonical views (`canonical.py`) and
+tests it on scenes that no training used. Finished variants are kept, so it resumes.
+"""
+
+import argparse
+import dataclasses
+import json
+import time
+from pathlib import Path
+
+from tqdm import tqdm
+
+from ..data import bop
+from ..errors import command
+from ..training.checkpoint import load_weights
+from . import canonical, variants
+from .variants import VARIANTS
+
+
+@command
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--weights", type=Path, required=True, help="whose backbone is frozen")
+    parser.add_argument("--data", type=Path, required=True, help="training scenes")
+    parser.add_argument("--test", type=Path, required=True, help="test scenes: splits hard, easy")
+    parser.add_argument("--out", type=Path, required=True, help="results and cached features")
+    parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=list(VARIANTS))
+    parser.add_argument("--scenes", type=int, default=1500, help="training scenes to use")
+    parser.add_argument("--copies", type=int, default=2, help="augmented copies of each image")
+    parser.add_argument("--steps", type=int, default=1500)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--levels", type=int, nargs="+", default=[1, 2], help="pyramid levels")
+    args = parser.parse_args()
+    backbone, trained, _ = load_weights(args.weights)
+    strides = tuple(trained.strides[level] for level in args.levels)
+
+    def cached(root: Path, split: str, scenes: int | None, copies: int, augment: bool):
+        index = bop.load_index(root, split)[:scenes]
+        name = f"{split}-{len(index)}x{copies}-levels{''.join(map(str, args.levels))}.pt"
+        return canonical.load_or_compute(
+            args.out / name, index, backbone, args.levels, copies, augment
+        )
+
+    for name in args.variants:
+        variant = VARIANTS[name]
+        path = args.out / f"{name}-seed{args.seed}.json"
+        if path.exists():
+            continue
+        control = variant.data == "control"
+        train_split, tests = (
+            ("control", ["control_test"]) if control else ("train", ["hard", "easy"])
+        )
+        data = cached(args.data, train_split, args.scenes, args.copies, True)
+        started = time.time()
+        model = variants.fit(variant, data, strides, args.steps, args.seed, name)
+        result = {
+            "variant": dataclasses.asdict(variant) | {"name": name},
+            "steps": args.steps, "images_per_step": variants.IMAGES, "seed": args.seed,
+            "scenes": len(data.scenes), "seconds": round(time.time() - started),
+        }  # fmt: skip
+        for split in tests:
+            result[split] = variants.test(model, variant, cached(args.test, split, None, 1, False))
+        path.write_text(json.dumps(result, indent=1) + "\n")
+        tqdm.write(json.dumps({name: {split: result[split] for split in tests}}))
+    (args.out / "study.md").write_text(variants.table(args.out) + "\n")
+    print(variants.table(args.out))
+
+
+if __name__ == "__main__":
+    main()

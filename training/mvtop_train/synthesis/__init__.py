@@ -1,0 +1,1 @@
+"""Scenes that are simulated and rendered (MuJoCo), written as data sets and samples."""

@@ -1,0 +1,250 @@
+"""Random scenes of a user's own part, seen by the user's own rig.
+
+The part falls among distractors onto a random floor, under random lights; then the rig is placed
+around it at random, and each of its cameras that sees enough of the part gives an image. All that
+is the rig's (intrinsics, relative poses) stays as it is.
+"""
+
+import cv2
+import mujoco
+import numpy as np
+import trimesh
+
+from ..data.objects import Object
+from ..data.rendered import View
+from ..data.rig import Camera
+from ..errors import UserError
+from . import scenes
+from .render import GROUP, Renderer
+
+# The scene is built around a part of this size and scaled back: gravity, time step and
+# distractors then suit a screw as well as a gearbox.
+SCENE_DIAMETER = 0.13
+LEAST_VISIBLE = 0.4  # of the outline, counting what is hidden and what is off the image
+LEAST_PIXELS = 100
+SIZES = (0.06, 0.8)  # of the part's diameter in the image, of the image's shorter side
+TRIES = 300  # points in front of the rig, and turns of it, to choose from
+
+
+class Part:
+    """A mesh as MuJoCo takes it: `falling(rng)` for `scenes.drop`, and its files."""
+
+    def __init__(self, mesh: trimesh.Trimesh, obj: Object):
+        self.obj, self.scale = obj, SCENE_DIAMETER / obj.diameter_m
+        uv, self.texture = _look(mesh)
+        self.assets = {"part.obj": _wavefront(mesh, uv, self.scale)}
+        if self.texture is not None:
+            self.assets["part.png"] = cv2.imencode(".png", self.texture[:, :, ::-1])[1].tobytes()
+        xml = f"<mujoco>{self.falling(np.random.default_rng(0))}</mujoco>"
+        try:
+            mujoco.MjModel.from_xml_string(xml, self.assets)
+        except ValueError as error:
+            reason = str(error).split("\n")[0].removeprefix("Error: ")
+            raise UserError(
+                f"mesh of {obj.name!r}: expected a body that can fall, got: {reason}; "
+                "fix: a mesh with volume"
+            ) from None
+
+    def falling(self, rng: np.random.Generator) -> str:
+        gloss = f'specular="{rng.uniform(0, 1):.2f}" shininess="{rng.uniform(0, 1):.2f}"'
+        if self.texture is None:
+            texture, look = "", rng.uniform(0.05, 0.95, 3)
+        else:
+            texture = '<texture name="part" type="2d" file="part.png"/>'
+            gloss += ' texture="part"'
+            look = np.clip(rng.uniform(0.8, 1.1) + rng.uniform(-0.05, 0.05, 3), 0, 1)
+        quaternion = rng.normal(size=4)
+        position = [*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.1, 0.3)]
+        # Scanned meshes are seldom closed: "convex" gives each a mass center.
+        return f"""<asset>
+            {texture}<material name="part" rgba="{scenes.row(look)} 1" {gloss}/>
+            <mesh name="part" file="part.obj" inertia="convex" maxhullvert="64"/>
+          </asset>
+          <worldbody>
+            <body name="part" pos="{scenes.row(position)}" quat="{scenes.row(quaternion)}">
+              <freejoint/>
+              <geom name="part" type="mesh" mesh="part" mass="0.3" condim="6"
+                    friction="1 0.01 0.005" material="part" group="{GROUP}"/>
+            </body>
+          </worldbody>"""
+
+
+def _look(mesh: trimesh.Trimesh):
+    """(uv [faces, 3, 2], texture [h, w, 3] uint8), or (None, None) for a mesh without colors."""
+    visual, corners = mesh.visual, len(mesh.faces) * 3
+    if visual.kind == "texture":
+        material = visual.material
+        image = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
+        if visual.uv is not None and image is not None:
+            uv = np.asarray(visual.uv)[np.asarray(mesh.faces).ravel()]
+            return uv.reshape(-1, 3, 2), np.asarray(image.convert("RGB"))
+        colors = np.tile(np.asarray(material.main_color)[:3], (len(mesh.faces), 1))
+    elif visual.kind is None:
+        return None, None
+    else:
+        colors = np.asarray(visual.face_colors)[:, :3]
+    # One texel per color; every corner of a face points to the middle of its texel.
+    table, index = np.unique(colors, axis=0, return_inverse=True)
+    side = int(np.ceil(np.sqrt(len(table))))
+    texture = np.zeros((side * side, 3), np.uint8)
+    texture[: len(table)] = table
+    index = index.reshape(-1)
+    uv = np.stack([(index % side + 0.5) / side, 1 - (index // side + 0.5) / side], 1)
+    return uv.repeat(3, 0).reshape(corners // 3, 3, 2), texture.reshape(side, side, 3)
+
+
+def _wavefront(mesh: trimesh.Trimesh, uv, scale: float) -> bytes:
+    lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in np.asarray(mesh.vertices) * scale]
+    faces = np.asarray(mesh.faces) + 1
+    if uv is None:
+        lines += [f"f {a} {b} {c}" for a, b, c in faces]
+    else:
+        lines += [f"vt {u:.6f} {v:.6f}" for u, v in uv.reshape(-1, 2)]
+        lines += [
+            f"f {a}/{3 * n + 1} {b}/{3 * n + 2} {c}/{3 * n + 3}"
+            for n, (a, b, c) in enumerate(faces)
+        ]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def points_in_front(rng: np.random.Generator, cameras: list[Camera], diameter: float):
+    """Places for the part: points [n, 3] in the rig's frame (m), and how many cameras see each.
+
+    Each lies in some camera's image, at a distance at which the part has one of `SIZES`.
+    """
+    points = np.empty((TRIES, 3))
+    for n in range(TRIES):
+        camera = cameras[rng.integers(len(cameras))]
+        pixel = rng.uniform(0.1, 0.9, 2) * [camera.width, camera.height]
+        side = min(camera.width, camera.height) * np.exp(rng.uniform(*np.log(SIZES)))
+        depth = camera.k[0, 0] * diameter / side
+        in_cam = np.linalg.inv(camera.k) @ [*pixel, 1] * depth
+        points[n] = camera.cam_from_rig[:3, :3].T @ (in_cam - camera.cam_from_rig[:3, 3])
+    return points, np.sum([sees(camera, points, diameter) for camera in cameras], 0)
+
+
+def sees(camera: Camera, points: np.ndarray, diameter: float) -> np.ndarray:
+    """Whether parts at `points` [n, 3] (rig frame, m) are wholly in the image, at a useful size."""
+    in_cam = points @ camera.cam_from_rig[:3, :3].T + camera.cam_from_rig[:3, 3]
+    z = np.maximum(in_cam[:, 2], 1e-6)
+    pixels = in_cam[:, :2] / z[:, None] * np.diag(camera.k)[:2] + camera.k[:2, 2]
+    size = camera.k[0, 0] * diameter / z
+    low, high = np.array(SIZES) * min(camera.width, camera.height)
+    inside = (pixels > 0.3 * size[:, None]) & (
+        pixels < [camera.width, camera.height] - 0.3 * size[:, None]
+    )
+    return (in_cam[:, 2] > 0) & inside.all(1) & (size >= low * 0.99) & (size <= high * 1.01)
+
+
+def check_rig(cameras: list[Camera], obj: Object, path):
+    """Refuse a rig no two of whose cameras see the part together."""
+    wanted = min(2, len(cameras))
+    _, seen = points_in_front(np.random.default_rng(0), cameras, obj.diameter_m)
+    if seen.max() < wanted:
+        raise UserError(
+            f"rig {path}: expected a place where {wanted} cameras see a part of "
+            f"{obj.diameter_m * 1e3:.1f} mm at {SIZES[0]:.0%} to {SIZES[1]:.0%} of the image, got "
+            "none; fix: check the units of the rig and of the mesh (--mesh-unit)"
+        )
+
+
+def place_rig(rng: np.random.Generator, cameras: list[Camera], diameter: float, target):
+    """world_from_rig [4, 4] that has the part at `target` [3] (m) and cameras above the floor."""
+    points, seen = points_in_front(rng, cameras, diameter)
+    share = np.where(seen >= min(2, len(cameras)), seen.astype(float) ** 2, 0)
+    if share.sum() == 0:
+        return None
+    point = points[rng.choice(len(points), p=share / share.sum())]
+    centers = np.stack([np.linalg.inv(c.cam_from_rig)[:3, 3] for c in cameras])
+    best, most = None, 0
+    for _ in range(TRIES):
+        turn = scenes.rotation_of(rng.normal(size=4))
+        heights = ((centers - point) @ turn.T + target)[:, 2]
+        above = int((heights > 0.3 * diameter).sum())
+        if above > most:
+            best, most = turn, above
+        if above == len(cameras):
+            break
+    if best is None:
+        return None
+    world_from_rig = np.eye(4)
+    world_from_rig[:3, :3], world_from_rig[:3, 3] = best, target - best @ point
+    return world_from_rig
+
+
+def views_of_scene(rng, gl, pool, part: Part, cameras: list[Camera], places=4):
+    """One dropped scene through the rig; empty if too few cameras see enough of the part.
+
+    returns: views, and the ids of the cameras that they are of
+    """
+    model, data = scenes.drop(rng, pool, part.falling, part.assets)
+    model.vis.global_.offwidth = max(c.width for c in cameras)
+    model.vis.global_.offheight = max(c.height for c in cameras)
+    world_from_obj = scenes.world_from_body(data, "part")
+    world_from_obj[:3, 3] /= part.scale
+    middle = (part.obj.bounds.max(0) + part.obj.bounds.min(0)) / 2
+    target = world_from_obj[:3, :3] @ middle + world_from_obj[:3, 3]
+    if np.linalg.norm(target[:2]) > 1.0 / part.scale or target[2] < 0:
+        return [], []  # rolled away, or was pushed into the floor
+    renderers = {}
+    try:
+        for _ in range(places):
+            world_from_rig = place_rig(rng, cameras, part.obj.diameter_m, target)
+            if world_from_rig is None:
+                continue
+            views, names = [], []
+            for camera in cameras:
+                size = camera.width, camera.height
+                if size not in renderers:
+                    renderers[size] = Renderer(model, *size, gl)
+                cam_from_world = camera.cam_from_rig @ np.linalg.inv(world_from_rig)
+                view = _view(data, renderers[size], part, camera, cam_from_world, world_from_obj)
+                if view is not None:
+                    views.append(view)
+                    names.append(camera.id)
+            if len(views) >= min(2, len(cameras)):
+                return views, names
+        return [], []
+    finally:
+        for renderer in renderers.values():
+            renderer.close()
+
+
+def _view(data, renderer, part: Part, camera: Camera, cam_from_world, world_from_obj):
+    in_scene = cam_from_world.copy()
+    in_scene[:3, 3] *= part.scale
+    if -(in_scene[:3, :3].T @ in_scene[:3, 3])[2] < 0.02:
+        return None  # under the floor
+    renderer.aim(data, camera.k, in_scene)
+    ids, depth = renderer.geom_ids_depth()
+    mask = ids == renderer.model.geom("part").id
+    visible = int(mask.sum())
+    if visible < LEAST_PIXELS:
+        return None
+    rgb, _ = renderer.rgb_depth()
+    v, u = np.nonzero(mask)
+    center = np.array([u.min() + u.max(), v.min() + v.max()]) / 2
+    cam_from_obj = cam_from_world @ world_from_obj
+    corners = part.obj.bounds @ cam_from_obj[:3, :3].T + cam_from_obj[:3, 3]
+    if corners[:, 2].min() > 0:
+        pixels = corners @ camera.k.T
+        pixels = pixels[:, :2] / pixels[:, 2:]
+        center = (pixels.min(0) + pixels.max(0)) / 2
+    full = renderer.outline_pixels(data, camera.k, in_scene, center)
+    if visible < LEAST_VISIBLE * full:
+        return None
+    return View(
+        camera.k, cam_from_world, world_from_obj, None, 0, mask, full, rgb, depth / part.scale
+    )
+
+
+def scene_views(gl, rng, pool, part: Part, cameras: list[Camera], drops: int = 200):
+    """Drops scenes until the rig sees the part in one; see `views_of_scene`."""
+    for _ in range(drops):
+        views, names = views_of_scene(rng, gl, pool, part, cameras)
+        if views:
+            return views, names
+    raise UserError(
+        f"part {part.obj.name!r}: expected a scene in which the rig sees at least "
+        f"{LEAST_VISIBLE:.0%} of it, got none in {drops}; fix: check the rig and the mesh's unit"
+    )

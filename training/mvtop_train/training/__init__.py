@@ -1,0 +1,1 @@
+"""From a config file and a data set to weights."""

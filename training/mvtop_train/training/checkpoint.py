@@ -1,0 +1,165 @@
+"""Everything of a run that survives a kill: network, moving average, optimiser, progress."""
+
+import copy
+import json
+from pathlib import Path
+
+import torch
+
+from ..errors import UserError
+from ..network import config as configs
+from ..network.model import Mvtop
+
+AVERAGE = "module."  # prefix of the average's tensors in a file
+
+
+class Run:
+    """Model, its moving average and optimiser, saved to and restored from one file.
+
+    last.pt     all of it, to go on from
+    weights.pt  the average alone in half precision: for export and to start other runs from
+    """
+
+    def __init__(
+        self, folder: Path, config, device: str, init: Path | None = None,
+        backbone: Path | None = None,
+    ):  # fmt: skip
+        self.folder, self.config, self.step, self.elapsed = Path(folder), config, 0, 0.0
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.model = Mvtop(config).to(device, memory_format=torch.channels_last)
+        self.average = copy.deepcopy(self.model).eval().requires_grad_(False)
+        self.updates = 0  # of the average
+        self.optimizer = _optimizer(self.model)
+        if self.path.exists():
+            state = _read(self.path)
+            with _fits(self.path):
+                self.model.load_state_dict(state["model"])
+                self._load_average(state)
+                self.optimizer.load_state_dict(state["optimizer"])
+            self.step, self.elapsed = state["step"], state.get("elapsed_s", 0.0)
+        elif init:
+            with _fits(init):
+                self._load_average(_read(init))
+            self.model.load_state_dict(self.average.state_dict())
+        if backbone:
+            self._freeze(backbone)
+
+    def _freeze(self, path: Path):
+        """Take all that works on images alone from another run's average, and keep it as it is."""
+        given = _average_of(_read(path))
+        for model in (self.model, self.average):
+            for name in ("backbone", "detector", "coordinates"):
+                part, prefix = getattr(model.features, name), f"features.{name}."
+                with _fits(path):
+                    part.load_state_dict(
+                        {
+                            k.removeprefix(prefix): x
+                            for k, x in given.items()
+                            if k.startswith(prefix)
+                        }
+                    )
+                part.requires_grad_(False)
+
+    @property
+    def path(self) -> Path:
+        return self.folder / "last.pt"
+
+    def _load_average(self, state):
+        self.average.load_state_dict(_average_of(state))
+        self.updates = int(state["average"].get("n_averaged", state["step"]))
+
+    @torch.no_grad()
+    def update_average(self):
+        """Exponential moving average that forgets the first, untrained steps quickly."""
+        share = 1 - min(0.995, (1 + self.updates) / (10 + self.updates))
+        self.updates += 1
+        old, new = self.average.state_dict().values(), self.model.state_dict().values()
+        pairs = [(a, b) for a, b in zip(old, new, strict=True) if a.is_floating_point()]
+        torch._foreach_lerp_([a for a, _ in pairs], [b for _, b in pairs], share)
+        for a, b in zip(old, new, strict=True):
+            if not a.is_floating_point():
+                a.copy_(b)
+
+    def save(self):
+        average = {AVERAGE + name: x for name, x in self.average.state_dict().items()}
+        average["n_averaged"] = torch.tensor(self.updates)
+        config = json.dumps(configs.to_dict(self.config))
+        state = {
+            "config": config,
+            "model": self.model.state_dict(),
+            "average": average,
+            "optimizer": self.optimizer.state_dict(),
+            "step": self.step,
+            "elapsed_s": self.elapsed,
+        }
+        _write(state, self.path)
+        half = {k: x.half() if x.is_floating_point() else x for k, x in average.items()}
+        _write({"config": config, "average": half, "step": self.step}, self.folder / "weights.pt")
+
+
+def _optimizer(model: Mvtop) -> torch.optim.Optimizer:
+    decay, plain, slow = [], [], []
+    for name, p in model.named_parameters():
+        if ".offsets." in name:
+            slow.append(p)
+        else:
+            (decay if p.ndim > 1 else plain).append(p)
+    return torch.optim.AdamW(
+        [
+            {"params": decay, "weight_decay": 1e-4, "scale": 1.0},
+            {"params": plain, "weight_decay": 0.0, "scale": 1.0},
+            {"params": slow, "weight_decay": 0.0, "scale": 0.1},  # as Deformable DETR
+        ],
+        lr=1e-3,
+    )
+
+
+def _write(state: dict, path: Path):
+    part = path.with_suffix(".part")
+    torch.save(state, part)
+    part.replace(path)  # a kill leaves the old file or the new one
+
+
+def _read(path: Path) -> dict:
+    try:  # to the CPU, where Adam's counts stay; what belongs on the device is copied there
+        return torch.load(path, map_location="cpu", weights_only=True)
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such file; fix: name a checkpoint") from None
+    except Exception as error:
+        kind = type(error).__name__
+        raise UserError(
+            f"{path}: expected a checkpoint of a run, got a file that does not load "
+            f"({kind}); fix: use last.pt or weights.pt of a run"
+        ) from None
+
+
+class _fits:
+    """Turns what `load_state_dict` says of a network of another shape into one sentence."""
+
+    def __init__(self, path: Path):
+        self.path = path
+
+    def __enter__(self):
+        pass
+
+    def __exit__(self, kind, error, _):
+        if kind in (RuntimeError, ValueError, KeyError):
+            lines = str(error).strip().splitlines()
+            raise UserError(
+                f"{self.path}: expected weights of this network, got others "
+                f"({lines[min(1, len(lines) - 1)].strip()}); fix: the preset it was trained with"
+            ) from None
+
+
+def _average_of(state: dict) -> dict:
+    average = state["average"].items()
+    return {name[len(AVERAGE) :]: x for name, x in average if name.startswith(AVERAGE)}
+
+
+def load_weights(path: Path) -> tuple[Mvtop, configs.Config, int]:
+    """The averaged network of a run's `last.pt` or `weights.pt`, in eval mode."""
+    state = _read(path)
+    config = configs.from_dict(json.loads(state["config"]))
+    model = Mvtop(config)
+    model.load_state_dict(_average_of(state))
+    return model.eval(), config, state["step"]

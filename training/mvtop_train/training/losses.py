@@ -1,0 +1,115 @@
+"""From a prediction and the truth to one number to minimise."""
+
+import torch
+import torch.nn.functional as F
+
+from ..network import pose
+from .processes import mean_count
+
+ROTATION, TRANSLATION, DETECTION, COORDINATES, UNCERTAINTY = 1.0, 10.0, 2.0, 6.0, 0.02
+WEIGHTS = {
+    "rotation": ROTATION,
+    "translation": TRANSLATION,
+    "detection": DETECTION,
+    "coordinates": COORDINATES,
+    "uncertainty": UNCERTAINTY,
+}
+
+
+def pose_errors(poses, cam_from_obj):
+    """Rotation (radians) and translation (m) error [layers, B, Q] of `Prediction.poses`.
+
+    cam_from_obj  [B, Q, 4, 4]
+    """
+    rotations = torch.stack([pose.rotation_from_6d(six) for six, _, _ in poses])
+    translations = torch.stack([t for _, t, _ in poses])
+    rot = pose.rotation_angle(rotations, cam_from_obj[..., :3, :3].expand_as(rotations))
+    return rot, pose.translation_error(translations, cam_from_obj[..., :3, 3])
+
+
+def total(prediction, batch, stride: int, weights=WEIGHTS):
+    """Loss and its parts. Every decoder layer counts alike (auxiliary losses, PoET)."""
+    truth = batch["cam_from_obj"][:, :1]  # in the reference view; one object
+    rot, t = pose_errors(prediction.poses, truth)
+    degrees = torch.rad2deg(rot)
+    sigma = torch.stack([s for _, _, s in prediction.poses])
+    terms = {
+        "rotation": rot.mean(1).sum(),
+        "translation": t.mean(1).sum(),
+        "uncertainty": pose.uncertainty_loss(sigma, degrees, t).mean(),
+    }
+    if prediction.scores is not None:
+        terms |= image_terms(prediction, batch, stride)
+    parts = {
+        "rotation_deg": degrees[-1].mean(),
+        "translation_m": t[-1].mean(),
+        **{name: term for name, term in terms.items() if name not in ("rotation", "translation")},
+    }
+    return sum(weights[name] * term for name, term in terms.items()), parts
+
+
+def image_terms(prediction, batch, stride: int) -> dict:
+    """What the images alone teach: boxes and object coordinates."""
+    boxes = batch["boxes"].flatten(0, 1)
+    absent = boxes.new_zeros(len(prediction.scores) - len(boxes), 4)  # the negatives' boxes
+    detection = detection_loss(
+        prediction.scores,
+        prediction.boxes,
+        torch.cat([boxes, absent]),
+        torch.zeros(len(prediction.scores), dtype=torch.long, device=boxes.device),
+        stride,
+    )
+    code = batch["coords"].flatten(0, 1).float().permute(0, 3, 1, 2)
+    # Networks whose finest level is coarser take every other sample, and so on.
+    skip = code.shape[-1] // prediction.coordinates.shape[-1]
+    code = code[..., skip // 2 :: skip, skip // 2 :: skip]
+    mask = (code != 0).all(1)
+    wanted = (code - 128) / 120  # `bop.decode_coords`
+    difference = F.smooth_l1_loss(prediction.coordinates, wanted, beta=0.1, reduction="none")
+    coordinates = (difference.sum(1) * mask).sum() / mean_count(mask.sum())
+    return {"detection": detection, "coordinates": coordinates}
+
+
+def detection_loss(logits, boxes, truth, class_index, stride: int):
+    """Focal loss on the center map and GIoU on the cells near each center.
+
+    logits       [V, C, h, w]
+    boxes        [V, 4, h, w] input px
+    truth        [V, 4] the one object's box in each view; no object where x1 <= x0
+    class_index  [V]
+    """
+    views, _, rows, columns = logits.shape
+    present = truth[:, 2] > truth[:, 0]
+    center = (truth[:, :2] + truth[:, 2:]) / 2
+    size = (truth[:, 2:] - truth[:, :2]).clamp_min(1)
+    u = (torch.arange(columns, device=logits.device) + 0.5) * stride - 0.5
+    v = (torch.arange(rows, device=logits.device) + 0.5) * stride - 0.5
+    sigma = (size / 8).clamp_min(stride * 0.6)
+    dx = (u[None] - center[:, :1]) / sigma[:, :1]
+    dy = (v[None] - center[:, 1:]) / sigma[:, 1:]
+    heat = torch.exp(-0.5 * (dx[:, None, :] ** 2 + dy[:, :, None] ** 2)) * present[:, None, None]
+    # The cell next to the center is the positive: its target is exactly 1.
+    heat = torch.where(heat == heat.amax((1, 2), keepdim=True), present[:, None, None] * 1.0, heat)
+    target = torch.zeros_like(logits)
+    target[torch.arange(views, device=logits.device), class_index] = heat
+    p = logits.sigmoid()
+    positive = target == 1
+    pos_loss = -F.logsigmoid(logits) * (1 - p) ** 2 * positive
+    neg_loss = -F.logsigmoid(-logits) * p**2 * (1 - target) ** 4 * ~positive
+    score_loss = (pos_loss.sum() + neg_loss.sum()) / mean_count(present.sum())
+    # All cells, most with weight 0: to pick the others out, a GPU would have to be waited for.
+    weight = (heat * (heat > 0.3)).flatten()
+    wanted = truth[:, None].expand(views, rows * columns, 4).flatten(0, 1)
+    box_losses = giou_loss(boxes.permute(0, 2, 3, 1).flatten(0, 2), wanted)
+    box_loss = (box_losses * weight).sum() / mean_count(weight.sum())
+    return score_loss + 2 * box_loss
+
+
+def giou_loss(a, b):
+    """1 - generalised IoU (Rezatofighi et al. 2019) of boxes [n, 4]."""
+    low, high = torch.maximum(a[:, :2], b[:, :2]), torch.minimum(a[:, 2:], b[:, 2:])
+    inter = (high - low).clamp_min(0).prod(-1)
+    area = (a[:, 2:] - a[:, :2]).prod(-1) + (b[:, 2:] - b[:, :2]).prod(-1) - inter
+    hull = torch.maximum(a[:, 2:], b[:, 2:]) - torch.minimum(a[:, :2], b[:, :2])
+    hull = hull.prod(-1)
+    return 1 - inter / area + (hull - area) / hull
