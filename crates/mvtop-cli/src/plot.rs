@@ -191,14 +191,15 @@ mod tests {
 
     #[test]
     fn bars_and_curves_show_what_was_counted() {
-        let svg = histogram("Errors", "mm", &[0.0, 0.0, 1.0, f64::INFINITY]).unwrap();
+        let errors = [0.0, 0.0, 1.0, 1.0, f64::INFINITY];
+        let svg = histogram("Errors", "mm", &errors).unwrap();
         assert!(
-            svg.contains("mm (last bar: and beyond), 3 objects"),
+            svg.contains("mm (last bar: and beyond), 4 objects"),
             "{svg}"
         );
-        let (width, counts) = count(&[0.0, 0.0, 1.0, f64::INFINITY]);
-        assert_eq!((width, counts.iter().sum()), (0.5, 3));
-        // One bar of blue for each bin but the last.
+        let (width, counts) = count(&errors);
+        assert_eq!((width, &counts[..]), (0.5, &[2, 0, 2][..]));
+        // Blue for each bin but the last.
         assert_eq!(svg.matches("fill=\"#1F77B4\"").count(), counts.len() - 1);
         let corners = steps(&[0.5, f64::INFINITY], 1.0);
         assert_eq!(corners, [(0.0, 0.0), (0.5, 0.0), (0.5, 0.5), (1.0, 0.5)]);

@@ -183,27 +183,39 @@ mod tests {
             seed: 7,
             ..rig_noise(1.0, 1000.0)
         };
-        // python3: key = hashlib.sha256(b"7/000000/cam0/rig").digest(), then of the package
-        // cryptography algorithms.ChaCha20(key, bytes(16)): 16 bytes of the stream, "<2Q".
+        // python3: key = hashlib.sha256(b"7/000000/cam0/rig").digest(), 16 bytes of the stream of
+        // algorithms.ChaCha20(key, bytes(16)) of the package cryptography, struct.unpack("<2Q", ...)
         let mut rng = noise.generator("000000/cam0/rig");
-        assert_eq!([rng.next_u64(), rng.next_u64()], [0, 0]);
-        // Of later versions of the library, too: results with noise can be repeated.
+        let first = [rng.next_u64(), rng.next_u64()];
+        assert_eq!(first, [9963092875442148147, 3498282736940708117]);
+        // Marsaglia's method by hand from that stream: the axis first, then the direction.
         let mut noisy = rig();
         noise.disturb_rig(&mut noisy, "000000");
-        let moved = rig().cameras[0]
-            .world_from_cam
-            .inv_mul(&noisy.cameras[0].world_from_cam);
+        let [exact, noisy] = [rig(), noisy].map(|rig| rig.cameras[0].world_from_cam);
+        let moved = exact.inv_mul(&noisy);
+        let near = |a: Vector3<f64>, b: [f64; 3]| (a - Vector3::from(b)).norm() < 1e-9;
+        let axis = [
+            0.12510076499292358,
+            -0.9682207309987203,
+            0.21656041804191528,
+        ];
+        let direction = [-0.7080490191747765, 0.4323594336606449, -0.5583295680601945];
         assert!(
-            (moved.translation.vector - Vector3::new(0.0, 0.0, 0.0)).norm() < 1e-12,
+            near(moved.rotation.scaled_axis(), axis.map(f64::to_radians)),
             "{moved}"
         );
+        assert!(near(moved.translation.vector, direction), "{moved}");
+        // Noise of boxes stays the same in later versions of the library.
         let mut noisy = seen();
-        Noise {
+        let noise = Noise {
             boxes: 0.1,
             ..noise
+        };
+        noise.disturb_boxes(&mut noisy, &rig(), "000000", 0);
+        let expected = [95.8798324619, 93.8724913729, 209.4264142183, 151.6786569353];
+        for (side, expected) in noisy.boxes["cam0"].iter().zip(expected) {
+            assert!((side - expected).abs() < 1e-9, "{:?}", noisy.boxes);
         }
-        .disturb_boxes(&mut noisy, &rig(), "000000", 0);
-        assert_eq!(noisy.boxes["cam0"], [0.0; 4]);
     }
 
     #[test]
