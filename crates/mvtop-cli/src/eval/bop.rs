@@ -126,7 +126,7 @@ fn evaluate(plan: &Plan, group: &Group, args: &BopArgs, estimator: &Estimator) -
     let matched = matches(&sample.truth, &prediction);
     let depth = load_depth(&plan.scenes[&group.scene].views[&group.views[0]])?;
     let view = score::View {
-        camera: &sample.rig.cameras[sample.rig.reference],
+        camera: &sample.rig.cameras()[sample.rig.reference()],
         depth: depth.as_ref(),
         vsd_delta: args.vsd_delta_mm * 1e-3,
     };

@@ -62,7 +62,7 @@ impl Outcome {
             sigma: found.map(|found| found.sigma),
             cameras: cameras
                 .filter(|seen| seen.bbox.is_some())
-                .map(|seen| sample.rig.cameras[seen.camera].id.clone())
+                .map(|seen| sample.rig.cameras()[seen.camera].id().to_owned())
                 .collect(),
             t_world_obj: found.map(|found| rows(&found.world_from_obj)),
             timings_ms: prediction.timings,
