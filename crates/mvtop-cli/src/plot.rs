@@ -37,7 +37,7 @@ impl Bars<'_> {
             let most = self.counts.iter().copied().max().unwrap_or(0);
             let x_max = self.width * self.counts.len() as f64;
             let mut chart = ChartBuilder::on(area)
-                .caption(self.title, ("sans-serif", 13))
+                .caption(self.title, ("sans-serif", 16))
                 .margin(8)
                 .margin_right(16)
                 .x_label_area_size(36)
@@ -51,8 +51,9 @@ impl Bars<'_> {
                 .light_line_style(TRANSPARENT)
                 .x_desc(self.x_label)
                 .y_desc(self.y_label)
-                .x_labels(self.counts.len().min(12))
-                .y_labels(6)
+                .x_labels(self.size.0 as usize / 60)
+                .y_labels(self.size.1 as usize / 40)
+                .label_style(("sans-serif", 14))
                 .x_label_formatter(&|x| number(*x))
                 .draw()?;
             for (bin, &count) in self.counts.iter().enumerate() {
@@ -60,7 +61,7 @@ impl Bars<'_> {
                 let color = if last { REST } else { COLORS[0] };
                 let [x0, x1] = [0.04, 0.96].map(|side| self.width * (bin as f64 + side));
                 let middle = ((x0 + x1) / 2.0, count);
-                let style = ("sans-serif", 12).into_text_style(area);
+                let style = ("sans-serif", 14).into_text_style(area);
                 let style = style.pos(Pos::new(HPos::Center, VPos::Bottom));
                 let bar = Rectangle::new([(x0, 0), (x1, count)], color.filled());
                 let above = Text::new((self.above)(count), (0, -2), style);
@@ -122,7 +123,7 @@ pub fn recall_curves(
 ) -> Result<String> {
     svg(SMALL, |area| {
         let mut chart = ChartBuilder::on(area)
-            .caption(title, ("sans-serif", 13))
+            .caption(title, ("sans-serif", 16))
             .margin(8)
             .margin_right(16)
             .x_label_area_size(36)
@@ -136,6 +137,7 @@ pub fn recall_curves(
             .x_desc(unit)
             .x_labels(6)
             .y_labels(6)
+            .label_style(("sans-serif", 14))
             .x_label_formatter(&|x| number(*x))
             .y_label_formatter(&|y| number(*y))
             .draw()?;
@@ -151,6 +153,7 @@ pub fn recall_curves(
             .configure_series_labels()
             .position(SeriesLabelPosition::LowerRight)
             .background_style(WHITE)
+            .label_font(("sans-serif", 14))
             .draw()
     })
 }
