@@ -4,7 +4,7 @@ import pytest
 import torch
 from conftest import MVBALL
 
-from mvtop_train.network import pose, rays
+from mvtop_train.network import losses, pose, rays
 from mvtop_train.network.config import LOS_CHANNELS
 
 K = torch.tensor([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]])
@@ -68,7 +68,7 @@ def test_uncertainty_loss_is_lowest_at_the_expected_errors():
 
     def loss(rot_sigma, t_sigma):
         sigma = torch.tensor([rot_sigma, t_sigma]).expand(3, 2)
-        return pose.uncertainty_loss(sigma, rot, t).mean().item()
+        return losses.uncertainty_loss(sigma, rot, t).mean().item()
 
     best = loss(rot.mean().item(), (t.square().mean() / 3).sqrt().item())
     for factor in (0.8, 1.25):
@@ -79,7 +79,7 @@ def test_uncertainty_loss_is_lowest_at_the_expected_errors():
 def test_uncertainty_does_not_touch_the_pose():
     sigma = torch.ones(1, 2, requires_grad=True)
     error = torch.ones(1, requires_grad=True)
-    pose.uncertainty_loss(sigma, error, error).sum().backward()
+    losses.uncertainty_loss(sigma, error, error).sum().backward()
     assert sigma.grad is not None and error.grad is None
 
 

@@ -1,10 +1,10 @@
 """From a prediction and the truth to one number to minimise."""
 
 import torch
+import torch.distributed as dist
 import torch.nn.functional as F
 
-from ..network import pose
-from .processes import mean_count
+from . import pose
 
 ROTATION, TRANSLATION, DETECTION, COORDINATES, UNCERTAINTY = 1.0, 10.0, 2.0, 6.0, 0.02
 WEIGHTS = {
@@ -36,7 +36,7 @@ def total(prediction, batch, stride: int, weights=WEIGHTS):
     terms = {
         "rotation": rot.mean(1).sum(),
         "translation": t.mean(1).sum(),
-        "uncertainty": pose.uncertainty_loss(sigma, degrees, t).mean(),
+        "uncertainty": uncertainty_loss(sigma, degrees, t).mean(),
     }
     if prediction.scores is not None:
         terms |= image_terms(prediction, batch, stride)
@@ -46,6 +46,27 @@ def total(prediction, batch, stride: int, weights=WEIGHTS):
         **{name: term for name, term in terms.items() if name not in ("rotation", "translation")},
     }
     return sum(weights[name] * term for name, term in terms.items()), parts
+
+
+def uncertainty_loss(sigma, rotation_error_deg, t_error):
+    """Negative log likelihoods that make `sigma` [..., 2] the expected errors.
+
+    Rotation: exponential distribution, minimal where sigma is the mean error. Translation:
+    isotropic Gaussian, minimal where 3 sigma^2 is the mean squared distance.
+    """
+    rot, t = sigma.unbind(-1)
+    rot_nll = rot.log() + rotation_error_deg.detach() / rot
+    t_nll = 3 * t.log() + t_error.detach() ** 2 / (2 * t**2)
+    return rot_nll + t_nll
+
+
+def mean_count(count: torch.Tensor) -> torch.Tensor:
+    """Mean of a count over the processes, at least 1; a sum in each is divided by it."""
+    count = count.detach().float()
+    if dist.is_initialized():
+        dist.all_reduce(count)
+        count = count / dist.get_world_size()
+    return count.clamp_min(1)
 
 
 def image_terms(prediction, batch, stride: int) -> dict:
