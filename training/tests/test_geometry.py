@@ -83,6 +83,45 @@ def test_uncertainty_does_not_touch_the_pose():
     assert sigma.grad is not None and error.grad is None
 
 
+def giou(a, b):
+    """Rezatofighi et al. 2019, as written there: IoU - (hull - union) / hull of boxes [..., 4]."""
+    overlap = torch.minimum(a[..., 2:], b[..., 2:]) - torch.maximum(a[..., :2], b[..., :2])
+    inter = overlap.clamp_min(0).prod(-1)
+    union = (a[..., 2:] - a[..., :2]).prod(-1) + (b[..., 2:] - b[..., :2]).prod(-1) - inter
+    hull = torch.maximum(a[..., 2:], b[..., 2:]) - torch.minimum(a[..., :2], b[..., :2])
+    return inter / union - (hull.prod(-1) - union) / hull.prod(-1)
+
+
+def test_boxes_are_learnt_by_giou_on_the_cells_near_the_center():
+    """Weighted by the center map there; a view without the object adds nothing."""
+    torch.manual_seed(0)
+    stride, cells = 8, 10
+    truth = torch.tensor([[10.0, 7, 50, 48], [0, 0, 0, 0], [30, 5, 71, 60]])
+    low = torch.rand(3, 2, cells, cells) * 60
+    boxes = torch.cat([low, low + 2 + torch.rand(3, 2, cells, cells) * 60], 1).requires_grad_()
+    logits, index = torch.randn(3, 1, cells, cells), torch.zeros(3, dtype=torch.long)
+
+    def loss(boxes):
+        return losses.detection_loss(logits, boxes, truth, index, stride)
+
+    pixel = (torch.arange(cells) + 0.5) * stride - 0.5
+    expected, weights = torch.zeros(()), torch.zeros(())
+    for view in (0, 2):
+        (x0, y0, x1, y1), box = truth[view], boxes[view].permute(1, 2, 0)
+        u, v = (pixel - (x0 + x1) / 2) * 8 / (x1 - x0), (pixel - (y0 + y1) / 2) * 8 / (y1 - y0)
+        heat = torch.exp(-(u[None] ** 2 + v[:, None] ** 2) / 2)
+        heat = torch.where(heat == heat.max(), 1.0, heat)
+        heat = heat * (heat > 0.3)
+        expected = expected + 2 * (heat * (1 - giou(box, truth[view]))).sum()
+        weights = weights + heat.sum()
+    expected = expected / weights
+    exact = truth[:, :, None, None].expand_as(boxes)
+    got = loss(boxes) - loss(exact)  # what is left is of the scores
+    torch.testing.assert_close(got, expected, rtol=1e-5, atol=1e-5)
+    grads = [torch.autograd.grad(x, boxes)[0] for x in (got, expected)]
+    torch.testing.assert_close(*grads, rtol=1e-5, atol=1e-7)
+
+
 def test_boxes_alone_put_a_sphere_where_it_is():
     """One view by the box's size, two views by triangulation; the correction is zero."""
     from mvtop_train.network import config

@@ -100,5 +100,5 @@ def test_a_file_that_is_no_config_is_named(path, content):
         runconfig.load(path)
     with pytest.raises(UserError, match="no such file"):
         runconfig.load(path.parent / "nowhere.toml")
-    with pytest.raises(UserError, match="expected a file, got: Is a directory"):
+    with pytest.raises(UserError, match="is a directory; fix: "):
         runconfig.load(path.parent)

@@ -3,6 +3,7 @@
 import torch
 import torch.distributed as dist
 import torch.nn.functional as F
+from torchvision.ops import generalized_box_iou_loss
 
 from . import pose
 
@@ -118,19 +119,8 @@ def detection_loss(logits, boxes, truth, class_index, stride: int):
     pos_loss = -F.logsigmoid(logits) * (1 - p) ** 2 * positive
     neg_loss = -F.logsigmoid(-logits) * p**2 * (1 - target) ** 4 * ~positive
     score_loss = (pos_loss.sum() + neg_loss.sum()) / mean_count(present.sum())
-    # All cells, most with weight 0: to pick the others out, a GPU would have to be waited for.
-    weight = (heat * (heat > 0.3)).flatten()
-    wanted = truth[:, None].expand(views, rows * columns, 4).flatten(0, 1)
-    box_losses = giou_loss(boxes.permute(0, 2, 3, 1).flatten(0, 2), wanted)
-    box_loss = (box_losses * weight).sum() / mean_count(weight.sum())
+    near = heat > 0.3
+    view, row, column = near.nonzero(as_tuple=True)
+    box_losses = generalized_box_iou_loss(boxes[view, :, row, column], truth[view])
+    box_loss = (box_losses * heat[near]).sum() / mean_count(heat[near].sum())
     return score_loss + 2 * box_loss
-
-
-def giou_loss(a, b):
-    """1 - generalised IoU (Rezatofighi et al. 2019) of boxes [n, 4]."""
-    low, high = torch.maximum(a[:, :2], b[:, :2]), torch.minimum(a[:, 2:], b[:, 2:])
-    inter = (high - low).clamp_min(0).prod(-1)
-    area = (a[:, 2:] - a[:, :2]).prod(-1) + (b[:, 2:] - b[:, :2]).prod(-1) - inter
-    hull = torch.maximum(a[:, 2:], b[:, 2:]) - torch.minimum(a[:, :2], b[:, :2])
-    hull = hull.prod(-1)
-    return 1 - inter / area + (hull - area) / hull

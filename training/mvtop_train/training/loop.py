@@ -1,5 +1,6 @@
 """The training loop, resumed by itself from the run folder."""
 
+import functools
 import time
 from pathlib import Path
 
@@ -7,14 +8,15 @@ import torch
 
 from ..data import bank, batches, objects
 from ..network import sampling
-from . import processes, runconfig
+from . import processes
 from .checkpoint import TrainingState
 from .monitor import Monitor
 from .optimise import learning_rate, optimise
 from .progress import Clock
+from .runconfig import RunConfig, keep_copy
 
 
-def train(settings: runconfig.RunConfig, folder: Path):
+def train(settings: RunConfig, folder: Path):
     """Train as `settings` say, from where the run in `folder` stands to its end."""
     me = processes.join()
     if me.device == "cpu" and me.rank == 0 and not sampling.kernel_available():
@@ -23,7 +25,7 @@ def train(settings: runconfig.RunConfig, folder: Path):
     obj = objects.read(Path(settings.data), settings.object or None)
     scenes = batches.Scenes(Path(settings.data), obj, settings.held_out)
     if me.rank == 0:
-        runconfig.keep_copy(settings, folder)
+        keep_copy(settings, folder)
     torch.manual_seed(settings.seed)  # all processes start from the same weights
     config = settings.network_config(objects.classes_of(obj))
     state = TrainingState(folder, config, me.device, settings.init, settings.backbone)
@@ -32,13 +34,15 @@ def train(settings: runconfig.RunConfig, folder: Path):
     clock = Clock(settings, state, alone=me.count == 1)
     stream = batches_of(settings, state, scenes, me)
     loader = batches.loader(stream, state.step, settings.workers, pinned=me.device != "cpu")
-    monitor = Monitor(settings, state, clock, scenes, me.count) if me.rank == 0 else None
+    monitor = Monitor(settings, state, scenes, me.count) if me.rank == 0 else None
     train_steps(settings, state, model, loader, clock, monitor)
     processes.leave()
 
 
-def train_steps(settings, state: TrainingState, model, loader, clock: Clock, monitor):
-    """Steps until the clock says that the run is over; `monitor` is told of each."""
+def train_steps(
+    settings: RunConfig, state: TrainingState, model, loader, clock: Clock, monitor: Monitor | None
+):
+    """Steps on batches of `loader` until the clock says that the run is over."""
     progress = clock.begun
     while progress < 1:
         mark = time.monotonic()
@@ -50,25 +54,23 @@ def train_steps(settings, state: TrainingState, model, loader, clock: Clock, mon
         state.step += 1
         progress = clock.progress()
         if monitor:
-            monitor.after_step(progress, lr, terms, batch["k"].shape[:2], waited)
+            monitor.after_step(clock, progress, lr, terms, batch["k"].shape[:2], waited)
 
 
-def batches_of(settings, state: TrainingState, scenes: batches.Scenes, me: processes.Processes):
+def batches_of(
+    settings: RunConfig, state: TrainingState, scenes: batches.Scenes, me: processes.Processes
+):
     """Crops for all of the network; where its backbone is frozen, cached features of close-ups."""
     if not settings.backbone:
         return batches.Batches(
             scenes, settings.crop, settings.images, settings.views, settings.negatives,
             settings.seed, settings.augmentation_of(state.config), me.rank, me.count,
         )  # fmt: skip
-
-    def features():
-        return bank.Bank(
-            state.folder / "features", scenes.training, state.average, scenes.obj.bounds,
-            settings.copies, settings.seed, settings.workers,
-        )  # fmt: skip
-
+    features = functools.partial(
+        bank.Bank, state.folder / "features", scenes.training, state.average, scenes.obj.bounds,
+        settings.copies, settings.seed, settings.workers,
+    )  # fmt: skip
     made = features() if me.rank == 0 else None
     processes.from_first(0.0, me.device)  # the others wait until they are all there
-    return bank.Batches(
-        made or features(), settings.images, settings.views, settings.seed, me.rank, me.count
-    )
+    made = made or features()
+    return bank.Batches(made, settings.images, settings.views, settings.seed, me.rank, me.count)

@@ -5,9 +5,9 @@ import json
 from tqdm import tqdm
 
 from ..data.batches import Scenes
-from . import runconfig
 from .checkpoint import TrainingState
 from .progress import Clock, Meter, Timer
+from .runconfig import RunConfig
 from .validate import validate
 
 
@@ -31,31 +31,26 @@ class Log:
 class Monitor:
     """Logs, saves and validates when it is time, and after the last step."""
 
-    def __init__(
-        self, settings: runconfig.RunConfig, state: TrainingState, clock: Clock, scenes: Scenes,
-        processes: int,
-    ):  # fmt: skip
-        self.settings, self.state, self.clock = settings, state, clock
-        self.scenes, self.processes = scenes, processes
-        self.meter, self.log = Meter(), Log(state)
+    def __init__(self, settings: RunConfig, state: TrainingState, scenes: Scenes, processes: int):
+        self.settings, self.state, self.scenes = settings, state, scenes
+        self.processes, self.meter, self.log = processes, Meter(), Log(state)
         self.saving = Timer(settings.save_minutes)
         self.validating = Timer(settings.validate_minutes)
-        self.bar = tqdm(
-            total=settings.steps or None, initial=state.step, unit="step", smoothing=0.02
-        )
+        steps = settings.steps or None
+        self.bar = tqdm(total=steps, initial=state.step, unit="step", smoothing=0.02)
 
-    def after_step(self, progress: float, lr: float, terms: dict, shape, waited: float):
+    def after_step(self, clock: Clock, progress: float, lr: float, terms: dict, shape, waited):
         """`shape`: scenes of this process's batch, and views of each; `waited` s for it."""
         scenes, views = shape
         self.meter.add(terms, views, scenes * views * self.processes, waited)
         self.bar.update()
         last = progress >= 1
         if self.state.step % self.settings.log_steps == 0 or last:
-            self.report(lr, self.clock.minutes_left(progress))
+            self.report(lr, clock.minutes_left(progress))
         if self.saving.due() or last:
             self.state.save()
         if self.validating.due() or last:
-            self.validation()
+            self.validate()
         if last:
             self.bar.close()
 
@@ -68,7 +63,7 @@ class Monitor:
             f"{left:.0f} min left"
         )
 
-    def validation(self):
+    def validate(self):
         held, bounds = self.scenes.held, self.scenes.obj.bounds
         for views in (1, 2):
             if any(len(scene) >= views for scene in held):

@@ -6,8 +6,8 @@ import torch
 
 from ..data.inputs import to_device, to_views
 from ..network import losses
-from . import runconfig
 from .checkpoint import TrainingState
+from .runconfig import RunConfig
 
 
 def autocast(device, precision: str = "bf16"):
@@ -22,7 +22,7 @@ def learning_rate(step: int, progress: float, peak: float, warmup: int) -> float
     return peak * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * min(progress, 1))))
 
 
-def optimise(state: TrainingState, model, batch, settings: runconfig.RunConfig, lr: float) -> dict:
+def optimise(state: TrainingState, model, batch, settings: RunConfig, lr: float) -> dict:
     """One step of `model` on `batch`; returns the parts of the loss, still on the device.
 
     model: that of `state`, or the same one in all processes (`processes.distributed`)

@@ -26,20 +26,20 @@ class Generator:
     """The generator in processes of its own, behind those that train when cores are short."""
 
     def __init__(self, settings: runconfig.RunConfig, folder: Path):
-        self.recipe = settings.generate
         self.data, self.log = Path(settings.data), folder / "generate.log"
         folder.mkdir(parents=True, exist_ok=True)
-        workers = self.recipe.workers or os.cpu_count()
+        recipe = settings.generate
+        workers = recipe.workers or os.cpu_count()
         common = [
             sys.executable, "-m", "mvtop_train.generate", "--out", settings.data,
             "--workers", str(workers),
         ]  # fmt: skip
-        if self.recipe.window:
-            common += ["--window", str(self.recipe.window)]
-        parts = ((TEST_SPLIT, self.recipe.test, 2), ("train", self.recipe.scenes, None))
+        if recipe.window:
+            common += ["--window", str(recipe.window)]
+        parts = ((TEST_SPLIT, recipe.test, 2), ("train", recipe.scenes, None))
         commands = [
             [*common, "--split", split, "--scenes", str(scenes), "--views",
-             str(views or self.recipe.views)]
+             str(views or recipe.views)]
             for split, scenes, views in parts
         ]  # fmt: skip
         script = "import os, subprocess; os.nice(10)\n"

@@ -1,9 +1,11 @@
 """Means, clock and timers: what a run measures of itself."""
 
+import math
 import time
 
-from . import processes, runconfig
+from . import processes
 from .checkpoint import TrainingState
+from .runconfig import RunConfig
 
 
 class Meter:
@@ -26,37 +28,31 @@ class Meter:
     def report(self) -> dict:
         means = {name: round(float(total) / n, 5) for name, (total, n) in self.sums.items()}
         seconds = time.monotonic() - self.started
-        rates = {
-            "images_per_s": round(self.images / seconds, 1),
-            "waited": round(self.waited / seconds, 3),  # share of the time, for data
-        }
+        means["images_per_s"] = round(self.images / seconds, 1)
+        means["waited"] = round(self.waited / seconds, 3)  # share of the time, for data
         self.reset()
-        return {**means, **rates}
+        return means
 
 
 class Clock:
     """How far a run is, of its steps and of its minutes, whichever is further."""
 
-    def __init__(self, settings: runconfig.RunConfig, state: TrainingState, alone: bool):
-        self.settings, self.state = settings, state
+    def __init__(self, settings: RunConfig, state: TrainingState, alone: bool):
+        self.steps, self.minutes = settings.steps or math.inf, settings.minutes or math.inf
+        self.state, self.before, self.started = state, state.elapsed, time.monotonic()
         self.every = 1 if alone else 16  # other processes must be told of the time
-        self.before, self.started = state.elapsed, time.monotonic()
-        self.fraction = self._look()
+        self.fraction = self._of_minutes()
         self.begun = self.progress()
 
-    def _look(self) -> float:
-        minutes = self.settings.minutes
-        if minutes:
-            return processes.from_first(self.state.elapsed / 60 / minutes, self.state.device)
-        return 0.0
+    def _of_minutes(self) -> float:
+        return processes.from_first(self.state.elapsed / 60 / self.minutes, self.state.device)
 
     def progress(self) -> float:
         """0 to 1 and over; the same in all processes."""
         self.state.elapsed = self.before + time.monotonic() - self.started
-        step, steps = self.state.step, self.settings.steps
-        if step % self.every == 0:
-            self.fraction = self._look()
-        return max(self.fraction, step / steps if steps else 0.0)
+        if self.state.step % self.every == 0:
+            self.fraction = self._of_minutes()
+        return max(self.fraction, self.state.step / self.steps)
 
     def minutes_left(self, progress: float) -> float:
         pace = (self.state.elapsed - self.before) / max(progress - self.begun, 1e-9)

@@ -127,8 +127,7 @@ class RunConfig(Table):
     @property
     def closeup(self) -> int:
         """Side of the network's close-ups, px; 0: it has none."""
-        changed = self.network.closeup
-        return configs.PRESETS[self.preset].closeup if changed is None else changed
+        return self.network_config(()).closeup
 
     def network_config(self, classes) -> configs.Config:
         return configs.preset(self.preset, classes, **self.network.model_dump(exclude_none=True))
@@ -198,10 +197,8 @@ def load(path: Path, changes: list[str] = ()) -> RunConfig:
     """The config file `path` with `changes` ("key=value", "table.key=value") on top."""
     try:
         fields = tomllib.loads(Path(path).read_text())
-    except FileNotFoundError:
-        raise UserError(f"{path}: no such file; fix: see training/runs/") from None
     except OSError as error:
-        raise UserError(f"{path}: expected a file, got: {error.strerror}; fix: its path") from None
+        raise UserError(f"{path}: {error.strerror.lower()}; fix: see training/runs/") from None
     except ValueError as error:
         raise UserError(f"{path}: expected TOML, got: {error}; fix: the file") from None
     for change in changes:
