@@ -7,13 +7,14 @@ from pathlib import Path
 import torch
 from tqdm import tqdm
 
-from ..data import bank, batches, objects
+from ..data import bank, batches, crops, objects
+from ..data.views import ViewMaker
 from ..network import sampling
 from . import processes, runconfig
 from .checkpoint import Run
 from .optimise import learning_rate, optimise
 from .progress import Clock, Log, Meter, Timer
-from .validate import validate
+from .validate import pose_views, validate
 
 
 def train(settings: runconfig.RunConfig, folder: Path):
@@ -33,27 +34,26 @@ def train(settings: runconfig.RunConfig, folder: Path):
     run.model.train()
     # Torchvision's FPN makes maps that are not used.
     model = processes.distributed(run.model, me, unused=config.backbone != "conv")
-    aug = settings.augmentation_of(config)
     clock = Clock(settings, run, device, alone=me.count == 1)
+    shared = settings.images, settings.views, settings.seed, me.rank, me.count
     if settings.backbone:
         run.model.features.backbone.eval()
 
         def features():
+            maker = pose_views(settings, config, obj.bounds, True)
             return bank.Bank(
-                folder / "features", scenes.training, run.average, obj.bounds, settings.copies,
-                settings.seed, settings.workers,
+                folder / "features", scenes.training, maker, run.average.features.backbone,
+                settings.copies, settings.seed, settings.workers,
             )  # fmt: skip
 
         made = features() if first else None
         processes.from_first(0.0, device)  # the others wait until they are all there
-        stream = bank.Batches(
-            made or features(), settings.images, settings.views, settings.seed, me.rank, me.count
-        )
+        stream = batches.Batches(made or features(), *shared)
     else:
-        stream = batches.Batches(
-            scenes, settings.crop, settings.images, settings.views, settings.negatives,
-            settings.seed, aug, me.rank, me.count,
-        )  # fmt: skip
+        crop = crops.Crops(settings.crop, settings.augmentation_of(config))
+        fresh = batches.Fresh(scenes, ViewMaker(crop, config, obj.bounds))
+        negatives = batches.Negatives(scenes, crop, round(settings.negatives * settings.images))
+        stream = batches.Batches(fresh, *shared, negatives)
     loader = batches.loader(stream, run.step, settings.workers, pinned=device != "cpu")
     saving, validating = Timer(settings.save_minutes), Timer(settings.validate_minutes)
     meter, log = Meter(), Log(run) if first else None
@@ -66,8 +66,8 @@ def train(settings: runconfig.RunConfig, folder: Path):
         for n in (1, 2):
             if any(len(scene) >= n for scene in scenes.held):
                 result = validate(
-                    run.average, scenes.held, obj.bounds, config, settings.crop, device, n, aug,
-                    precision=settings.precision,
+                    run.average, scenes.held, pose_views(settings, config, obj.bounds, False),
+                    device, n, precision=settings.precision,
                 )  # fmt: skip
                 log.write({"validation_views": n, **result}, f"validation_{n}_views")
                 bar.write(f"step {run.step}, {n} view(s): {json.dumps(result)}")

@@ -23,19 +23,25 @@ def learning_rate(step: int, progress: float, peak: float, warmup: int) -> float
 
 def optimise(run: Run, model, batch, settings: runconfig.RunConfig, lr: float, device) -> dict:
     """One step on `batch`; returns the parts of the loss, still on the device."""
-    for group in run.optimizer.param_groups:
-        group["lr"] = group["scale"] * lr
     views = to_views(batch, run.config, device)
     with autocast(device, settings.precision):
         prediction = model(views)
-    names = ("cam_from_obj", "boxes", "coords")
+    names = ("cam_from_obj", "true_box", "coords")
     truth = to_device({n: batch[n] for n in names if n in batch}, device)
     loss, parts = losses.total(prediction, truth, run.config.strides[0], settings.weights())
+    norm = descend(run, loss, lr, settings.clip)
+    return {"loss": loss, "norm": norm, **parts}
+
+
+def descend(run: Run, loss: torch.Tensor, lr: float, clip: float) -> torch.Tensor:
+    """One step down the gradient of `loss`, whose norm is returned."""
+    for group in run.optimizer.param_groups:
+        group["lr"] = group["scale"] * lr
     run.optimizer.zero_grad(set_to_none=True)
     loss.backward()
-    norm = torch.nn.utils.clip_grad_norm_(run.model.parameters(), settings.clip)
+    norm = torch.nn.utils.clip_grad_norm_(run.model.parameters(), clip)
     for parameter in run.model.parameters():
         if parameter.grad is not None:  # not finite anywhere: counts as zero everywhere
             parameter.grad.nan_to_num_(0, 0, 0)
     run.optimizer.step()
-    return {"loss": loss, "norm": norm, **parts}
+    return norm

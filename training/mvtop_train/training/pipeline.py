@@ -18,7 +18,7 @@ from tqdm import tqdm
 from ..data import bop, objects
 from ..errors import UserError
 from . import checkpoint, loop, processes, runconfig
-from .validate import validate
+from .validate import pose_views, validate
 
 TEST_SPLIT = "hard"
 
@@ -83,8 +83,8 @@ def evaluate(settings: runconfig.RunConfig, folder: Path, weights: Path) -> dict
     result = {"step": step, "split": TEST_SPLIT, "scenes": len(scenes)}
     for views in (1, 2):
         result[f"views_{views}"] = validate(
-            model.to(me.device), scenes, obj.bounds, config, settings.crop, me.device, views,
-            settings.augmentation_of(config), per_scene=1, precision="fp32",
+            model.to(me.device), scenes, pose_views(settings, config, obj.bounds, False),
+            me.device, views, per_scene=1, precision="fp32",
         )  # fmt: skip
     (folder / "evaluation.json").write_text(json.dumps(result, indent=1) + "\n")
     return result
