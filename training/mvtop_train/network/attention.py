@@ -82,7 +82,8 @@ class ProjectiveAttention(nn.Module):
             f = deformable_sampling(value, locations, weights, level_shapes)
             f = f.reshape(b, v, q, d)
             z_mean = z.mean(3)  # [B, V, Q, C]
-            gathered = self._gathered(f, z_mean, boxes)
+            gathered = f.reshape(b, v, q, heads, d // heads)
+            gathered = self._lifted(gathered, f + z_mean, boxes)
             return self.fuse(gathered, self.view_logit(z_mean), boxes.valid)
 
     def _add_lift(self, d: int) -> int:
@@ -98,10 +99,9 @@ class ProjectiveAttention(nn.Module):
         """What offsets [B, V, Q, L, H, K, 2] are multiples of: the box's half size."""
         return boxes.half_sizes[:, :, :, None, None, None]
 
-    def _gathered(self, sampled, z, boxes):
-        """What a view contributes [B, V, Q, H, D] of what was sampled in it [B, V, Q, C]."""
-        lifted = self.lift(sampled + z, boxes.rays)
-        return torch.cat([sampled.unflatten(-1, (self.heads, -1)), lifted], -1)
+    def _lifted(self, gathered, z, boxes):
+        """[B, V, Q, H, D], with what `z` [B, V, Q, C] says of directions behind it."""
+        return torch.cat([gathered, self.lift(z, boxes.rays)], -1)
 
     def fuse(self, gathered, logit, valid):
         """gathered [B, V, Q, H, D]; logit [B, V, Q, H]; valid [B, V, Q]; returns [B, Q, C]."""

@@ -79,8 +79,8 @@ class ImageAttention(ProjectiveAttention):
         sizes = [[1 / columns, 1 / rows] for rows, columns in level_shapes]
         return torch.tensor(sizes, device=boxes.centers.device)[:, None, None]
 
-    def _gathered(self, sampled, z, boxes):
-        return sampled.unflatten(-1, (self.heads, -1))
+    def _lifted(self, gathered, z, boxes):
+        return gathered
 
 
 class ImageHeads(PoseHeads):
