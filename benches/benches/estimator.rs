@@ -3,7 +3,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use mvtop_benches::repository;
 use mvtop_core::estimator::{Estimator, Options, PredictOptions};
-use mvtop_core::{Rig, image};
+use mvtop_core::{Rig, ViewImage, image};
 
 fn estimator(c: &mut Criterion) {
     let model = repository("models/mvball");
@@ -21,10 +21,10 @@ fn estimator(c: &mut Criterion) {
         let mut images = Vec::new();
         for (view, camera) in example.cameras.iter().cycle().take(views).enumerate() {
             let file = folder.join(format!("{}.png", camera.id));
-            images.push((
-                view,
-                image::load(&file, camera).expect("an image of the example"),
-            ));
+            images.push(ViewImage {
+                camera: view,
+                image: image::load(&file, camera).expect("an image of the example"),
+            });
             let mut camera = camera.clone();
             camera.id = format!("view{view}");
             rig.cameras.push(camera);

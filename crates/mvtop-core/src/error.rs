@@ -1,4 +1,4 @@
-use crate::onnx::Attempt;
+use std::fmt;
 use std::io;
 use std::path::PathBuf;
 
@@ -77,6 +77,78 @@ pub enum Error {
         "6D rotation {0:?}: its two columns must be finite, non-zero and not parallel to each other"
     )]
     Rotation6d([f64; 6]),
+
+    /// A file of boxes or of the truth that is refused.
+    #[error("{}: {problem}", path.display())]
+    Annotations {
+        /// The file.
+        path: PathBuf,
+        /// What was expected and what came.
+        problem: String,
+    },
+
+    /// A camera that the rig does not have.
+    #[error("{role}: no camera `{id}` in the rig, expected one of: {}", known.join(", "))]
+    UnknownCamera {
+        /// What the camera was named for.
+        role: String,
+        /// Its id.
+        id: String,
+        /// Ids of the rig's cameras.
+        known: Vec<String>,
+    },
+
+    /// A class that the model does not know.
+    #[error("{role}: no class `{class}` in the model, expected one of: {}", known.join(", "))]
+    UnknownClass {
+        /// What the class was named for.
+        role: String,
+        /// Its name.
+        class: String,
+        /// Names of the model's classes.
+        known: Vec<String>,
+    },
+
+    /// An image of another size than its camera's.
+    #[error(
+        "camera `{camera}`: expected an image of {}x{} px as in the rig, got {}x{}",
+        expected[0], expected[1], got[0], got[1]
+    )]
+    ImageSize {
+        /// Id of the camera.
+        camera: String,
+        /// Width and height in the rig, px.
+        expected: [u32; 2],
+        /// Width and height of the image, px.
+        got: [u32; 2],
+    },
+
+    /// Fewer images than are asked for.
+    #[error("images: expected at least {expected}, got {got}")]
+    TooFewImages {
+        /// One, or the fewest views of an object that are asked for.
+        expected: usize,
+        /// The number of images.
+        got: usize,
+    },
+}
+
+/// An ONNX Runtime library that was found but could not be used.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Attempt {
+    /// The library's file.
+    pub path: PathBuf,
+    /// The place of the search that it came from.
+    pub found_in: String,
+    /// Why it could not be used.
+    pub problem: String,
+}
+
+impl fmt::Display for Attempt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (path, found_in) = (self.path.display(), &self.found_in);
+        write!(f, "{path} (from {found_in}) {}", self.problem)
+    }
 }
 
 fn list(attempts: &[Attempt]) -> String {

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use mvtop_core::known::{KnownBoxes, KnownPose};
-use mvtop_core::{Camera, Estimator, Rig};
+use mvtop_core::annotations::{GivenBoxes, TruePose};
+use mvtop_core::{Camera, Estimator, Rig, ViewImage};
 use mvtop_eval::bop::{Group, Instance, Model, Scene, View, ViewId};
 use mvtop_eval::bop::{groups, load_models, load_targets, scene_ids};
 use nalgebra::Isometry3;
@@ -174,10 +174,10 @@ impl Plan {
                 lens: view.lens.clone(),
                 world_from_cam,
             };
-            images.push((
-                rig.cameras.len(),
-                mvtop_core::image::load(&view.path, &camera)?,
-            ));
+            images.push(ViewImage {
+                camera: rig.cameras.len(),
+                image: mvtop_core::image::load(&view.path, &camera)?,
+            });
             rig.cameras.push(camera);
         }
         let world_from_ref = rig.cameras[0].world_from_cam;
@@ -187,7 +187,7 @@ impl Plan {
             .filter(|object| self.wanted(group, object.object))
             .map(|object| {
                 let world_from_obj = world_from_ref * object.cam_from_obj;
-                KnownPose {
+                TruePose {
                     seen: self.boxes(object.object, &world_from_obj, &views, &rig),
                     world_from_obj,
                 }
@@ -208,7 +208,7 @@ impl Plan {
         world_from_obj: &Isometry3<f64>,
         views: &[&View],
         rig: &Rig,
-    ) -> KnownBoxes {
+    ) -> GivenBoxes {
         let reach = SAME_OBJECT * self.models[&id].diameter_m;
         let boxes = views.iter().zip(&rig.cameras).filter_map(|(view, camera)| {
             let off = |object: &Instance| {
@@ -219,10 +219,10 @@ impl Plan {
             let nearest = alike.min_by(|a, b| off(a).total_cmp(&off(b)))?;
             Some((
                 camera.id.clone(),
-                nearest.bbox.filter(|_| off(nearest) <= reach)?,
+                nearest.bbox.filter(|_| off(nearest) <= reach)?.into(),
             ))
         });
-        KnownBoxes {
+        GivenBoxes {
             class: self.classes[&id].clone(),
             boxes: boxes.collect(),
         }
