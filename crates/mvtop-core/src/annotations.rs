@@ -33,7 +33,7 @@ pub struct TruePose {
 /// Reads a file of boxes; keys it does not know are ignored, so that a file of the truth serves, too.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Annotations`] where it is not such a file.
+/// [`Error::Read`] where the file cannot be read, [`Error::Json`] where it is not such a file.
 pub fn load_boxes(path: &Path) -> Result<Vec<GivenBoxes>> {
     objects(
         path,
@@ -44,7 +44,8 @@ pub fn load_boxes(path: &Path) -> Result<Vec<GivenBoxes>> {
 /// Reads a file of the truth; its boxes may be left out.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Annotations`] where it is not such a file.
+/// [`Error::Read`] where the file cannot be read, [`Error::Json`] where it is not such a file, and
+/// [`Error::Annotations`] where a pose is none.
 pub fn load_truth(path: &Path) -> Result<Vec<TruePose>> {
     #[derive(Deserialize)]
     struct Object {
@@ -58,8 +59,12 @@ pub fn load_truth(path: &Path) -> Result<Vec<TruePose>> {
     let pose = |(i, object): (usize, Object)| {
         let place = format!("T_world_obj of object {i}");
         Ok(TruePose {
-            world_from_obj: transform::read(place, &object.t_world_obj, 1.0)
-                .map_err(|problem| refusal(path, problem))?,
+            world_from_obj: transform::read(place, &object.t_world_obj, 1.0).map_err(
+                |problem| Error::Annotations {
+                    path: path.to_owned(),
+                    problem,
+                },
+            )?,
             seen: GivenBoxes {
                 class: object.class,
                 boxes: object.boxes,
@@ -82,16 +87,12 @@ fn objects<T: DeserializeOwned>(path: &Path, expected: &str) -> Result<Vec<T>> {
         path: path.to_owned(),
         cause,
     })?;
-    let document: Document<T> = serde_json::from_str(&text)
-        .map_err(|cause| refusal(path, format!("expected {expected}, got: {cause}")))?;
-    Ok(document.objects)
-}
-
-fn refusal(path: &Path, problem: String) -> Error {
-    Error::Annotations {
+    let document: Document<T> = serde_json::from_str(&text).map_err(|cause| Error::Json {
         path: path.to_owned(),
-        problem,
-    }
+        expected: expected.to_owned(),
+        cause,
+    })?;
+    Ok(document.objects)
 }
 
 #[cfg(test)]

@@ -40,8 +40,8 @@ impl LineOfSight {
         let rays = BoxRays::new(camera, bbox)?;
         Some(Self {
             class,
-            origin: camera.world_from_cam.translation.vector,
-            direction: camera.world_from_cam.rotation * rays.center,
+            origin: camera.world_from_cam().translation.vector,
+            direction: camera.world_from_cam().rotation * rays.center,
             sin_radius: (rays.half_x.norm() * rays.half_y.norm()).sqrt(),
         })
     }

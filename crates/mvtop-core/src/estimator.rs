@@ -154,7 +154,7 @@ impl Estimator {
         let poses = decode::poses(network, self.bundle.los_encoding, &pictures, &groups)?;
         let decode = clock.lap();
 
-        let ref_from_world = rig.cameras[reference].world_from_cam.inverse();
+        let ref_from_world = rig.cameras()[reference].world_from_cam().inverse();
         Ok(Prediction {
             reference,
             objects: objects
@@ -187,7 +187,7 @@ impl Estimator {
             .zip(&object.boxes)
             .map(|(view, bbox)| CameraPose {
                 camera: view.index,
-                cam_from_obj: view.camera.world_from_cam.inv_mul(&pose.world_from_obj),
+                cam_from_obj: view.camera.world_from_cam().inv_mul(&pose.world_from_obj),
                 bbox: *bbox,
             });
         ObjectPose {
@@ -204,7 +204,7 @@ impl Estimator {
 
 fn reference(rig: &Rig, id: Option<&str>) -> Result<usize> {
     let Some(id) = id else {
-        return Ok(rig.reference);
+        return Ok(rig.reference());
     };
     rig.index_of(id)
         .ok_or_else(|| sightings::unknown_camera(rig, "reference", id))

@@ -17,7 +17,6 @@ mod operator;
 mod provider;
 mod runtime;
 
-pub use crate::error::Attempt;
 pub use provider::Provider;
 pub use runtime::Runtime;
 

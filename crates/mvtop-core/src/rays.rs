@@ -74,9 +74,10 @@ pub fn camera_rays(camera: &Camera, letterbox: &Letterbox, strides: &[usize]) ->
                 center(cell / columns, size[1], rows),
             ];
             let [u, v] = letterbox.image_from_net(net);
-            let inside = u <= f64::from(camera.width) - 0.5 && v <= f64::from(camera.height) - 0.5;
+            let inside =
+                u <= f64::from(camera.width()) - 0.5 && v <= f64::from(camera.height()) - 0.5;
             let ray = inside
-                .then(|| camera.lens.unproject(&Point2::new(u, v)))
+                .then(|| camera.intrinsics().unproject(&Point2::new(u, v)))
                 .flatten();
             ray.map_or([0.0; 3], |ray| [ray.x as f32, ray.y as f32, ray.z as f32])
         }));
@@ -132,7 +133,14 @@ pub struct BoxRays {
 impl BoxRays {
     /// Of a box in the camera's image; `None` where one of its pixels has no ray.
     pub fn new(camera: &Camera, bbox: BBox) -> Option<Self> {
-        let ray = |u, v| Some(camera.lens.unproject(&Point2::new(u, v))?.into_inner());
+        let ray = |u, v| {
+            Some(
+                camera
+                    .intrinsics()
+                    .unproject(&Point2::new(u, v))?
+                    .into_inner(),
+            )
+        };
         let (BBox { x0, y0, x1, y1 }, center) = (bbox, bbox.center());
         Some(Self {
             center: ray(center.x, center.y)?,

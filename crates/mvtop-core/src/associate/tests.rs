@@ -1,5 +1,5 @@
 use super::*;
-use crate::{Distortion, Lens};
+use crate::{Intrinsics, Projection};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use proptest::prelude::*;
 use std::f64::consts::FRAC_PI_2;
@@ -173,19 +173,9 @@ fn lines_may_miss_each_other_by_half_the_radius() {
 fn box_gives_its_line_of_sight_in_the_world() {
     // A pinhole at (1, 2, 3) that looks along the world's x; the box spans 30 px to each side.
     let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2);
-    let camera = Camera {
-        id: "left".into(),
-        width: 101,
-        height: 101,
-        lens: Lens {
-            fx: 40.0,
-            fy: 40.0,
-            cx: 50.0,
-            cy: 50.0,
-            distortion: Distortion::None,
-        },
-        world_from_cam: Isometry3::from_parts(Translation3::new(1.0, 2.0, 3.0), turn),
-    };
+    let intrinsics = Intrinsics::new(40.0, 40.0, 50.0, 50.0, Projection::Pinhole).unwrap();
+    let world_from_cam = Isometry3::from_parts(Translation3::new(1.0, 2.0, 3.0), turn);
+    let camera = Camera::new("left", [101, 101], intrinsics, world_from_cam).unwrap();
     let bbox = BBox::from([20.0, 20.0, 80.0, 80.0]);
     let sight = LineOfSight::new(4, &camera, bbox).unwrap();
     assert_eq!(sight.class, 4);

@@ -48,7 +48,7 @@ pub fn poses(
                 .collect();
             let decoded = network.decode(memory.view(), &inputs(&shown, &queries, encoding))?;
             decoded.check(queries.len())?;
-            let world_from_anchor = &pictures.list[anchor].camera.world_from_cam;
+            let world_from_anchor = &pictures.list[anchor].camera.world_from_cam();
             for (q, query) in queries.iter().enumerate() {
                 let pose = DecodedPose::new(world_from_anchor, &decoded, q)?;
                 anchored[query.object].push(pose);
@@ -82,8 +82,8 @@ fn inputs(pictures: &[(&Picture, usize)], objects: &[&Query], encoding: LosEncod
         class_index: objects.iter().map(|query| query.class as i64).collect(),
     };
     for (row, (picture, place)) in pictures.iter().enumerate() {
-        let world_from_cam = &picture.camera.world_from_cam;
-        let anchor_from_cam = anchor.camera.world_from_cam.inv_mul(world_from_cam);
+        let world_from_cam = &picture.camera.world_from_cam();
+        let anchor_from_cam = anchor.camera.world_from_cam().inv_mul(world_from_cam);
         let rays = encode(picture.camera_rays.view(), &anchor_from_cam, encoding);
         queries.rays.index_axis_mut(Axis(0), row).assign(&rays);
         for (q, query) in objects.iter().enumerate() {

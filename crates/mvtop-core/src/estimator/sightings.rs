@@ -110,15 +110,15 @@ pub fn given(
         }
         let mut in_views = Vec::new();
         for View { camera, .. } in views {
-            let bbox = given.boxes.get(&camera.id);
+            let bbox = given.boxes.get(camera.id());
             let usable = bbox
-                .and_then(|bbox| bbox.clip(camera.width, camera.height))
+                .and_then(|bbox| bbox.clip(camera.width(), camera.height()))
                 .filter(|&bbox| BoxRays::new(camera, bbox).is_some());
             if let (Some(&bbox), None) = (bbox, usable) {
                 return Err(Error::Input(format!(
                     "{role}: expected [x0, y0, x1, y1] with x0 < x1 and y0 < y1 within the image \
                      and field of view of camera `{}`, got {:?}",
-                    camera.id,
+                    camera.id(),
                     <[f64; 4]>::from(bbox)
                 )));
             }
@@ -143,6 +143,10 @@ pub fn unknown_camera(rig: &Rig, role: &str, id: &str) -> Error {
     Error::UnknownCamera {
         role: role.to_owned(),
         id: id.to_owned(),
-        known: rig.cameras.iter().map(|camera| camera.id.clone()).collect(),
+        known: rig
+            .cameras()
+            .iter()
+            .map(|camera| camera.id().to_owned())
+            .collect(),
     }
 }

@@ -11,7 +11,7 @@ use crate::bundle::{Class, Detector, Input};
 use crate::image::Letterbox;
 use crate::network::{Decoded, DetectorMaps, Queries};
 use crate::rays::LosEncoding;
-use crate::{BBox, Camera, Distortion, Lens};
+use crate::{BBox, Camera, Intrinsics, Projection};
 use image::RgbImage;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use ndarray::{Array2, Array3, Array4, ArrayView2, ArrayView3, ArrayView4, array, s};
@@ -58,19 +58,9 @@ fn camera(id: &str, size: (u32, u32), f: f64, center: [f64; 3]) -> Camera {
     let z = (Vector3::new(0.0, 0.0, 1.0) - center).normalize();
     let rotation = UnitQuaternion::face_towards(&z, &Vector3::new(0.0, 0.0, -1.0));
     let (cx, cy) = (f64::from(size.0) / 2.0 - 0.5, f64::from(size.1) / 2.0 - 0.5);
-    Camera {
-        id: id.into(),
-        width: size.0,
-        height: size.1,
-        lens: Lens {
-            fx: f,
-            fy: f,
-            cx,
-            cy,
-            distortion: Distortion::None,
-        },
-        world_from_cam: Isometry3::from_parts(Translation3::from(center), rotation),
-    }
+    let intrinsics = Intrinsics::new(f, f, cx, cy, Projection::Pinhole).unwrap();
+    let world_from_cam = Isometry3::from_parts(Translation3::from(center), rotation);
+    Camera::new(id, size.into(), intrinsics, world_from_cam).unwrap()
 }
 
 /// Cameras of three sizes, shapes and focal lengths.
@@ -80,19 +70,16 @@ fn rig() -> Rig {
         camera("middle", (200, 200), 260.0, [0.1, -1.5, 0.7]),
         camera("right", (640, 360), 500.0, [1.1, -0.9, 1.5]),
     ];
-    Rig {
-        cameras,
-        reference: 0,
-    }
+    Rig::new(cameras, 0).unwrap()
 }
 
 const BALLS: [[f64; 3]; 2] = [[-0.1, 0.05, 1.0], [0.15, -0.05, 1.1]];
 
 /// Box of a ball in a camera's image.
 fn ball_box(camera: &Camera, ball: [f64; 3]) -> BBox {
-    let in_camera = camera.world_from_cam.inverse() * Point3::from(ball);
-    let center = camera.lens.project(&in_camera).unwrap();
-    let radius = camera.lens.fx * RADIUS / in_camera.z;
+    let in_camera = camera.world_from_cam().inverse() * Point3::from(ball);
+    let center = camera.intrinsics().project(&in_camera).unwrap();
+    let radius = camera.intrinsics().fx() * RADIUS / in_camera.z;
     BBox {
         x0: center.x - radius,
         y0: center.y - radius,
@@ -115,15 +102,15 @@ struct Geometry {
 impl Geometry {
     /// - `seen`: for each image, the camera's index and the balls seen there
     fn new(rig: &Rig, seen: &[(usize, &[[f64; 3]])]) -> Self {
-        let in_cameras = rig.cameras.iter().flat_map(|camera| {
-            let cam_from_world = camera.world_from_cam.inverse();
+        let in_cameras = rig.cameras().iter().flat_map(|camera| {
+            let cam_from_world = camera.world_from_cam().inverse();
             BALLS.map(|ball| (cam_from_world * Point3::from(ball)).coords)
         });
-        let cameras = || seen.iter().map(|&(index, _)| &rig.cameras[index]);
+        let cameras = || seen.iter().map(|&(index, _)| &rig.cameras()[index]);
         let boxes = cameras()
             .zip(seen)
             .map(|(camera, (_, balls))| balls.iter().map(|&ball| ball_box(camera, ball)).collect());
-        let letterbox = |c: &Camera| Letterbox::new(c.width, c.height, NET.0, NET.1);
+        let letterbox = |c: &Camera| Letterbox::new(c.width(), c.height(), NET.0, NET.1);
         Self {
             boxes: boxes.collect(),
             letterboxes: cameras().map(letterbox).collect(),
@@ -226,7 +213,7 @@ impl Network for Geometry {
 fn images(rig: &Rig, cameras: &[usize]) -> Vec<ViewImage> {
     let image = |&i: &usize| ViewImage {
         camera: i,
-        image: RgbImage::new(rig.cameras[i].width, rig.cameras[i].height),
+        image: RgbImage::new(rig.cameras()[i].width(), rig.cameras()[i].height()),
     };
     cameras.iter().map(image).collect()
 }

@@ -26,16 +26,16 @@ pub fn gather<'a>(bundle: &Bundle, rig: &'a Rig, images: &'a [ViewImage]) -> Res
         image,
     } in images
     {
-        let camera = rig.cameras.get(*index).ok_or_else(|| {
-            let cameras = rig.cameras.len();
+        let camera = rig.cameras().get(*index).ok_or_else(|| {
+            let cameras = rig.cameras().len();
             Error::Input(format!(
                 "camera {index}: the rig has {cameras}, counted from 0"
             ))
         })?;
-        if image.dimensions() != (camera.width, camera.height) {
+        if image.dimensions() != (camera.width(), camera.height()) {
             return Err(Error::ImageSize {
-                camera: camera.id.clone(),
-                expected: [camera.width, camera.height],
+                camera: camera.id().to_owned(),
+                expected: [camera.width(), camera.height()],
                 got: image.dimensions().into(),
             });
         }
@@ -44,12 +44,12 @@ pub fn gather<'a>(bundle: &Bundle, rig: &'a Rig, images: &'a [ViewImage]) -> Res
             index: *index,
             camera,
             image,
-            letterbox: Letterbox::new(camera.width, camera.height, width, height),
+            letterbox: Letterbox::new(camera.width(), camera.height(), width, height),
         });
     }
     views.sort_by_key(|view| view.index);
     if let Some(twice) = views.windows(2).find(|pair| pair[0].index == pair[1].index) {
-        let id = &twice[0].camera.id;
+        let id = twice[0].camera.id();
         return Err(Error::Input(format!(
             "camera `{id}`: expected one image, got two"
         )));
@@ -78,6 +78,6 @@ impl View<'_> {
     /// The part within the image of a box of the detector's input.
     pub fn image_box(&self, bbox: BBox) -> Option<BBox> {
         let bbox = self.letterbox.image_box(bbox);
-        bbox.clip(self.camera.width, self.camera.height)
+        bbox.clip(self.camera.width(), self.camera.height())
     }
 }

@@ -2,7 +2,6 @@
 
 use super::locate::{self, Candidate, Surroundings};
 use super::{Provider, Session, SessionOptions, operator};
-use crate::error::Attempt;
 use crate::{Error, Result};
 use ort::environment::Environment;
 use std::fmt;
@@ -18,7 +17,7 @@ static LOADED: OnceLock<Loaded> = OnceLock::new();
 struct Loaded {
     environment: Environment,
     library: Candidate,
-    attempts: Vec<Attempt>,
+    attempts: Vec<String>,
 }
 
 /// ONNX Runtime, ready to load networks. All values share the one library of the process.
@@ -73,11 +72,11 @@ impl Runtime {
                         problem,
                     });
                 }
-                Err(problem) => attempts.push(Attempt {
-                    path: candidate.path,
-                    found_in: candidate.found_in,
-                    problem,
-                }),
+                Err(problem) => attempts.push(format!(
+                    "{} (from {}) {problem}",
+                    candidate.path.display(),
+                    candidate.found_in
+                )),
             }
         }
         Err(Error::RuntimeMissing { attempts })
@@ -110,8 +109,8 @@ impl Runtime {
         Provider::ALL.into_iter().filter(built_in).collect()
     }
 
-    /// Libraries that were found before this one but could not be used.
-    pub fn attempts(&self) -> &[Attempt] {
+    /// Libraries that were found before this one: where, and why they could not be used.
+    pub fn attempts(&self) -> &[String] {
         &self.loaded.attempts
     }
 

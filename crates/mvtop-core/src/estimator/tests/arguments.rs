@@ -6,7 +6,7 @@ use super::*;
 fn given_boxes_replace_the_detector() {
     let rig = rig();
     let [first, second] = BALLS;
-    let bbox = |camera: usize, ball| ball_box(&rig.cameras[camera], ball);
+    let bbox = |camera: usize, ball| ball_box(&rig.cameras()[camera], ball);
     let boxes = vec![
         given(&[("middle", bbox(1, second))]),
         // `right` gives no image, so its box is not used.

@@ -96,10 +96,10 @@ fn closeups_look_at_their_object_from_every_camera_that_sees_it() {
         // The middle of a box is not quite the middle of its close-up's box.
         assert!(off.norm() < 5e-3, "{off}");
         // Each answer is turned as its anchor's close-up: together they are their mean.
-        let turns: Vec<UnitQuaternion<f64>> = (rig.cameras.iter())
+        let turns: Vec<UnitQuaternion<f64>> = (rig.cameras().iter())
             .zip(&object.cameras)
             .filter_map(|(camera, seen)| CloseUp::new(camera, seen.bbox?, CLOSE))
-            .map(|closeup| closeup.camera.world_from_cam.rotation)
+            .map(|closeup| closeup.camera.world_from_cam().rotation)
             .collect();
         assert_eq!(turns.len(), if by_reference { 3 } else { 2 });
         let expected = match turns[..] {

@@ -31,22 +31,22 @@ fn objects_are_found_where_they_are_whichever_views_see_them() {
     assert!((by_two.score - (1.0 - 0.1 * 0.2)).abs() < 1e-6);
     // Turned as their anchors, which are the cameras that see them: together they are their mean.
     for (object, anchors) in [(by_all, 0..3), (by_two, 1..3)] {
-        let turns = rig.cameras[anchors].iter();
-        let mean = mean_rotation(turns.map(|camera| camera.world_from_cam.rotation));
+        let turns = rig.cameras()[anchors].iter();
+        let mean = mean_rotation(turns.map(|camera| camera.world_from_cam().rotation));
         assert!(object.world_from_obj.rotation.angle_to(&mean) < 1e-6);
         for camera in &object.cameras {
-            let world = rig.cameras[camera.camera].world_from_cam * camera.cam_from_obj;
+            let world = rig.cameras()[camera.camera].world_from_cam() * camera.cam_from_obj;
             assert!(
                 (world.translation.vector - object.world_from_obj.translation.vector).norm() < 1e-9
             );
         }
-        let reference = rig.cameras[0].world_from_cam * object.ref_from_obj;
+        let reference = rig.cameras()[0].world_from_cam() * object.ref_from_obj;
         assert!(
             (reference.translation.vector - object.world_from_obj.translation.vector).norm() < 1e-9
         );
     }
     let found: [f64; 4] = by_all.cameras[2].bbox.unwrap().into();
-    let expected: [f64; 4] = ball_box(&rig.cameras[2], first).into();
+    let expected: [f64; 4] = ball_box(&rig.cameras()[2], first).into();
     assert!(
         found
             .iter()
@@ -107,7 +107,7 @@ fn objects_in_too_few_views_are_left_out() {
     assert_eq!([0, 1, 2, 3].map(|least| count(least, &seen)), [2, 2, 2, 1]);
     assert_eq!(count(2, &[(0, &[first]), (1, &[second])]), 0);
     // Given boxes are taken as they are.
-    let given = given(&[("left", ball_box(&rig.cameras[0], first))]);
+    let given = given(&[("left", ball_box(&rig.cameras()[0], first))]);
     let options = PredictOptions {
         boxes: Some(vec![given]),
         min_views: 2,
