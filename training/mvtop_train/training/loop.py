@@ -20,8 +20,8 @@ def train(settings: runconfig.RunConfig, folder: Path):
     me = processes.join()
     device, first = me.device, me.rank == 0
     if device == "cpu" and first and not sampling.kernel_available():
-        print("note: Rust sampling kernel not found, training is several times slower; "
-              "fix: cargo build --release -p mvtop-ffi")  # fmt: skip
+        print("note: mvtop's sampling kernel is not installed, training is several times slower; "
+              "fix: make wheel")  # fmt: skip
     obj = objects.read(Path(settings.data), settings.object or None)
     config = settings.network_config(objects.classes_of(obj))
     scenes = batches.Scenes(Path(settings.data), obj, settings.held_out)
