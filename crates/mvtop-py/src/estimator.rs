@@ -113,8 +113,8 @@ impl NativePrediction {
 
 impl NativePrediction {
     fn id(&self, camera: usize) -> String {
-        let camera = self.rig.cameras.get(camera);
-        camera.map(|camera| camera.id.clone()).unwrap_or_default()
+        let camera = self.rig.cameras().get(camera);
+        camera.map(|camera| camera.id().to_owned()).unwrap_or_default()
     }
 }
 
@@ -240,10 +240,10 @@ fn load(
 ) -> PyResult<Vec<(usize, RgbImage)>> {
     let mut loaded = Vec::with_capacity(images.len());
     for (index, any) in images {
-        let Some(camera) = rig.cameras.get(index) else {
+        let Some(camera) = rig.cameras().get(index) else {
             return Err(value(format!("image {index}: the rig has no such camera")));
         };
-        let name = format!("image of camera `{}`", camera.id);
+        let name = format!("image of camera `{}`", camera.id());
         let picture = match convert::image(&name, &any)? {
             Some(picture) => picture,
             None => {

@@ -136,9 +136,9 @@ impl Surface {
         symmetries: Option<PyRef<Symmetries>>,
     ) -> PyResult<F64> {
         let symmetries = or_none(symmetries);
-        let lens = &camera.core().lens;
+        let intrinsics = &camera.core().intrinsics();
         pairs(py, POSE, &truth, &estimate, |truth, estimate| {
-            self.surface.mspd(truth, estimate, &symmetries, lens)
+            self.surface.mspd(truth, estimate, &symmetries, intrinsics)
         })
     }
 }
@@ -188,8 +188,10 @@ impl Mesh {
             true => metrics::PixelCenter::Half,
             false => metrics::PixelCenter::Integer,
         };
-        let size = [camera.width, camera.height];
-        let depth = compute(py, || self.mesh.depth(&pose, &camera.lens, size, center))?;
+        let size = [camera.width(), camera.height()];
+        let depth = compute(py, || {
+            self.mesh.depth(&pose, &camera.intrinsics(), size, center)
+        })?;
         Ok(F32(depth.map_err(python)?.into_dyn()))
     }
 }
@@ -230,8 +232,8 @@ pub fn vsd(
         diameter,
         cost: metrics::MatchingCost::Step,
     };
-    let lens = &camera.core().lens;
-    py.detach(|| metrics::vsd(&estimate, &truth, &measured, lens, &options))
+    let intrinsics = &camera.core().intrinsics();
+    py.detach(|| metrics::vsd(&estimate, &truth, &measured, intrinsics, &options))
         .map_err(python)
 }
 
