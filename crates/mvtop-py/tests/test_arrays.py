@@ -94,6 +94,17 @@ def test_rigs_from_arrays_from_cameras_and_from_text_are_the_same(rng):
     ]
 
 
+def test_coefficients_of_zero_are_no_distortion():
+    plain, zeros = mvtop.Camera(K, (64, 48)), mvtop.Camera(K, (64, 48), distortion=np.zeros(5))
+    assert zeros.distortion.size == 0
+    triangle = mvtop.metrics.Mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]])
+    ahead = np.eye(4)
+    ahead[:3, 3] = -0.5, -0.4, 1
+    depth = triangle.depth(ahead, zeros)
+    assert depth.any()
+    np.testing.assert_array_equal(depth, triangle.depth(ahead, plain))
+
+
 @pytest.mark.parametrize("model, distortion", [("pinhole", BROWN), ("fisheye", KANNALA)])
 def test_pickled_and_copied_cameras_are_the_same(model, distortion, rng):
     camera = mvtop.Camera(
