@@ -35,7 +35,9 @@ def load(path: Path) -> list[Camera]:
     try:
         import mvtop  # what does without rig files does without the wheel
     except ImportError:
-        raise UserError(f"rig {path}: mvtop, to read it, is not installed; fix: make wheel") from None
+        raise UserError(
+            f"rig {path}: mvtop, to read it, is not installed; fix: make wheel"
+        ) from None
     try:
         rig = mvtop.Rig.load(path)
     except (OSError, ValueError) as error:
