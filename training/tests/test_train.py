@@ -15,10 +15,11 @@ from mvtop_train.data import bank, bop, closeup, crops, objects
 from mvtop_train.data.inputs import to_views
 from mvtop_train.errors import UserError
 from mvtop_train.network import config as configs
+from mvtop_train.network import losses
 from mvtop_train.network.model import Mvtop
 from mvtop_train.synthesis.generate import scene_views
 from mvtop_train.synthesis.gl import open_gl
-from mvtop_train.training import loop, losses, pipeline, runconfig
+from mvtop_train.training import loop, pipeline, runconfig
 from mvtop_train.training.checkpoint import load_weights
 
 

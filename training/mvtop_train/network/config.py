@@ -2,6 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Literal
 
 # "none" is PoET's: for comparison, not exported.
 LOS_CHANNELS = {"none": 0, "direction": 3, "origin_direction": 6, "plucker": 6, "plucker_origin": 9}
@@ -28,7 +29,7 @@ class Config:
     preset: str
     width: int  # network input, px
     height: int
-    backbone: str  # "conv" or "resnet50_fpn"
+    backbone: Literal["conv", "resnet50_fpn"]
     channels: tuple[int, ...]  # of "conv", at strides 4, 8, 16, 32
     strides: tuple[int, ...]
     d_model: int
@@ -37,8 +38,8 @@ class Config:
     encoder_layers: int
     decoder_layers: int
     ffn: int
-    los_encoding: str
-    geometry: str
+    los_encoding: Literal[*LOS_CHANNELS]
+    geometry: Literal["image", "rays"]
     classes: tuple[ObjectClass, ...] = ()  # what it detects; a preset leaves them open
     mean: tuple[float, float, float] = (0.5, 0.5, 0.5)
     std: tuple[float, float, float] = (0.25, 0.25, 0.25)

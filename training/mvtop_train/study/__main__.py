@@ -7,7 +7,6 @@ Trains the transformer and heads of each variant on cached canonical views (`can
 tests it on scenes that no training used. Finished variants are kept, so it resumes.
 """
 
-import argparse
 import dataclasses
 import json
 import time
@@ -16,7 +15,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from ..data import bop
-from ..errors import command
+from ..errors import argument_parser, command
 from ..training.checkpoint import load_weights
 from . import canonical, variants
 from .variants import VARIANTS
@@ -24,9 +23,7 @@ from .variants import VARIANTS
 
 @command
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argument_parser(__doc__)
     parser.add_argument("--weights", type=Path, required=True, help="whose backbone is frozen")
     parser.add_argument("--data", type=Path, required=True, help="training scenes")
     parser.add_argument("--test", type=Path, required=True, help="test scenes: splits hard, easy")

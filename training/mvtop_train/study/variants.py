@@ -11,10 +11,9 @@ from torch import nn
 from tqdm import tqdm
 
 from ..data import mvball, objects
-from ..network import config, pose, rays
+from ..network import config, losses, pose, rays
 from ..network.decoder import Boxes, Decoder
 from ..network.encoder import Encoder
-from ..training import losses
 from ..training.optimise import learning_rate
 from . import baselines, canonical
 

@@ -7,7 +7,6 @@ machine do not change), of the training step on batches that are there already, 
 processes keep it busy.
 """
 
-import argparse
 import json
 import tempfile
 import time
@@ -16,9 +15,9 @@ from pathlib import Path
 import torch
 
 from ..data import batches, objects
-from ..errors import command
+from ..errors import argument_parser, command
 from . import processes, runconfig
-from .checkpoint import Run
+from .checkpoint import TrainingState
 from .optimise import optimise
 
 
@@ -54,14 +53,13 @@ def measure(settings: runconfig.RunConfig, seconds: float) -> dict:
     busy = time.process_time() - begun
     views = sum(batch["images"].shape[:2].numel() for batch in made)
     with tempfile.TemporaryDirectory() as scratch:  # nothing is saved, and none resumed
-        run = Run(Path(scratch), config, device)
-    run.model.train()
+        state = TrainingState(Path(scratch), config, device)
     taken = iter(range(1 << 30))
 
     def step():
         batch = made[next(taken) % len(made)]
-        optimise(run, run.model, batch, settings, 1e-6, device)
-        run.update_average()
+        optimise(state, state.model, batch, settings, 1e-6)
+        state.update_average()
         return batch["images"].shape[:2].numel()
 
     steps = _rate(step, seconds)
@@ -77,11 +75,8 @@ def measure(settings: runconfig.RunConfig, seconds: float) -> dict:
 
 @command
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--config", type=Path, required=True, help="TOML, see training/runs/")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
+    parser = argument_parser(__doc__)
+    runconfig.add_arguments(parser)
     parser.add_argument("--seconds", type=float, default=20.0, help="for each measurement")
     args = parser.parse_args()
     settings = runconfig.load(args.config, args.set)
