@@ -11,7 +11,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use mvtop_core::Estimator;
-use mvtop_core::known::KnownPose;
+use mvtop_core::annotations::TruePose;
 use mvtop_core::prediction::ObjectPose;
 use mvtop_eval::bop::{Group, ViewId, load_depth};
 use serde_json::{Value, json};
@@ -130,7 +130,7 @@ fn evaluate(plan: &Plan, group: &Group, args: &BopArgs, estimator: &Estimator) -
         depth: depth.as_ref(),
         vsd_delta: args.vsd_delta_mm * 1e-3,
     };
-    let scored = |(object, (known, &found)): (usize, (&KnownPose, &Option<&ObjectPose>))| {
+    let scored = |(object, (known, &found)): (usize, (&TruePose, &Option<&ObjectPose>))| {
         let model = &plan.models[&plan.object(&known.seen.class)?];
         let truth = &known.world_from_obj;
         let errors = found.map(|found| score::errors(truth, &found.world_from_obj, model));

@@ -4,9 +4,8 @@
 //! order of samples nor the number of views, and grows in proportion to its size: a camera is turned
 //! about the same axis by 0.5 and by 2 degrees. `docs/output.md` gives the recipe.
 
-use mvtop_core::Rig;
-use mvtop_core::detect::clip;
-use mvtop_core::known::KnownBoxes;
+use mvtop_core::annotations::GivenBoxes;
+use mvtop_core::{BBox, Rig};
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand::rngs::ChaCha20Rng;
@@ -53,21 +52,26 @@ impl Noise {
     /// within the image goes.
     ///
     /// - `object`: its place in the sample's truth
-    pub fn disturb_boxes(&self, seen: &mut KnownBoxes, rig: &Rig, sample: &str, object: usize) {
+    pub fn disturb_boxes(&self, seen: &mut GivenBoxes, rig: &Rig, sample: &str, object: usize) {
         if self.boxes == 0.0 {
             return;
         }
         seen.boxes.retain(|id, bbox| {
             let mut rng = self.generator(&format!("{sample}/{id}/box{object}"));
-            let [x0, y0, x1, y1] = *bbox;
-            let (width, height) = (x1 - x0, y1 - y0);
-            *bbox = [(x0, width), (y0, height), (x1, width), (y1, height)].map(|(side, size)| {
+            let mut moved = |side: f64, size: f64| {
                 let off: f64 = StandardNormal.sample(&mut rng);
                 side + self.boxes * size * off
-            });
+            };
+            let (width, height) = (bbox.width(), bbox.height());
+            *bbox = BBox {
+                x0: moved(bbox.x0, width),
+                y0: moved(bbox.y0, height),
+                x1: moved(bbox.x1, width),
+                y1: moved(bbox.y1, height),
+            };
             let clipped = rig
                 .index_of(id)
-                .and_then(|i| clip(*bbox, rig.cameras()[i].width(), rig.cameras()[i].height()));
+                .and_then(|i| bbox.clip(rig.cameras()[i].width(), rig.cameras()[i].height()));
             *bbox = clipped.unwrap_or(*bbox);
             clipped.is_some()
         });
@@ -107,12 +111,12 @@ mod tests {
         .unwrap()
     }
 
-    fn seen() -> KnownBoxes {
-        KnownBoxes {
+    fn seen() -> GivenBoxes {
+        GivenBoxes {
             class: "ball".into(),
             boxes: BTreeMap::from([
-                ("cam0".into(), [100.0, 100.0, 200.0, 150.0]),
-                ("cam1".into(), [300.0, 200.0, 320.0, 220.0]),
+                ("cam0".into(), [100.0, 100.0, 200.0, 150.0].into()),
+                ("cam1".into(), [300.0, 200.0, 320.0, 220.0].into()),
             ]),
         }
     }
@@ -214,7 +218,7 @@ mod tests {
         };
         noise.disturb_boxes(&mut noisy, &rig(), "000000", 0);
         let expected = [95.8798324619, 93.8724913729, 209.4264142183, 151.6786569353];
-        for (side, expected) in noisy.boxes["cam0"].iter().zip(expected) {
+        for (side, expected) in <[f64; 4]>::from(noisy.boxes["cam0"]).iter().zip(expected) {
             assert!((side - expected).abs() < 1e-9, "{:?}", noisy.boxes);
         }
     }
@@ -229,10 +233,10 @@ mod tests {
         for sample in 0..2000 {
             let mut noisy = seen();
             noise.disturb_boxes(&mut noisy, &rig(), &sample.to_string(), 0);
-            let exact = seen().boxes["cam0"];
+            let [exact, noisy] = [seen(), noisy].map(|seen| <[f64; 4]>::from(seen.boxes["cam0"]));
             for side in 0..4 {
                 let size = [100.0, 50.0][side % 2];
-                squares[side] += ((noisy.boxes["cam0"][side] - exact[side]) / size).powi(2);
+                squares[side] += ((noisy[side] - exact[side]) / size).powi(2);
             }
         }
         for square in squares {
@@ -252,7 +256,7 @@ mod tests {
             let mut noisy = seen();
             noise.disturb_boxes(&mut noisy, &rig(), &sample.to_string(), 0);
             for bbox in noisy.boxes.values() {
-                assert_eq!(clip(*bbox, 640, 480), Some(*bbox));
+                assert_eq!(bbox.clip(640, 480), Some(*bbox));
                 kept += 1;
             }
         }

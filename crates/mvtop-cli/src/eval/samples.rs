@@ -1,7 +1,7 @@
 //! `eval samples`: a folder of samples.
 
 use mvtop_core::Estimator;
-use mvtop_core::known::KnownPose;
+use mvtop_core::annotations::TruePose;
 use mvtop_core::pose::{add, rotation_error_deg, translation_error};
 use mvtop_core::prediction::ObjectPose;
 use nalgebra::Point3;
@@ -62,7 +62,7 @@ pub fn run(args: &SamplesArgs) -> Result<()> {
 }
 
 /// ADD is over the points of the model bundle.
-fn errors(known: &KnownPose, found: &ObjectPose, estimator: &Estimator) -> Errors {
+fn errors(known: &TruePose, found: &ObjectPose, estimator: &Estimator) -> Errors {
     let (truth, pose) = (&known.world_from_obj, &found.world_from_obj);
     let bundle = estimator.bundle();
     let class = bundle.class_index(&found.class);
