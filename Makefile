@@ -47,6 +47,7 @@ test-python: .venv/test.done $(MVTOP)
 
 lint: .venv/test.done
 	cargo fmt --all --check
+	rustfmt --check --edition 2024 crates/mvtop-core/src/camera/*.rs # declared by a macro, which cargo fmt does not read
 	cargo clippy --release --workspace --all-targets -- -D warnings
 	$(PY) -m ruff check training crates/mvtop-py
 	$(PY) -m ruff check --config crates/mvtop-py/pyproject.toml examples benches

@@ -390,8 +390,7 @@ pub fn deformable_sampling(
     let value = value.as_standard_layout();
     let locations = locations.as_standard_layout();
     let weights = weights.as_standard_layout();
-    let sampling =
-        Sampling::of_arrays(&levels, value.view(), locations.view(), weights.view())?;
+    let sampling = Sampling::of_arrays(&levels, value.view(), locations.view(), weights.view())?;
     let mut out = vec![0.0; sampling.output_len()];
     sampling.forward(&mut out)?;
     Array3::from_shape_vec(sampling.output_shape(), out)

@@ -6,12 +6,11 @@ use std::path::PathBuf;
 use std::process;
 use std::sync::Arc;
 
-use ::image::RgbImage;
-use mvtop_core::known::KnownBoxes;
+use mvtop_core::annotations::GivenBoxes;
 use mvtop_core::onnx::{Provider, SessionOptions};
 use mvtop_core::pose::wxyz;
 use mvtop_core::report::{self, Report};
-use mvtop_core::{Estimator, Options, PredictOptions, Prediction, image, overlay};
+use mvtop_core::{Estimator, Options, PredictOptions, Prediction, ViewImage, image, overlay};
 use pyo3::prelude::*;
 
 use crate::convert::{self, F64, Rgb, shaped};
@@ -63,8 +62,12 @@ impl NativePrediction {
     #[getter]
     fn timings_ms(&self) -> Vec<(&'static str, f64)> {
         let t = &self.prediction.timings;
-        let stages = ["prepare", "features", "detect", "closeup", "decode", "total"];
-        let times = [t.prepare, t.features, t.detect, t.closeup, t.decode, t.total];
+        let stages = [
+            "prepare", "features", "detect", "closeup", "decode", "total",
+        ];
+        let times = [
+            t.prepare, t.features, t.detect, t.closeup, t.decode, t.total,
+        ];
         stages.into_iter().zip(times).collect()
     }
 
@@ -91,7 +94,7 @@ impl NativePrediction {
                     .cameras
                     .iter()
                     .map(|seen| {
-                        let bounds = seen.bbox.map(numbers);
+                        let bounds = seen.bbox.map(|b| numbers(b.into()));
                         (self.id(seen.camera), matrix(&seen.cam_from_obj), bounds)
                     })
                     .collect(),
@@ -114,7 +117,9 @@ impl NativePrediction {
 impl NativePrediction {
     fn id(&self, camera: usize) -> String {
         let camera = self.rig.cameras().get(camera);
-        camera.map(|camera| camera.id().to_owned()).unwrap_or_default()
+        camera
+            .map(|camera| camera.id().to_owned())
+            .unwrap_or_default()
     }
 }
 
@@ -177,8 +182,11 @@ impl NativeEstimator {
         let rig = rig.core().clone();
         let images = load(py, &rig, images)?;
         let boxes = boxes.map(|all| {
-            let known = |(class, boxes)| KnownBoxes { class, boxes };
-            all.into_iter().map(known).collect()
+            let given = |(class, boxes): Boxes| GivenBoxes {
+                class,
+                boxes: boxes.into_iter().map(|(id, b)| (id, b.into())).collect(),
+            };
+            all.into_iter().map(given).collect()
         });
         let options = PredictOptions {
             reference,
@@ -198,7 +206,7 @@ impl NativeEstimator {
         images: Vec<(usize, Bound<'py, PyAny>)>,
     ) -> PyResult<Vec<Rgb>> {
         let images = load(py, rig.core(), images)?;
-        Ok(images.into_iter().map(|(_, image)| Rgb(image)).collect())
+        Ok(images.into_iter().map(|view| Rgb(view.image)).collect())
     }
 
     /// Copies of the images with the predicted objects drawn onto them.
@@ -237,7 +245,7 @@ fn load(
     py: Python,
     rig: &mvtop_core::Rig,
     images: Vec<(usize, Bound<PyAny>)>,
-) -> PyResult<Vec<(usize, RgbImage)>> {
+) -> PyResult<Vec<ViewImage>> {
     let mut loaded = Vec::with_capacity(images.len());
     for (index, any) in images {
         let Some(camera) = rig.cameras().get(index) else {
@@ -257,7 +265,10 @@ fn load(
                 py.detach(|| image::load(&path, camera)).map_err(python)?
             }
         };
-        loaded.push((index, picture));
+        loaded.push(ViewImage {
+            camera: index,
+            image: picture,
+        });
     }
     Ok(loaded)
 }

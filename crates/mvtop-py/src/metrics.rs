@@ -24,10 +24,7 @@ impl Symmetries {
     /// - continuous: axis and a point on it, (3,) each
     #[new]
     #[pyo3(signature = (discrete = None, continuous = vec![]))]
-    fn new(
-        discrete: Option<ArrayLike>,
-        continuous: Vec<(ArrayLike, ArrayLike)>,
-    ) -> PyResult<Self> {
+    fn new(discrete: Option<ArrayLike>, continuous: Vec<(ArrayLike, ArrayLike)>) -> PyResult<Self> {
         let discrete = match discrete {
             Some(array) => poses("discrete", &array.read("discrete", Some(1), &[4, 4])?)?,
             None => Vec::new(),
@@ -40,7 +37,8 @@ impl Symmetries {
             let offset = Point3::from(offset.vector::<3>("offset")?);
             axes.push(metrics::ContinuousSymmetry { axis, offset });
         }
-        let all = metrics::Symmetries::new(&discrete, &axes, metrics::BOP_MAX_STEP).map_err(python)?;
+        let all =
+            metrics::Symmetries::new(&discrete, &axes, metrics::BOP_MAX_STEP).map_err(python)?;
         Ok(Self(all))
     }
 

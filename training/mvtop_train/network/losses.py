@@ -5,7 +5,7 @@ import torch.distributed as dist
 import torch.nn.functional as F
 from torchvision.ops import generalized_box_iou_loss
 
-from . import pose
+from . import coordinates, pose
 
 ROTATION, TRANSLATION, DETECTION, COORDINATES, UNCERTAINTY = 1.0, 10.0, 2.0, 6.0, 0.02
 WEIGHTS = {
@@ -39,8 +39,8 @@ def total(prediction, batch, stride: int, weights=WEIGHTS):
         "translation": t.mean(1).sum(),
         "uncertainty": uncertainty_loss(sigma, degrees, t).mean(),
     }
-    if prediction.scores is not None:
-        terms |= image_terms(prediction, batch, stride)
+    if prediction.detections is not None:
+        terms |= image_terms(prediction.detections, batch, stride)
     parts = {
         "rotation_deg": degrees[-1].mean(),
         "translation_m": t[-1].mean(),
@@ -70,26 +70,25 @@ def mean_count(count: torch.Tensor) -> torch.Tensor:
     return count.clamp_min(1)
 
 
-def image_terms(prediction, batch, stride: int) -> dict:
+def image_terms(found, batch, stride: int) -> dict:
     """What the images alone teach: boxes and object coordinates."""
-    boxes = batch["boxes"].flatten(0, 1)
-    absent = boxes.new_zeros(len(prediction.scores) - len(boxes), 4)  # the negatives' boxes
+    boxes = batch["true_box"].flatten(0, 1)
+    absent = boxes.new_zeros(len(found.scores) - len(boxes), 4)  # the negatives' boxes
     detection = detection_loss(
-        prediction.scores,
-        prediction.boxes,
+        found.scores,
+        found.boxes,
         torch.cat([boxes, absent]),
-        torch.zeros(len(prediction.scores), dtype=torch.long, device=boxes.device),
+        torch.zeros(len(found.scores), dtype=torch.long, device=boxes.device),
         stride,
     )
-    code = batch["coords"].flatten(0, 1).float().permute(0, 3, 1, 2)
+    code = batch["coords"].flatten(0, 1)
     # Networks whose finest level is coarser take every other sample, and so on.
-    skip = code.shape[-1] // prediction.coordinates.shape[-1]
-    code = code[..., skip // 2 :: skip, skip // 2 :: skip]
-    mask = (code != 0).all(1)
-    wanted = (code - 128) / 120  # `bop.decode_coords`
-    difference = F.smooth_l1_loss(prediction.coordinates, wanted, beta=0.1, reduction="none")
-    coordinates = (difference.sum(1) * mask).sum() / mean_count(mask.sum())
-    return {"detection": detection, "coordinates": coordinates}
+    skip = code.shape[2] // found.coordinates.shape[-1]
+    wanted, mask = coordinates.decode(code[:, skip // 2 :: skip, skip // 2 :: skip])
+    wanted = wanted.permute(0, 3, 1, 2)
+    difference = F.smooth_l1_loss(found.coordinates, wanted, beta=0.1, reduction="none")
+    shape = (difference.sum(1) * mask).sum() / mean_count(mask.sum())
+    return {"detection": detection, "coordinates": shape}
 
 
 def detection_loss(logits, boxes, truth, class_index, stride: int):

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import torch
 
-from ..data import bank, batches, objects
+from ..data import bank, batches, crops, objects
+from ..data.views import ViewMaker
 from ..network import sampling
 from . import processes
 from .checkpoint import TrainingState
@@ -14,6 +15,7 @@ from .monitor import Monitor
 from .optimise import learning_rate, optimise
 from .progress import Clock
 from .runconfig import RunConfig, keep_copy
+from .validate import pose_views
 
 
 def train(settings: RunConfig, folder: Path):
@@ -59,18 +61,19 @@ def train_steps(
 
 def batches_of(
     settings: RunConfig, state: TrainingState, scenes: batches.Scenes, me: processes.Processes
-):
+) -> batches.Batches:
     """Crops for all of the network; where its backbone is frozen, cached features of close-ups."""
+    shared = settings.images, settings.views, settings.seed, me.rank, me.count
     if not settings.backbone:
-        return batches.Batches(
-            scenes, settings.crop, settings.images, settings.views, settings.negatives,
-            settings.seed, settings.augmentation_of(state.config), me.rank, me.count,
-        )  # fmt: skip
+        crop = crops.Crops(settings.crop, settings.augmentation_of(state.config))
+        fresh = batches.Fresh(scenes, ViewMaker(crop, state.config, scenes.obj.bounds))
+        negatives = batches.Negatives(scenes, crop, round(settings.negatives * settings.images))
+        return batches.Batches(fresh, *shared, negatives)
+    maker = pose_views(settings, state.config, scenes.obj.bounds, True)
     features = functools.partial(
-        bank.Bank, state.folder / "features", scenes.training, state.average, scenes.obj.bounds,
-        settings.copies, settings.seed, settings.workers,
+        bank.Bank, state.folder / "features", scenes.training, maker,
+        state.average.features.backbone, settings.copies, settings.seed, settings.workers,
     )  # fmt: skip
     made = features() if me.rank == 0 else None
     processes.from_first(0.0, me.device)  # the others wait until they are all there
-    made = made or features()
-    return bank.Batches(made, settings.images, settings.views, settings.seed, me.rank, me.count)
+    return batches.Batches(made or features(), *shared)

@@ -8,7 +8,7 @@ from ..data.batches import Scenes
 from .checkpoint import TrainingState
 from .progress import Clock, Meter, Timer
 from .runconfig import RunConfig
-from .validate import validate
+from .validate import pose_views, validate
 
 
 class Log:
@@ -64,9 +64,10 @@ class Monitor:
         )
 
     def validate(self):
-        held, bounds = self.scenes.held, self.scenes.obj.bounds
+        held, average, settings = self.scenes.held, self.state.average, self.settings
+        maker = pose_views(settings, average.config, self.scenes.obj.bounds, False)
         for views in (1, 2):
             if any(len(scene) >= views for scene in held):
-                result = validate(self.state.average, held, bounds, self.settings, views)
+                result = validate(average, held, maker, settings.precision, views)
                 self.log.write({"validation_views": views, **result}, f"validation_{views}_views")
                 self.bar.write(f"step {self.state.step}, {views} view(s): {json.dumps(result)}")

@@ -27,19 +27,25 @@ def optimise(state: TrainingState, model, batch, settings: RunConfig, lr: float)
 
     model: that of `state`, or the same one in all processes (`processes.distributed`)
     """
-    for group in state.optimizer.param_groups:
-        group["lr"] = group["scale"] * lr
     views = to_views(batch, state.config, state.device)
     with autocast(state.device, settings.precision):
         prediction = model(views)
-    names = ("cam_from_obj", "boxes", "coords")
+    names = ("cam_from_obj", "true_box", "coords")
     truth = to_device({n: batch[n] for n in names if n in batch}, state.device)
     loss, parts = losses.total(prediction, truth, state.config.strides[0], dict(settings.loss))
+    norm = descend(state, loss, lr, settings.clip)
+    return {"loss": loss, "norm": norm, **parts}
+
+
+def descend(state: TrainingState, loss: torch.Tensor, lr: float, clip: float) -> torch.Tensor:
+    """One step down the gradient of `loss`, whose norm is returned."""
+    for group in state.optimizer.param_groups:
+        group["lr"] = group["scale"] * lr
     state.optimizer.zero_grad(set_to_none=True)
     loss.backward()
-    norm = torch.nn.utils.clip_grad_norm_(state.model.parameters(), settings.clip)
+    norm = torch.nn.utils.clip_grad_norm_(state.model.parameters(), clip)
     for parameter in state.model.parameters():
         if parameter.grad is not None:  # not finite anywhere: counts as zero everywhere
             parameter.grad.nan_to_num_(0, 0, 0)
     state.optimizer.step()
-    return {"loss": loss, "norm": norm, **parts}
+    return norm

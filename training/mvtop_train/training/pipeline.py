@@ -17,7 +17,7 @@ from tqdm import tqdm
 from ..data import bop, objects
 from ..errors import UserError
 from . import checkpoint, loop, processes, runconfig
-from .validate import validate
+from .validate import pose_views, validate
 
 TEST_SPLIT = "hard"
 
@@ -80,9 +80,9 @@ def evaluate(settings: runconfig.RunConfig, folder: Path, weights: Path) -> dict
     obj = objects.read(Path(settings.data), settings.object or None)
     scenes = bop.load_index(Path(settings.data), TEST_SPLIT, obj)
     result = {"step": step, "split": TEST_SPLIT, "scenes": len(scenes)}
-    exact = settings.model_copy(update={"precision": "fp32"})
+    maker = pose_views(settings, model.config, obj.bounds, False)
     for views in (1, 2):
-        result[f"views_{views}"] = validate(model, scenes, obj.bounds, exact, views, per_scene=1)
+        result[f"views_{views}"] = validate(model, scenes, maker, "fp32", views, per_scene=1)
     (folder / "evaluation.json").write_text(json.dumps(result, indent=1) + "\n")
     return result
 

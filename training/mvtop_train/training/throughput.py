@@ -14,7 +14,8 @@ from pathlib import Path
 
 import torch
 
-from ..data import batches, objects
+from ..data import batches, crops, objects
+from ..data.views import ViewMaker
 from ..errors import argument_parser, command
 from . import processes, runconfig
 from .checkpoint import TrainingState
@@ -37,21 +38,22 @@ def measure(settings: runconfig.RunConfig, seconds: float) -> dict:
     obj = objects.read(Path(settings.data), settings.object or None)
     config = settings.network_config(objects.classes_of(obj))
     scenes = batches.Scenes(Path(settings.data), obj, settings.held_out)
-    aug = settings.augmentation_of(config)
+    crop = crops.Crops(settings.crop, settings.augmentation_of(config))
     stream = batches.Batches(
-        scenes, settings.crop, settings.images, settings.views, settings.negatives,
-        settings.seed, aug, 0, 1,
+        batches.Fresh(scenes, ViewMaker(crop, config, obj.bounds)),
+        settings.images, settings.views, settings.seed, 0, 1,
+        batches.Negatives(scenes, crop, round(settings.negatives * settings.images)),
     )  # fmt: skip
     made = []
 
     def load():
         made.append(stream[len(made)])
-        return made[-1]["images"].shape[:2].numel()
+        return made[-1]["image"].shape[:2].numel()
 
     begun = time.process_time()
     loader = _rate(load, seconds)
     busy = time.process_time() - begun
-    views = sum(batch["images"].shape[:2].numel() for batch in made)
+    views = sum(batch["image"].shape[:2].numel() for batch in made)
     with tempfile.TemporaryDirectory() as scratch:  # nothing is saved, and none resumed
         state = TrainingState(Path(scratch), config, device)
     taken = iter(range(1 << 30))
@@ -60,7 +62,7 @@ def measure(settings: runconfig.RunConfig, seconds: float) -> dict:
         batch = made[next(taken) % len(made)]
         optimise(state, state.model, batch, settings, 1e-6)
         state.update_average()
-        return batch["images"].shape[:2].numel()
+        return batch["image"].shape[:2].numel()
 
     steps = _rate(step, seconds)
     return {
