@@ -10,7 +10,7 @@ use serde::Deserialize;
 use super::annotation::{Annotation, load_annotations};
 use super::json::{motion, read};
 use crate::{Error, Result};
-use mvtop_core::camera::{BrownConrady, Distortion, Lens};
+use mvtop_core::camera::{Intrinsics, Projection};
 
 /// One image of a scene.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -28,7 +28,7 @@ pub struct View {
     pub path: PathBuf,
     /// Depth image that belongs to it.
     pub depth: Option<PathBuf>,
-    pub lens: Lens,
+    pub intrinsics: Intrinsics,
     /// Millimetres per unit of the depth image.
     pub depth_scale: f64,
     /// `None` where the data set does not say where its camera stood.
@@ -79,6 +79,14 @@ struct Info {
 
 fn one() -> f64 {
     1.0
+}
+
+impl ViewId {
+    /// The name of its camera in a rig: `cam1_000012`, or `000012` without a sensor.
+    pub fn camera_id(&self) -> String {
+        let usable = |c: char| c.is_alphanumeric() || "._-".contains(c);
+        self.to_string().replace(|c| !usable(c), "_")
+    }
 }
 
 impl fmt::Display for ViewId {
@@ -201,7 +209,7 @@ fn load_sensor(folder: &Path, sensor: &str, views: &mut BTreeMap<ViewId, View>) 
         let view = View {
             path,
             depth: find_image(&depth_folder, image),
-            lens: camera.lens(&place)?,
+            intrinsics: camera.intrinsics(&place)?,
             depth_scale: camera.depth_scale,
             world_from_cam: camera.world_from_cam(&place)?,
             objects,
@@ -233,7 +241,7 @@ fn find_image(folders: &[PathBuf], image: u32) -> Option<PathBuf> {
 }
 
 impl Camera {
-    fn lens(&self, place: &str) -> Result<Lens> {
+    fn intrinsics(&self, place: &str) -> Result<Intrinsics> {
         let Some(k) = self.k else {
             return Err(Error::Input(format!(
                 "{place}: expected cam_K, got none; cameras described by cam_model are not \
@@ -247,21 +255,11 @@ impl Camera {
                 "{place}: expected cam_K as [fx, 0, cx, 0, fy, cy, 0, 0, 1], got {k:?}"
             )));
         }
-        let distortion = match self.cam_dist.as_deref() {
-            Some(params) if params.iter().any(|&x| x != 0.0) => {
-                let lens = BrownConrady::new(params)
-                    .map_err(|error| Error::Input(format!("{place}: cam_dist: {error}")))?;
-                Distortion::BrownConrady(lens)
-            }
-            _ => Distortion::None,
-        };
-        Ok(Lens {
-            fx,
-            fy,
-            cx,
-            cy,
-            distortion,
-        })
+        let params = self.cam_dist.as_deref().unwrap_or_default();
+        let projection = Projection::from_params("pinhole", None, params)
+            .map_err(|error| Error::Input(format!("{place}: cam_dist: {error}")))?;
+        Intrinsics::new(fx, fy, cx, cy, projection)
+            .map_err(|error| Error::Input(format!("{place}: cam_K: {error}")))
     }
 
     fn world_from_cam(&self, place: &str) -> Result<Option<Isometry3<f64>>> {

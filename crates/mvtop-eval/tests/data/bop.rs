@@ -75,8 +75,8 @@ fn scene_is_read_in_metres() {
     assert_eq!(scene.views.len(), 3);
     let view = &scene.views[&id("", 2)];
     assert!(view.path.ends_with("rgb/000002.png"));
-    assert_eq!((view.lens.fx, view.lens.fy), (600.0, 610.0));
-    assert_eq!((view.lens.cx, view.lens.cy), (320.0, 240.0));
+    assert_eq!((view.intrinsics.fx(), view.intrinsics.fy()), (600.0, 610.0));
+    assert_eq!((view.intrinsics.cx(), view.intrinsics.cy()), (320.0, 240.0));
     assert_eq!(view.depth_scale, 0.1);
     let center = view.world_from_cam.unwrap() * Point3::origin();
     assert!((center - Point3::new(2.0, 0.0, 0.0)).norm() < 1e-9);
