@@ -1,4 +1,4 @@
-"""The reference of the Rust pipeline: against the training's close-ups, and on the shipped model."""
+"""The Rust pipeline's reference: against the training's close-ups, and on the shipped model."""
 
 import json
 import os
@@ -11,6 +11,7 @@ import pytest
 import torch
 
 from mvtop_train.data import closeup
+from mvtop_train.data.views import warp
 from mvtop_train.export import optics, reference
 from mvtop_train.export.bundle import fold_batch_norm
 from mvtop_train.training.checkpoint import load_weights
@@ -28,14 +29,14 @@ def test_the_training_s_closeups_are_the_reference_s(seed):
     rgb = np.stack([u % 256, v % 256, 127 + 100 * np.sin(u / 17 + v / 15)], -1).astype(np.uint8)
     rgb[:, :, :2] = np.minimum(rgb[:, :, :2], 255 - rgb[:, :, :2])  # without steps
     close = closeup.camera_of(K, box, 96)
-    picture, on_image = closeup.take(rgb, K, close, 96)
+    picture, on_image = warp(rgb, close.view_from_image(K), 96, close.taps)
 
     real = optics.Camera("real", 640, 480, K, np.eye(4))
     virtual, bounds, taps = optics.closeup_of(real, box, 96)
     assert taps == close.taps
     np.testing.assert_allclose(close.k, virtual.k, rtol=1e-10)
     np.testing.assert_allclose(close.box, bounds, atol=1e-9)
-    np.testing.assert_allclose(close.close_from_cam, virtual.world_from_cam[:3, :3].T, atol=1e-12)
+    np.testing.assert_allclose(close.view_from_cam, virtual.world_from_cam[:3, :3].T, atol=1e-12)
     expected, shown = optics.picture_of(virtual, real, rgb, taps)
     np.testing.assert_array_equal(on_image, shown)
     # OpenCV's bilinear weights are multiples of 1/32, and it rounds.

@@ -8,7 +8,9 @@ pub mod rig;
 
 pub mod camera;
 
-pub mod known;
+pub mod annotations;
+
+mod bbox;
 
 pub mod image;
 
@@ -22,9 +24,9 @@ pub mod onnx;
 
 pub mod network;
 
-pub mod detect;
+mod detect;
 
-pub mod associate;
+mod associate;
 
 pub mod closeup;
 
@@ -40,8 +42,10 @@ pub mod transform;
 
 mod error;
 
+pub use bbox::BBox;
 pub use camera::{Camera, Intrinsics, Projection};
 pub use error::{Error, ErrorKind, Result};
 pub use estimator::{Estimator, Options, PredictOptions};
+pub use image::ViewImage;
 pub use prediction::Prediction;
 pub use rig::Rig;

@@ -25,7 +25,12 @@ pub fn python(error: Error) -> PyErr {
         | Error::Image { .. }
         | Error::Shape { .. }
         | Error::Input(_)
-        | Error::Rotation6d(_) => PyValueError::new_err(sentence),
+        | Error::Rotation6d(_)
+        | Error::Annotations { .. }
+        | Error::UnknownCamera { .. }
+        | Error::UnknownClass { .. }
+        | Error::ImageSize { .. }
+        | Error::TooFewImages { .. } => PyValueError::new_err(sentence),
         _ => imported::Error::new_err(sentence),
     }
 }

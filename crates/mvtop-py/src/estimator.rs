@@ -5,11 +5,10 @@ use std::mem::ManuallyDrop;
 use std::path::PathBuf;
 use std::process;
 
-use ::image::RgbImage;
-use mvtop_core::known::KnownBoxes;
+use mvtop_core::annotations::GivenBoxes;
 use mvtop_core::onnx::{Provider, SessionOptions};
 use mvtop_core::report::Report;
-use mvtop_core::{Estimator, Options, PredictOptions, Prediction, image, overlay};
+use mvtop_core::{Estimator, Options, PredictOptions, Prediction, ViewImage, image, overlay};
 use pyo3::prelude::*;
 
 use crate::convert::{self, F64, Rgb, shaped};
@@ -90,8 +89,11 @@ impl NativeEstimator {
         let rig = rig.core();
         let images = load(py, rig, images)?;
         let boxes = boxes.map(|all| {
-            let known = |(class, boxes)| KnownBoxes { class, boxes };
-            all.into_iter().map(known).collect()
+            let given = |(class, boxes): Boxes| GivenBoxes {
+                class,
+                boxes: boxes.into_iter().map(|(id, b)| (id, b.into())).collect(),
+            };
+            all.into_iter().map(given).collect()
         });
         let options = PredictOptions {
             reference,
@@ -113,7 +115,7 @@ impl NativeEstimator {
         images: Vec<(usize, Bound<'py, PyAny>)>,
     ) -> PyResult<Vec<Rgb>> {
         let images = load(py, rig.core(), images)?;
-        Ok(images.into_iter().map(|(_, image)| Rgb(image)).collect())
+        Ok(images.into_iter().map(|view| Rgb(view.image)).collect())
     }
 
     /// Copies of the images with the predicted objects drawn onto them.
@@ -147,7 +149,7 @@ fn load(
     py: Python,
     rig: &mvtop_core::Rig,
     images: Vec<(usize, Bound<PyAny>)>,
-) -> PyResult<Vec<(usize, RgbImage)>> {
+) -> PyResult<Vec<ViewImage>> {
     let mut loaded = Vec::with_capacity(images.len());
     for (index, any) in images {
         let Some(camera) = rig.cameras().get(index) else {
@@ -167,7 +169,10 @@ fn load(
                 py.detach(|| image::load(&path, camera)).map_err(python)?
             }
         };
-        loaded.push((index, picture));
+        loaded.push(ViewImage {
+            camera: index,
+            image: picture,
+        });
     }
     Ok(loaded)
 }

@@ -1,4 +1,4 @@
-"""Cameras and the pictures of virtual ones, in float64 by OpenCV's formulas: what Rust's must equal.
+"""Cameras and pictures of virtual ones, in float64 by OpenCV's formulas: what Rust's must equal.
 
 Slow and plain. The training has its own close-ups (`data/closeup.py`), of pinholes and in whole
 numbers; here a camera has any lens, and a picture is as exact as its image.
@@ -97,7 +97,7 @@ def picture_of(virtual: Camera, real: Camera, rgb: np.ndarray, taps: int):
 
     A pixel is the mean of `taps` x `taps` bilinear samples; beyond the image its edge goes on.
 
-    returns  [height, width, 3] in units of `rgb`; [height, width], whether a pixel's center is on it
+    returns  [height, width, 3], as `rgb`; [height, width], whether a pixel's center lies on it
     """
     pixels = np.stack(np.meshgrid(np.arange(virtual.width), np.arange(virtual.height)), -1)
     source = torch.from_numpy(np.ascontiguousarray(rgb)).double().movedim(-1, 0)[None]

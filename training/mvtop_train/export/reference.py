@@ -1,4 +1,4 @@
-"""The inference pipeline in PyTorch, from images to a pose: what the Rust pipeline is compared with.
+"""The inference pipeline in PyTorch, from images to a pose: what the Rust pipeline must equal.
 
 For one object, so that nothing need be matched across views: a view's box is its detector's best.
 """
@@ -88,7 +88,7 @@ def close_up(config, camera: Camera, rgb: np.ndarray, box: np.ndarray) -> Pictur
 
 
 def decoder_inputs(config, pictures: list[Picture], anchor: int) -> dict:
-    """By the names of the exported graph, in the order of the pictures, but in the anchor's frame."""
+    """By the names of the exported graph, in the pictures' order, in the anchor's frame."""
     ref_from_world = np.linalg.inv(pictures[anchor].world_from_cam)
     out = {"rays": [], "centers": [], "half_sizes": [], "box_rays": []}
     for picture in pictures:
@@ -105,7 +105,7 @@ def decoder_inputs(config, pictures: list[Picture], anchor: int) -> dict:
 
 @torch.no_grad()
 def decode(model: Mvtop, memory, inputs: dict, order: list[int]) -> dict:
-    """rotation_6d [1, 6], translation [1, 3], sigma [1, 2] of the views `order`, the anchor first."""
+    """rotation_6d [1, 6], translation [1, 3], sigma [1, 2] from views `order`, the anchor first."""
     given = {name: x[order].float() for name, x in inputs.items()}
     given |= {"valid": torch.ones(len(order), 1), "class_index": torch.zeros(1, dtype=torch.long)}
     names = ("rotation_6d", "translation", "sigma")
@@ -171,7 +171,7 @@ def predict(model: Mvtop, cameras: list[Camera], images, boxes) -> dict:
 
 
 def load_sample(folder: Path):
-    """Cameras, images, true boxes and world_from_obj of a sample folder (`synthesis/samples.py`)."""
+    """Cameras, images, true boxes and world_from_obj of a sample (`synthesis/samples.py`)."""
     cameras = load_rig(folder / "rig.json")
     images = [cv2.imread(str(folder / f"{c.id}.png"))[:, :, ::-1] for c in cameras]
     truth = json.loads((folder / "truth.json").read_text())["objects"][0]

@@ -2,10 +2,10 @@
 
 use crate::fixtures::{Fixture, fixture_path, sample_boxes, sample_image, sample_rig};
 use image::RgbImage;
+use mvtop_core::annotations::GivenBoxes;
 use mvtop_core::estimator::{Estimator, Options, PredictOptions};
-use mvtop_core::known::KnownBoxes;
 use mvtop_core::prediction::ObjectPose;
-use mvtop_core::{Camera, Intrinsics, Rig};
+use mvtop_core::{BBox, Camera, Intrinsics, Rig, ViewImage};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rstest::rstest;
 
@@ -14,8 +14,11 @@ fn estimator(bundle: &str) -> Estimator {
 }
 
 /// The images of the given cameras of a rig.
-fn load(rig: &Rig, cameras: &[usize]) -> Vec<(usize, RgbImage)> {
-    let load = |&i: &usize| (i, sample_image(&rig.cameras()[i]));
+fn load(rig: &Rig, cameras: &[usize]) -> Vec<ViewImage> {
+    let load = |&camera: &usize| ViewImage {
+        camera,
+        image: sample_image(&rig.cameras()[camera]),
+    };
     cameras.iter().map(load).collect()
 }
 
@@ -26,12 +29,12 @@ fn boxes(rig: &Rig, cameras: &[usize]) -> PredictOptions {
         let id = rig.cameras()[i].id();
         (id.to_owned(), all[id])
     };
-    let known = KnownBoxes {
+    let given = GivenBoxes {
         class: "mvball".into(),
         boxes: cameras.iter().map(of).collect(),
     };
     PredictOptions {
-        boxes: Some(vec![known]),
+        boxes: Some(vec![given]),
         ..PredictOptions::default()
     }
 }
@@ -87,8 +90,8 @@ fn poses_from_images_alone_match_pytorch() {
     let object = &prediction.objects[0];
     let detected = Fixture::load("pipeline_tiny.safetensors").f64("detected");
     for (view, camera) in object.cameras.iter().enumerate() {
-        let bbox: [f64; 4] = camera.bbox.expect("an object that all views see");
-        for (side, ours) in bbox.into_iter().enumerate() {
+        let bbox: BBox = camera.bbox.expect("an object that all views see");
+        for (side, ours) in <[f64; 4]>::from(bbox).into_iter().enumerate() {
             assert!((ours - detected[[view, side]]).abs() < 1e-3); // px
         }
     }
@@ -194,15 +197,14 @@ fn cameras_may_differ_in_resolution(#[values("tiny", "whole")] bundle: &str) {
     cameras[1] = Camera::new(small.id(), size, large, *small.world_from_cam()).unwrap();
     let mixed = Rig::new(cameras, rig.reference()).unwrap();
     let mut given = load(&rig, &[0, 1]);
-    let small = &given[1].1;
-    given[1].1 = RgbImage::from_fn(small.width() * 2, small.height() * 2, |x, y| {
+    let small = &given[1].image;
+    given[1].image = RgbImage::from_fn(small.width() * 2, small.height() * 2, |x, y| {
         *small.get_pixel(x / 2, y / 2)
     });
     let mut options = boxes(&rig, &[0, 1]);
-    let known = &mut options.boxes.as_mut().unwrap()[0];
-    for x in known.boxes.get_mut("cam1").unwrap() {
-        *x = (*x + 0.5) * 2.0 - 0.5;
-    }
+    let given_boxes = &mut options.boxes.as_mut().unwrap()[0].boxes;
+    let enlarged = <[f64; 4]>::from(given_boxes["cam1"]).map(|x| (x + 0.5) * 2.0 - 0.5);
+    given_boxes.insert("cam1".into(), enlarged.into());
     let estimator = estimator(bundle);
     let expected = pose(&estimator, &rig, &[0, 1], &[0, 1]);
     let mixed = estimator.predict(&mixed, &given, &options).unwrap().objects[0].ref_from_obj;

@@ -1,7 +1,7 @@
 //! Reading fixtures.
 
 use image::RgbImage;
-use mvtop_core::{Camera, Rig, image as images};
+use mvtop_core::{BBox, Camera, Rig, image as images};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
 use ndarray::{ArrayD, ArrayViewD};
 use safetensors::{Dtype, SafeTensors};
@@ -74,7 +74,7 @@ pub fn sample_image(camera: &Camera) -> RgbImage {
 }
 
 /// The true box of the sample's one object, by camera.
-pub fn sample_boxes() -> HashMap<String, [f64; 4]> {
+pub fn sample_boxes() -> HashMap<String, BBox> {
     let text = std::fs::read_to_string(fixture_path("six/truth.json")).unwrap();
     let truth: serde_json::Value = serde_json::from_str(&text).unwrap();
     serde_json::from_value(truth["objects"][0]["boxes"].clone()).unwrap()

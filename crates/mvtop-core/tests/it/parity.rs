@@ -4,7 +4,7 @@
 use crate::fixtures::{Fixture, gap, rigid};
 use image::RgbImage;
 use mvtop_core::closeup::CloseUp;
-use mvtop_core::rays::{self, LosEncoding};
+use mvtop_core::rays::{self, BoxRays, LosEncoding};
 use mvtop_core::sampling::{Dims, Gradients, LevelShapes, Sampling, deformable_sampling};
 use mvtop_core::{Camera, Intrinsics, Projection, pose};
 use nalgebra::{Isometry3, Point2, UnitQuaternion};
@@ -119,8 +119,10 @@ fn rays_in_all_encodings_and_of_boxes() {
         }
         let camera = mvtop_core::Camera::new("camera", [64, 48], intrinsics, ref_from_cam).unwrap();
         for query in 0..2 {
-            let bounds = std::array::from_fn(|i| boxes[[view, query, i]]);
-            let ours = rays::box_rays(&camera, bounds, &ref_from_cam).unwrap();
+            let bbox: [f64; 4] = std::array::from_fn(|i| boxes[[view, query, i]]);
+            let ours = BoxRays::new(&camera, bbox.into())
+                .unwrap()
+                .encode(&ref_from_cam);
             let theirs = fixture.f64("box_rays");
             let theirs = theirs.slice(s![view, query, ..]);
             assert!((0..12).all(|i| (f64::from(ours[i]) - theirs[i]).abs() < 1e-6));
@@ -188,9 +190,9 @@ fn closeups_through_every_kind_of_lens(#[case] name: &str, #[case] family: &str)
     let size = pictures.shape()[1];
     for (i, bbox) in boxes.axis_iter(Axis(0)).enumerate() {
         let bbox = [0, 1, 2, 3].map(|side| bbox[side]);
-        let closeup = CloseUp::new(&real, bbox, size as u32).unwrap();
+        let closeup = CloseUp::new(&real, bbox.into(), size as u32).unwrap();
         assert!((closeup.camera.intrinsics().fx() - of("focals")[i]).abs() < 1e-9);
-        for (side, ours) in closeup.bbox.into_iter().enumerate() {
+        for (side, ours) in <[f64; 4]>::from(closeup.bbox).into_iter().enumerate() {
             assert!((ours - of("close_boxes")[[i, side]]).abs() < 1e-9);
         }
         let close_from_cam = closeup.camera.world_from_cam().rotation.inverse();

@@ -4,9 +4,9 @@
 use crate::fixtures::{Fixture, fixture_path, gap, sample_boxes, sample_image, sample_rig};
 use mvtop_core::closeup::CloseUp;
 use mvtop_core::image::{Letterbox, to_tensor};
-use mvtop_core::onnx::{Network, Runtime, SessionOptions, Tensor};
-use mvtop_core::rays::{LosEncoding, box_rays, camera_rays, encode};
-use mvtop_core::{Camera, Rig};
+use mvtop_core::onnx::{Runtime, Session, SessionOptions, Tensor};
+use mvtop_core::rays::{BoxRays, LosEncoding, camera_rays, encode};
+use mvtop_core::{BBox, Camera, Rig};
 use ndarray::{Array1, Array2, Array3, Array4, ArrayD, Axis, Ix3, stack};
 use rstest::rstest;
 
@@ -23,7 +23,7 @@ fn fixture(bundle: &str) -> Fixture {
     Fixture::load(&format!("pipeline_{kind}.safetensors"))
 }
 
-fn network(bundle: &str, graph: &str) -> Network {
+fn session(bundle: &str, graph: &str) -> Session {
     let path = fixture_path(bundle).join(graph);
     Runtime::locate(None)
         .unwrap()
@@ -46,7 +46,7 @@ fn images(rig: &Rig) -> Array4<f32> {
 /// What poses are decoded from, of one camera.
 struct Shown {
     camera: Camera,
-    bbox: [f64; 4],
+    bbox: BBox,
     camera_rays: Array2<f32>,
     picture: Option<Array3<f32>>,
 }
@@ -99,7 +99,8 @@ fn pictures_and_lines_of_sight(#[values("tiny", "whole")] bundle: &str) {
             let anchor_from_cam = anchor_from_world * ours.camera.world_from_cam();
             let lines = encode(ours.camera_rays.view(), &anchor_from_cam, ENCODING);
             close(lines.into_dyn(), &format!("rays.{a}"));
-            let numbers = box_rays(&ours.camera, ours.bbox, &anchor_from_cam).unwrap();
+            let box_rays = BoxRays::new(&ours.camera, ours.bbox).unwrap();
+            let numbers = box_rays.encode(&anchor_from_cam);
             let numbers = Array2::from_shape_vec((1, 12), numbers.to_vec()).unwrap();
             close(numbers.into_dyn(), &format!("box_rays.{a}"));
         }
@@ -118,7 +119,7 @@ fn features_are_pytorch_s(#[values("tiny", "tiny/portable", "whole")] bundle: &s
     if bundle == "whole" {
         inputs.push(("camera_rays", camera_rays.view().into()));
     }
-    let mut out = network(bundle, "features.onnx").run(&inputs).unwrap();
+    let mut out = session(bundle, "features.onnx").run(&inputs).unwrap();
     // Sums of some hundred float32 products in another order.
     let scores: Array4<f32> = out.take("det_scores").unwrap();
     close(scores.into_dyn(), "det_scores", 1e-5);
@@ -126,7 +127,7 @@ fn features_are_pytorch_s(#[values("tiny", "tiny/portable", "whole")] bundle: &s
     close(boxes.into_dyn(), "det_boxes", 1e-3); // pixels
     if bundle != "whole" {
         let pictures = fixture.f32("pictures");
-        out = network(bundle, "closeup.onnx")
+        out = session(bundle, "closeup.onnx")
             .run(&[
                 ("images", pictures.view().into()),
                 ("camera_rays", camera_rays.view().into()),
@@ -142,7 +143,7 @@ fn every_view_decodes_what_it_does_in_pytorch(
     #[values("tiny", "tiny/portable", "whole")] bundle: &str,
 ) {
     let fixture = fixture(bundle);
-    let network = network(bundle, "decoder.onnx");
+    let session = session(bundle, "decoder.onnx");
     let class_index = Array1::<i64>::zeros(1);
     for (views, anchor) in (1..=6).flat_map(|n| (0..ANCHORS.min(n)).map(move |a| (n, a))) {
         let mut order: Vec<usize> = (0..views).collect();
@@ -161,7 +162,7 @@ fn every_view_decodes_what_it_does_in_pytorch(
             .collect();
         inputs.push(("valid", valid.view().into()));
         inputs.push(("class_index", class_index.view().into()));
-        let mut out = network.run(&inputs).unwrap();
+        let mut out = session.run(&inputs).unwrap();
         let tolerances = [
             ("rotation_6d", 1e-4),
             ("translation", 1e-5),
