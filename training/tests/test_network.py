@@ -5,7 +5,9 @@ import pytest
 import torch
 from conftest import MVBALL, WHOLE, random_pose, random_views
 
+from mvtop_train.errors import UserError
 from mvtop_train.network import config
+from mvtop_train.network.geometry import find
 from mvtop_train.study.paper import ImageAttention
 
 
@@ -84,6 +86,17 @@ def test_every_variant_builds_and_gives_finite_poses(geometry, encoding):
         config.preset("tiny", MVBALL, geometry=geometry, los_encoding=encoding, **WHOLE)
     ).eval()
     assert torch.isfinite(last_pose(model, random_views(model.config, 2))).all()
+
+
+@pytest.mark.parametrize("place", [*config.BACKBONES.values(), *config.GEOMETRIES.values()])
+def test_what_a_config_may_name_is_there(place):
+    assert find(place)
+
+
+@pytest.mark.parametrize("key", ["backbone", "geometry", "los_encoding"])
+def test_what_a_config_may_not_name_is_one_sentence(key):
+    with pytest.raises(UserError, match=f"network: {key}: expected one of .*, got 'imag'; fix: "):
+        config.preset("tiny", MVBALL, **{key: "imag"})
 
 
 def test_the_uncertainty_head_sends_no_gradient_into_the_network(tiny):

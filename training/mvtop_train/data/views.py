@@ -5,6 +5,7 @@ are its own. For a pinhole such a picture is exact (a homography of the image), 
 of sight stay exact. Which camera looks at an image is a choice: `crops`, `closeup`.
 """
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -73,14 +74,12 @@ class ViewMaker:
         camera = self.choose(image, self.bounds, rng, self.augment)
         view_from_image, size = camera.view_from_image(image.k), camera.size
         picture, on_image = warp(rgb, view_from_image, size, camera.taps)
-        shapes = self.config.level_shapes(size, size)
-        cells = cell_centers(shapes, self.config.pose_strides).double().numpy()
         cam_from_obj = _turned(camera.view_from_cam, image.cam_from_obj)
         end = size - 0.5
         return {
             "image": photometric(picture, rng) if self.augment else picture,
             "on_image": on_image,
-            "inside": lies_on(*cells.T, view_from_image, rgb.shape),
+            "inside": lies_on(*_cells(self.config, size), view_from_image, rgb.shape),
             "k": camera.k,
             "cam_from_world": _turned(camera.view_from_cam, image.cam_from_world),
             "cam_from_obj": cam_from_obj,
@@ -88,6 +87,12 @@ class ViewMaker:
             "true_box": amodal_boxes(self.bounds, camera.k, cam_from_obj).clip(-0.5, end),
             "coords": coordinates(image, view_from_image, size),
         }
+
+
+@functools.cache
+def _cells(config: Config, size: int) -> np.ndarray:
+    """Centers (u, v) [2, N] of the network's cells in a picture, px."""
+    return cell_centers(config.level_shapes(size, size), config.pose_strides).double().numpy().T
 
 
 def _turned(rotation: np.ndarray, pose: np.ndarray) -> np.ndarray:
@@ -114,7 +119,7 @@ def warp(rgb: np.ndarray, view_from_image: np.ndarray, size: int, taps: int = 1)
 
 def lies_on(u, v, view_from_image: np.ndarray, shape) -> np.ndarray:
     """Whether pixels (u, v) of a view, of shapes that go together, lie on an image [h, w, ...]."""
-    x, y, w = (row[0] * u + row[1] * v + row[2] for row in np.linalg.inv(view_from_image))
+    x, y, w = (row[0] * u + (row[1] * v + row[2]) for row in np.linalg.inv(view_from_image))
     # Of the source: x / w from -0.5 to width - 0.5, in front of the camera.
     right, bottom = shape[1] - 0.5, shape[0] - 0.5
     on_x = (x >= -0.5 * w) & (x <= right * w)

@@ -1,4 +1,7 @@
-"""Rotations from six numbers, and pose errors. Counterpart of `mvtop-core/src/pose.rs`."""
+"""Rotations from six numbers, and pose errors. Counterpart of `mvtop-core/src/pose.rs`.
+
+Errors are those that losses need, differentiable; poses are measured by `mvtop.metrics`.
+"""
 
 import torch
 import torch.nn.functional as F

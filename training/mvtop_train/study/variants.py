@@ -4,6 +4,7 @@ import dataclasses
 import json
 from pathlib import Path
 
+import mvtop
 import numpy as np
 import torch
 from tqdm import tqdm
@@ -169,16 +170,14 @@ def hypotheses_of(output, count: int) -> np.ndarray:
 
 def errors(estimates: np.ndarray, truth: np.ndarray) -> dict:
     """Mean errors of poses [B, 4, 4], degrees and metres."""
-    a, b = torch.from_numpy(estimates).float(), torch.from_numpy(truth).float()
-    angle = torch.rad2deg(pose.rotation_angle(a[:, :3, :3], b[:, :3, :3]))
-    points = torch.from_numpy(objects.ball().points).float()
-    add = pose.add_error(points, a[:, :3, :3], a[:, :3, 3], b[:, :3, :3], b[:, :3, 3])
+    angle = mvtop.metrics.rotation_error_deg(truth, estimates)
+    add = mvtop.metrics.Surface(objects.ball().points).add(truth, estimates)
     return {
-        "pairs": len(a),
-        "rot_mean_deg": angle.mean().item(),
-        "rot_median_deg": angle.median().item(),
-        "share_over_30_deg": (angle > 30).float().mean().item(),
-        "add_mean_m": add.mean().item(),
+        "pairs": len(angle),
+        "rot_mean_deg": float(angle.mean()),
+        "rot_median_deg": float(np.median(angle)),
+        "share_over_30_deg": float((angle > 30).mean()),
+        "add_mean_m": float(add.mean()),
     }
 
 

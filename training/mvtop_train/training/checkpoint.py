@@ -50,14 +50,13 @@ class TrainingState:
     def _freeze(self, path: str):
         """Take all that works on images alone from another run's average, and keep it as it is."""
         given = _average_of(_read(path))
-        for model in (self.model, self.average):
-            for name in ("backbone", "detector", "coordinates"):
-                part, own = getattr(model.features, name), f"features.{name}."
+        for name in ("backbone", "detector", "coordinates"):
+            own = f"features.{name}."
+            part = {k.removeprefix(own): x for k, x in given.items() if k.startswith(own)}
+            for model in (self.model, self.average):
                 with _fits(path):
-                    part.load_state_dict(
-                        {k.removeprefix(own): x for k, x in given.items() if k.startswith(own)}
-                    )
-                part.requires_grad_(False)
+                    getattr(model.features, name).load_state_dict(part)
+                getattr(model.features, name).requires_grad_(False)
 
     @property
     def path(self) -> Path:
@@ -125,10 +124,9 @@ def _read(path: Path | str) -> dict:
     except FileNotFoundError:
         raise UserError(f"{path}: no such file; fix: name a checkpoint") from None
     except Exception as error:
-        kind = type(error).__name__
         raise UserError(
             f"{path}: expected a checkpoint of a run, got a file that does not load "
-            f"({kind}); fix: use last.pt or weights.pt of a run"
+            f"({type(error).__name__}); fix: use last.pt or weights.pt of a run"
         ) from None
 
 

@@ -22,8 +22,8 @@ def train(settings: RunConfig, folder: Path):
     """Train as `settings` say, from where the run in `folder` stands to its end."""
     me = processes.join()
     if me.device == "cpu" and me.rank == 0 and not sampling.kernel_available():
-        print("note: Rust sampling kernel not found, training is several times slower; "
-              "fix: cargo build --release -p mvtop-ffi")  # fmt: skip
+        print("note: mvtop's sampling kernel is not installed, training is several times slower; "
+              "fix: make wheel")  # fmt: skip
     obj = objects.read(Path(settings.data), settings.object or None)
     scenes = batches.Scenes(Path(settings.data), obj, settings.held_out)
     if me.rank == 0:
