@@ -1,10 +1,11 @@
 //! How far one predicted pose is off, and what the network expected: one line of `--out`.
 
 use mvtop_core::known::KnownPose;
-use mvtop_core::pose::{add, rotation_error_deg, translation_error};
+use mvtop_core::pose::{rotation_error_deg, translation_error};
 use mvtop_core::prediction::{ObjectPose, Sigma, Timings};
 use mvtop_core::report::rows;
 use mvtop_core::{Estimator, Prediction};
+use mvtop_eval::metrics::Surface;
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
@@ -63,7 +64,8 @@ pub fn outcomes(
                 let class = &bundle.classes[bundle.class_index(&found.class)?];
                 let points: Vec<Point3<f64>> =
                     class.points.iter().map(|p| p.position.into()).collect();
-                add(&points, &known.world_from_obj, &found.world_from_obj)
+                let surface = Surface::new(&points).ok()?; // there may be no points
+                Some(surface.add(&known.world_from_obj, &found.world_from_obj))
             }),
             score: found.map(|found| found.score),
             sigma: found.map(|found| found.sigma),
