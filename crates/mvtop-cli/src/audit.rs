@@ -7,7 +7,8 @@ mod report;
 use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use mvtop_eval::leakage::{Files, Leakage, Settings, Split, common_objects, leakage, load_models};
+use mvtop_eval::bop::load_models;
+use mvtop_eval::leakage::{Files, Leakage, Settings, Split, common_objects, leakage};
 
 use self::args::Audit;
 use crate::failure::{Failure, Result, may_write, print};
@@ -22,7 +23,7 @@ pub fn run(audit: &Audit) -> Result<()> {
     let models = match &args.models {
         Some(folder) => {
             let common = common_objects(&a, &b)?;
-            Some(load_models(folder, common.into_iter())?)
+            Some(load_models(folder, |id| common.contains(&id))?)
         }
         None => None,
     };

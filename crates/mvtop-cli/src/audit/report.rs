@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use mvtop_eval::leakage::{Counts, Histogram, ObjectLeakage, Pose, Split, rotation_deg};
+use mvtop_eval::leakage::{Counts, Histogram, ObjectLeakage, PoseRecord, Split};
 use serde::Serialize;
 
 use super::{Audited, Measure};
@@ -142,16 +142,16 @@ pub fn csv(result: &Audited) -> String {
             Measure::RotDeg => "",
         }
     );
-    let place = |split: &Split, pose: &Pose| {
+    let place = |split: &Split, pose: &PoseRecord| {
         let scene = quoted(&split.scenes[pose.scene as usize]);
         format!("{scene},{},{}", pose.image, pose.annotation)
     };
     for pair in &result.leakage.pairs {
         let a = &result.a.objects[&pair.object_id][pair.a];
         let b = &result.b.objects[&pair.object_id][pair.b];
-        let apart = (a.translation_mm - b.translation_mm).norm();
+        let apart = a.translation_error_mm(b);
         let (from, to) = (place(&result.a, a), place(&result.b, b));
-        let (id, angle) = (pair.object_id, rotation_deg(a, b));
+        let (id, angle) = (pair.object_id, a.rotation_error_deg(b));
         // Writing to a string does not fail.
         let _ = write!(text, "{id},{from},{to},{apart},{angle}");
         if result.measure == Measure::AddPercent {

@@ -60,7 +60,7 @@ struct Body<'a> {
 /// # Errors
 /// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it is no PLY file with
 /// vertices or a face names a vertex that is not there.
-pub fn load_ply(path: &Path, unit: f64) -> Result<Mesh> {
+pub(super) fn load_ply(path: &Path, unit: f64) -> Result<Mesh> {
     let refuse = |problem: String| {
         Error::Input(format!(
             "{}: expected a PLY file with vertices and faces, got: {problem}",
