@@ -32,7 +32,7 @@ pub fn run(args: &Infer) -> Result<()> {
     for (camera, path) in files {
         images.push((
             camera,
-            mvtop_core::image::load(&path, &rig.cameras[camera])?,
+            mvtop_core::image::load(&path, &rig.cameras()[camera])?,
         ));
     }
     let estimator = Estimator::load(
@@ -70,11 +70,7 @@ pub fn run(args: &Infer) -> Result<()> {
 
 /// Which camera each image belongs to.
 fn assign(rig: &Rig, images: &[PathBuf]) -> Result<Vec<(usize, PathBuf)>> {
-    let ids: Vec<&str> = rig
-        .cameras
-        .iter()
-        .map(|camera| camera.id.as_str())
-        .collect();
+    let ids: Vec<&str> = rig.cameras().iter().map(|camera| camera.id()).collect();
     let ids = ids.join(", ");
     let mut named = Vec::new();
     for image in images {
@@ -101,11 +97,11 @@ fn assign(rig: &Rig, images: &[PathBuf]) -> Result<Vec<(usize, PathBuf)>> {
                 .into(),
         ));
     }
-    if images.len() != rig.cameras.len() {
+    if images.len() != rig.cameras().len() {
         return Err(Failure(format!(
             "expected {} images, one for each camera of the rig ({ids}), got {}; to use some of \
              the cameras, give each image as ID=PATH",
-            rig.cameras.len(),
+            rig.cameras().len(),
             images.len()
         )));
     }
@@ -126,7 +122,7 @@ impl Pictures {
         let mut taken = BTreeSet::from([SHEET.to_owned()]);
         let mut files = Vec::new();
         for (camera, _) in images {
-            let mut name = file_name(&rig.cameras[*camera].id);
+            let mut name = file_name(&rig.cameras()[*camera].id());
             if !taken.insert(name.clone()) {
                 name = format!("{camera}_{name}");
                 taken.insert(name.clone());
@@ -175,7 +171,7 @@ impl Pictures {
             };
             let diameter_m = bundle.classes[class].diameter_m;
             for (picture, (index, _)) in drawn.iter_mut().zip(images) {
-                let camera = &rig.cameras[*index];
+                let camera = &rig.cameras()[*index];
                 *picture = overlay::draw_known(picture, camera, &known.world_from_obj, diameter_m);
             }
         }

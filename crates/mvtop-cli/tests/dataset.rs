@@ -33,21 +33,22 @@ fn write_dataset(dir: &Path, one_frame: bool) {
         fs::create_dir_all(scene.join(format!("rgb{end}"))).unwrap();
         let (mut cameras, mut gt, mut info) = (json!({}), json!({}), json!({}));
         for (frame, camera) in frames {
-            let (key, lens) = (frame.to_string(), &camera.lens);
-            let cam_from_world = camera.world_from_cam.inverse();
+            let (key, of) = (frame.to_string(), camera.intrinsics());
+            let cam_from_world = camera.world_from_cam().inverse();
             let cam_from_obj = cam_from_world * truth.world_from_obj;
             cameras[&key] = json!({
-                "cam_K": [lens.fx, 0, lens.cx, 0, lens.fy, lens.cy, 0, 0, 1], "depth_scale": 1.0,
+                "cam_K": [of.fx(), 0, of.cx(), 0, of.fy(), of.cy(), 0, 0, 1],
+                "depth_scale": 1.0,
                 "cam_R_w2c": rotation(&cam_from_world), "cam_t_w2c": translation_mm(&cam_from_world),
             });
             gt[&key] = json!([{
                 "obj_id": 1, "cam_R_m2c": rotation(&cam_from_obj),
                 "cam_t_m2c": translation_mm(&cam_from_obj),
             }]);
-            let [x0, y0, x1, y1] = truth.seen.boxes[&camera.id];
+            let [x0, y0, x1, y1] = truth.seen.boxes[camera.id()];
             info[&key] = json!([{"bbox_obj": [x0, y0, x1 - x0, y1 - y0]}]);
             let image = scene.join(format!("rgb{end}/{frame:06}.png"));
-            fs::copy(sample.join(format!("{}.png", camera.id)), image).unwrap();
+            fs::copy(sample.join(format!("{}.png", camera.id())), image).unwrap();
         }
         for (name, content) in [("camera", cameras), ("gt", gt), ("gt_info", info)] {
             fs::write(
@@ -58,11 +59,11 @@ fn write_dataset(dir: &Path, one_frame: bool) {
         }
     };
     if one_frame {
-        for camera in &rig.cameras {
-            files(&format!("_{}", camera.id), &[(0, camera)]);
+        for camera in rig.cameras() {
+            files(&format!("_{}", camera.id()), &[(0, camera)]);
         }
     } else {
-        let frames: Vec<_> = rig.cameras.iter().enumerate().collect();
+        let frames: Vec<_> = rig.cameras().iter().enumerate().collect();
         files("", &frames);
     }
     fs::create_dir_all(dir.join("models")).unwrap();

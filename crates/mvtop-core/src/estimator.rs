@@ -122,7 +122,7 @@ impl Estimator {
         let objects = match &options.boxes {
             Some(boxes) => sightings::given(&self.bundle, rig, &views, boxes)?,
             None => {
-                let camera = &rig.cameras[reference];
+                let camera = &rig.cameras()[reference];
                 let mut objects =
                     sightings::detected(&self.bundle, &self.radii, camera, &views, &features);
                 objects.retain(|object| object.views() >= options.min_views);
@@ -147,7 +147,7 @@ impl Estimator {
         };
         let decode = clock.lap();
 
-        let ref_from_world = rig.cameras[reference].world_from_cam.inverse();
+        let ref_from_world = rig.cameras()[reference].world_from_cam().inverse();
         Ok(Prediction {
             reference,
             objects: objects
@@ -204,7 +204,7 @@ impl Estimator {
             for (q, &i) in members.iter().enumerate() {
                 poses.push((
                     i,
-                    decoded_pose(&shown[0].camera.world_from_cam, &decoded, q)?,
+                    decoded_pose(&shown[0].camera.world_from_cam(), &decoded, q)?,
                 ));
             }
         }
@@ -233,7 +233,7 @@ impl Estimator {
                 let memory = memory.select(Axis(0), &rows);
                 let decoded = self.network.decode(memory.view(), &queries)?;
                 decoded.check(1)?;
-                decoded_pose(&shown[0].camera.world_from_cam, &decoded, 0)
+                decoded_pose(&shown[0].camera.world_from_cam(), &decoded, 0)
             });
             poses.push(mean_pose(&anchored.collect::<Result<Vec<Pose>>>()?));
             start += views;
@@ -260,9 +260,9 @@ impl Estimator {
             valid: Array2::zeros((v_len, q_len)),
             class_index: objects.iter().map(|(class, _)| *class as i64).collect(),
         };
-        let world_from_anchor = pictures[0].camera.world_from_cam;
+        let world_from_anchor = pictures[0].camera.world_from_cam();
         for (row, picture) in pictures.iter().enumerate() {
-            let anchor_from_cam = world_from_anchor.inv_mul(&picture.camera.world_from_cam);
+            let anchor_from_cam = world_from_anchor.inv_mul(&picture.camera.world_from_cam());
             let rays = encode(picture.camera_rays.view(), &anchor_from_cam, encoding);
             queries.rays.index_axis_mut(Axis(0), row).assign(&rays);
             for (q, (_, boxes)) in objects.iter().enumerate() {
@@ -299,7 +299,7 @@ impl Estimator {
             .zip(&object.boxes)
             .map(|(view, bbox)| CameraPose {
                 camera: view.index,
-                cam_from_obj: view.camera.world_from_cam.inv_mul(&pose.world_from_obj),
+                cam_from_obj: view.camera.world_from_cam().inv_mul(&pose.world_from_obj),
                 bbox: *bbox,
             });
         ObjectPose {
@@ -316,14 +316,10 @@ impl Estimator {
 
 fn reference(rig: &Rig, id: Option<&str>) -> Result<usize> {
     let Some(id) = id else {
-        return Ok(rig.reference);
+        return Ok(rig.reference());
     };
     rig.index_of(id).ok_or_else(|| {
-        let known: Vec<&str> = rig
-            .cameras
-            .iter()
-            .map(|camera| camera.id.as_str())
-            .collect();
+        let known: Vec<&str> = rig.cameras().iter().map(|camera| camera.id()).collect();
         let known = known.join(", ");
         Error::Input(format!(
             "reference: no camera `{id}` in the rig, expected one of: {known}"

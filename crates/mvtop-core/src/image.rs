@@ -30,7 +30,7 @@ const DECODER_BYTES: u64 = 1 << 26;
 /// may not be those that the camera was calibrated with.
 pub fn load(path: &Path, camera: &Camera) -> Result<RgbImage> {
     let refuse = |problem: String| Error::Image {
-        camera: camera.id.clone(),
+        camera: camera.id().to_owned(),
         path: path.to_owned(),
         problem,
     };
@@ -63,18 +63,19 @@ pub fn load(path: &Path, camera: &Camera) -> Result<RgbImage> {
             "is none of PNG, JPEG, TIFF and BMP; convert it to one of them".into(),
         ));
     }
-    let pixels = u64::from(camera.width) * u64::from(camera.height);
+    let pixels = u64::from(camera.width()) * u64::from(camera.height());
     let mut limits = Limits::no_limits();
     limits.max_alloc = Some(pixels * MAX_PIXEL_BYTES + DECODER_BYTES);
     reader.limits(limits);
 
     let mut decoder = reader.into_decoder().map_err(broken)?;
     let (width, height) = decoder.dimensions();
-    if (width, height) != (camera.width, camera.height) {
+    if (width, height) != (camera.width(), camera.height()) {
         return Err(refuse(format!(
             "expected {}x{} px as in the rig, got {width}x{height}; give the image as calibrated \
              or change the camera's size, focal lengths and principal point in the rig",
-            camera.width, camera.height
+            camera.width(),
+            camera.height()
         )));
     }
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);

@@ -36,10 +36,12 @@ pub mod report;
 
 pub mod overlay;
 
+pub mod transform;
+
 mod error;
 
-pub use camera::{Camera, Distortion, Lens};
-pub use error::{Error, Result};
+pub use camera::{Camera, Intrinsics, Projection};
+pub use error::{Error, ErrorKind, Result};
 pub use estimator::{Estimator, Options, PredictOptions};
 pub use prediction::Prediction;
 pub use rig::Rig;

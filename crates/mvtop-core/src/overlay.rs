@@ -65,9 +65,11 @@ pub fn draw(image: &RgbImage, camera: &Camera, objects: &[Drawn]) -> RgbImage {
             .or_else(|| {
                 let reach = object.diameter_m / 2.0;
                 let center = Point3::from(object.cam_from_obj.translation.vector);
-                camera
-                    .lens
-                    .project(&Point3::new(center.x - reach, center.y - reach, center.z))
+                camera.intrinsics().project(&Point3::new(
+                    center.x - reach,
+                    center.y - reach,
+                    center.z,
+                ))
             });
         if let Some(corner) = corner {
             let (_, height) = canvas::text_size(&object.label, text_scale);
@@ -75,7 +77,7 @@ pub fn draw(image: &RgbImage, camera: &Camera, objects: &[Drawn]) -> RgbImage {
             canvas.text(&object.label, corner.x, above, text_scale, color);
         }
     }
-    canvas.text(&camera.id, 0.0, 0.0, text_scale, [255; 3]);
+    canvas.text(camera.id(), 0.0, 0.0, text_scale, [255; 3]);
     canvas.image
 }
 
@@ -109,7 +111,7 @@ pub fn draw_prediction(
             })
         };
         let objects: Vec<Drawn> = prediction.objects.iter().filter_map(in_camera).collect();
-        rig.cameras
+        rig.cameras()
             .get(*index)
             .map_or_else(|| image.clone(), |camera| draw(image, camera, &objects))
     };
@@ -128,7 +130,7 @@ pub fn draw_known(
         image: image.clone(),
     };
     let unit = f64::from(image.height()) / NOMINAL_HEIGHT;
-    let cam_from_obj = camera.world_from_cam.inv_mul(world_from_obj);
+    let cam_from_obj = camera.world_from_cam().inv_mul(world_from_obj);
     for (pixels, color) in axes(camera, &cam_from_obj, 0.85 * diameter_m) {
         canvas.polyline(&pixels, 3.0 * unit, [16, 16, 16], 0.6);
         canvas.polyline(&pixels, 1.5 * unit, [255; 3], 1.0);
@@ -168,7 +170,7 @@ fn draw_points(canvas: &mut Canvas, camera: &Camera, object: &Drawn, unit: f64, 
         .iter()
         .step_by(object.points.len().div_ceil(MAX_POINTS).max(1))
         .map(|point| object.cam_from_obj * point)
-        .filter_map(|point| Some((point, camera.lens.project(&point)?)))
+        .filter_map(|point| Some((point, camera.intrinsics().project(&point)?)))
         .collect();
     for (point, pixel) in &in_camera {
         // Hidden where a point nearby in the image lies clearly nearer to the camera.
@@ -207,7 +209,7 @@ fn axes(
             cam_from_obj * point
         };
         let pixels: Option<Vec<_>> = (0..=AXIS_PIECES)
-            .map(|piece| camera.lens.project(&at(piece)))
+            .map(|piece| camera.intrinsics().project(&at(piece)))
             .collect();
         if let Some(pixels) = pixels {
             axes.push((at(AXIS_PIECES).z, pixels, color));
@@ -222,23 +224,17 @@ fn axes(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Distortion, Lens};
+    use crate::{Intrinsics, Projection};
     use image::Rgb;
 
     fn camera() -> Camera {
-        Camera {
-            id: "left".into(),
-            width: 640,
-            height: 480,
-            lens: Lens {
-                fx: 500.,
-                fy: 500.,
-                cx: 320.,
-                cy: 240.,
-                distortion: Distortion::None,
-            },
-            world_from_cam: Isometry3::identity(),
-        }
+        Camera::new(
+            "left",
+            [640, 480],
+            Intrinsics::new(500., 500., 320., 240., Projection::Pinhole).unwrap(),
+            Isometry3::identity(),
+        )
+        .unwrap()
     }
 
     #[test]
@@ -262,8 +258,9 @@ mod tests {
     #[test]
     fn known_axes_are_white_and_end_in_their_color() {
         // The camera stands at x = 1 m; the object is a metre before it.
-        let mut camera = camera();
-        camera.world_from_cam = Isometry3::translation(1.0, 0.0, 0.0);
+        let camera = camera()
+            .moved_to(Isometry3::translation(1.0, 0.0, 0.0))
+            .unwrap();
         let world_from_obj = Isometry3::translation(1.0, 0.0, 1.0);
         let drawn = draw_known(&RgbImage::new(640, 480), &camera, &world_from_obj, 0.2);
         // 0.17 m at 1 m and 500 px: 85 px to the right and down.

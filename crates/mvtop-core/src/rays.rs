@@ -72,9 +72,10 @@ pub fn camera_rays(camera: &Camera, letterbox: &Letterbox, strides: &[usize]) ->
                 center(cell / columns, size[1], rows),
             ];
             let [u, v] = letterbox.image_from_net(net);
-            let inside = u <= f64::from(camera.width) - 0.5 && v <= f64::from(camera.height) - 0.5;
+            let inside =
+                u <= f64::from(camera.width()) - 0.5 && v <= f64::from(camera.height()) - 0.5;
             let ray = inside
-                .then(|| camera.lens.unproject(&Point2::new(u, v)))
+                .then(|| camera.intrinsics().unproject(&Point2::new(u, v)))
                 .flatten();
             ray.map_or([0.0; 3], |ray| [ray.x as f32, ray.y as f32, ray.z as f32])
         }));
@@ -130,7 +131,7 @@ pub fn box_rays(
     let [x0, y0, x1, y1] = bounds;
     let (xc, yc) = ((x0 + x1) / 2.0, (y0 + y1) / 2.0);
     let ray = |u, v| {
-        let ray = camera.lens.unproject(&Point2::new(u, v))?;
+        let ray = camera.intrinsics().unproject(&Point2::new(u, v))?;
         Some(ref_from_cam.rotation * ray.into_inner())
     };
     let parts = [

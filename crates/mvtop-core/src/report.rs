@@ -60,9 +60,9 @@ impl Report {
     /// - `rig`: the one that the prediction was made with
     pub fn new(prediction: &Prediction, rig: &Rig) -> Self {
         let id = |camera: usize| {
-            rig.cameras
+            rig.cameras()
                 .get(camera)
-                .map_or("", |c: &Camera| &c.id)
+                .map_or("", |c: &Camera| c.id())
                 .to_owned()
         };
         Self {
@@ -110,28 +110,16 @@ pub fn rows(pose: &Isometry3<f64>) -> [[f64; 4]; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Distortion, Lens};
+    use crate::{Intrinsics, Projection};
     use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
     #[test]
     fn quarter_turn_seen_by_two_cameras_is_written_as_documented() {
-        let camera = |id: &str| Camera {
-            id: id.into(),
-            width: 8,
-            height: 6,
-            lens: Lens {
-                fx: 9.,
-                fy: 9.,
-                cx: 4.,
-                cy: 3.,
-                distortion: Distortion::None,
-            },
-            world_from_cam: Isometry3::identity(),
+        let camera = |id: &str| {
+            let intrinsics = Intrinsics::new(9., 9., 4., 3., Projection::Pinhole).unwrap();
+            Camera::new(id, [8, 6], intrinsics, Isometry3::identity()).unwrap()
         };
-        let rig = Rig {
-            cameras: vec![camera("left"), camera("right")],
-            reference: 0,
-        };
+        let rig = Rig::new(vec![camera("left"), camera("right")], 0).unwrap();
         let quarter_turn =
             UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::FRAC_PI_2);
         let pose = Isometry3::from_parts(Translation3::new(1., 2., 3.), quarter_turn);

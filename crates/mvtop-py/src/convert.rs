@@ -1,8 +1,9 @@
 //! Between numpy's arrays and the core's types.
 
 use image::RgbImage;
+use mvtop_core::transform;
 use nalgebra::{Isometry3, Matrix3, Rotation3};
-use ndarray::{ArrayD, ArrayViewD, Axis, s};
+use ndarray::{ArrayD, ArrayViewD, Axis};
 use numpy::{
     AllowTypeChange, Element, PyArrayDyn, PyArrayLikeDyn, PyReadonlyArray3, PyUntypedArray,
     PyUntypedArrayMethods, ToPyArray,
@@ -110,11 +111,8 @@ impl ArrayLike<'_> {
 
 /// The rigid transform of a 4x4 matrix; an error of rounding in its rotation is taken out.
 pub fn pose(name: &str, matrix: ArrayViewD<f64>) -> PyResult<Isometry3<f64>> {
-    let rows: Vec<Vec<f64>> = matrix
-        .outer_iter()
-        .map(|row| row.iter().copied().collect())
-        .collect();
-    mvtop_core::rig::transform::read(name.to_owned(), &serde_json::json!(rows), 1.0).map_err(value)
+    let rows = square::<4>(name, matrix)?;
+    transform::from_matrix(&rows).map_err(|error| value(format!("{name}: {error}")))
 }
 
 /// The same, of a rotation's 3x3 matrix as well.
@@ -122,11 +120,20 @@ pub fn pose_or_rotation(name: &str, matrix: ArrayViewD<f64>) -> PyResult<Isometr
     if matrix.shape() != [3, 3] {
         return pose(name, matrix);
     }
-    let mut rows = ndarray::Array2::<f64>::eye(4);
-    let matrix = matrix.into_dimensionality::<ndarray::Ix2>();
-    let matrix = matrix.map_err(|cause| value(format!("{name}: {cause}")))?;
-    rows.slice_mut(s![..3, ..3]).assign(&matrix);
-    pose(name, rows.view().into_dyn())
+    let rows = square::<3>(name, matrix)?;
+    transform::from_rotation(&rows, [0.0; 3]).map_err(|error| value(format!("{name}: {error}")))
+}
+
+fn square<const N: usize>(name: &str, matrix: ArrayViewD<f64>) -> PyResult<[[f64; N]; N]> {
+    if matrix.shape() != [N, N] {
+        return Err(value(format!(
+            "{name}: expected numbers of shape ({N}, {N}), got shape {:?}",
+            matrix.shape()
+        )));
+    }
+    Ok(std::array::from_fn(|row| {
+        std::array::from_fn(|column| matrix[[row, column]])
+    }))
 }
 
 /// Rows of a rotation's matrix, one after the other.

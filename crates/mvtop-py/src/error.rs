@@ -19,7 +19,9 @@ pub fn python(error: Error) -> PyErr {
         Error::Read { cause, .. } => io::Error::new(cause.kind(), sentence).into(),
         Error::Bundle { path, .. } if !path.exists() => PyFileNotFoundError::new_err(sentence),
         Error::Rig { .. }
-        | Error::Distortion(_)
+        | Error::Camera(_)
+        | Error::Transform { .. }
+        | Error::Json { .. }
         | Error::Image { .. }
         | Error::Shape { .. }
         | Error::Input(_)

@@ -150,10 +150,10 @@ fn load(
 ) -> PyResult<Vec<(usize, RgbImage)>> {
     let mut loaded = Vec::with_capacity(images.len());
     for (index, any) in images {
-        let Some(camera) = rig.cameras.get(index) else {
+        let Some(camera) = rig.cameras().get(index) else {
             return Err(value(format!("image {index}: the rig has no such camera")));
         };
-        let name = format!("image of camera `{}`", camera.id);
+        let name = format!("image of camera `{}`", camera.id());
         let picture = match convert::image(&name, &any)? {
             Some(picture) => picture,
             None => {

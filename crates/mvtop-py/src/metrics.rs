@@ -126,9 +126,9 @@ impl Surface {
         symmetries: Option<PyRef<Symmetries>>,
     ) -> PyResult<F64> {
         let symmetries = or_none(symmetries);
-        let lens = &camera.core().lens;
+        let intrinsics = &camera.core().intrinsics();
         pairs(py, POSE, &truth, &estimate, |truth, estimate| {
-            self.0.mspd(truth, estimate, &symmetries, lens)
+            self.0.mspd(truth, estimate, &symmetries, intrinsics)
         })
     }
 }
@@ -168,8 +168,10 @@ impl Mesh {
             true => metrics::PixelCenter::Half,
             false => metrics::PixelCenter::Integer,
         };
-        let size = [camera.width, camera.height];
-        let depth = compute(py, || self.0.depth(&pose, &camera.lens, size, center))?;
+        let size = [camera.width(), camera.height()];
+        let depth = compute(py, || {
+            self.0.depth(&pose, &camera.intrinsics(), size, center)
+        })?;
         Ok(F32(depth.map_err(python)?.into_dyn()))
     }
 }
@@ -215,8 +217,8 @@ pub fn vsd(
             false => metrics::MatchingCost::Step,
         },
     };
-    let lens = &camera.core().lens;
-    py.detach(|| metrics::vsd(&estimate, &truth, &measured, lens, &options))
+    let intrinsics = &camera.core().intrinsics();
+    py.detach(|| metrics::vsd(&estimate, &truth, &measured, intrinsics, &options))
         .map_err(python)
 }
 

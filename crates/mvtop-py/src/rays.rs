@@ -26,13 +26,13 @@ pub fn camera_rays(
     net_size: Option<(u32, u32)>,
 ) -> PyResult<F32> {
     let camera = camera.core();
-    let (width, height) = net_size.unwrap_or((camera.width, camera.height));
+    let (width, height) = net_size.unwrap_or((camera.width(), camera.height()));
     if strides.contains(&0) || width == 0 || height == 0 {
         return Err(value(format!(
             "strides and net_size: expected numbers above 0, got {strides:?} and {width}x{height}"
         )));
     }
-    let letterbox = Letterbox::new(camera.width, camera.height, width, height);
+    let letterbox = Letterbox::new(camera.width(), camera.height(), width, height);
     let rays = compute(py, || {
         mvtop_core::rays::camera_rays(camera, &letterbox, &strides)
     })?;

@@ -113,7 +113,7 @@ fn evaluate(plan: &Plan, group: &Group, args: &Eval, estimator: &Estimator) -> R
     let outcomes = outcomes(&sample, group.views.len(), &prediction, &matched, estimator);
     let depth = load_depth(&plan.scenes[&group.scene].frames[&group.views[0]])?;
     let view = score::View {
-        camera: &sample.rig.cameras[sample.rig.reference],
+        camera: &sample.rig.cameras()[sample.rig.reference()],
         depth: depth.as_ref(),
         vsd_delta: args.split.vsd_delta_mm * 1e-3,
     };

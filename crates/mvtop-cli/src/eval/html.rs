@@ -187,9 +187,9 @@ fn picture(line: &Line, scored: &Scored, plan: &Plan) -> Result<String> {
         .images
         .iter()
         .map(|(index, image)| {
-            let camera = &sample.rig.cameras[*index];
+            let camera = &sample.rig.cameras()[*index];
             let drawn = predicted.flatten().map(|world_from_obj| Drawn {
-                cam_from_obj: camera.world_from_cam.inv_mul(&world_from_obj),
+                cam_from_obj: camera.world_from_cam().inv_mul(&world_from_obj),
                 points: model.mesh.vertices(),
                 diameter_m: model.diameter_m,
                 bbox: None,

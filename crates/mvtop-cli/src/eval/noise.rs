@@ -25,23 +25,25 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Disturbs the poses of all cameras but the reference.
-    pub fn disturb_rig(&self, rig: &mut Rig, sample: &str) {
+    /// The rig with the poses of all cameras but the reference disturbed.
+    ///
+    /// # Errors
+    /// [`mvtop_core::Error::Camera`] for a camera that is moved further than can be.
+    pub fn disturb_rig(&self, rig: &Rig, sample: &str) -> mvtop_core::Result<Rig> {
         if self.rig_deg == 0.0 && self.rig_mm == 0.0 {
-            return; // not even by rounding
+            return Ok(rig.clone()); // not even by rounding
         }
-        let reference = rig.reference;
-        for (index, camera) in rig.cameras.iter_mut().enumerate() {
-            if index == reference {
-                continue;
+        rig.moved(|index, camera| {
+            if index == rig.reference() {
+                return *camera.world_from_cam();
             }
-            let [a, b, c, d] = self.uniform(&format!("{sample}/{}/rig", camera.id));
+            let [a, b, c, d] = self.uniform(&format!("{sample}/{}/rig", camera.id()));
             let cam_from_disturbed = Isometry3::from_parts(
                 Translation3::from(direction(c, d).into_inner() * (self.rig_mm / 1e3)),
                 UnitQuaternion::from_axis_angle(&direction(a, b), self.rig_deg.to_radians()),
             );
-            camera.world_from_cam *= cam_from_disturbed;
-        }
+            camera.world_from_cam() * cam_from_disturbed
+        })
     }
 
     /// Moves the four sides of an object's box in every camera; a box of which nothing is left
@@ -65,7 +67,7 @@ impl Noise {
             ];
             let clipped = rig
                 .index_of(id)
-                .and_then(|i| clip(*bbox, rig.cameras[i].width, rig.cameras[i].height));
+                .and_then(|i| clip(*bbox, rig.cameras()[i].width(), rig.cameras()[i].height()));
             *bbox = clipped.unwrap_or(*bbox);
             clipped.is_some()
         });
@@ -143,23 +145,22 @@ mod tests {
 
     #[test]
     fn no_noise_changes_nothing() {
-        let (mut noisy_rig, mut noisy_boxes) = (rig(), seen());
+        let mut noisy_boxes = seen();
         let none = Noise {
             seed: 7,
             ..Noise::default()
         };
-        none.disturb_rig(&mut noisy_rig, "000000");
+        let noisy_rig = none.disturb_rig(&rig(), "000000").unwrap();
         none.disturb_boxes(&mut noisy_boxes, &noisy_rig, "000000", 0);
         assert_eq!((noisy_rig, noisy_boxes), (rig(), seen()));
     }
 
     #[test]
     fn cameras_are_turned_and_moved_by_exactly_that_much_but_not_the_reference() {
-        let mut noisy = rig();
-        rig_noise(1.5, 20.0).disturb_rig(&mut noisy, "000003");
-        for (i, (exact, noisy)) in rig().cameras.iter().zip(&noisy.cameras).enumerate() {
+        let noisy = rig_noise(1.5, 20.0).disturb_rig(&rig(), "000003").unwrap();
+        for (i, (exact, noisy)) in rig().cameras().iter().zip(noisy.cameras()).enumerate() {
             let (deg, m) = if i == 1 { (0.0, 0.0) } else { (1.5, 0.02) };
-            let (exact, noisy) = (&exact.world_from_cam, &noisy.world_from_cam);
+            let (exact, noisy) = (&exact.world_from_cam(), &noisy.world_from_cam());
             let turned = rotation_error_deg(&exact.rotation, &noisy.rotation);
             let moved = (exact.translation.vector - noisy.translation.vector).norm();
             assert!(
@@ -176,19 +177,20 @@ mod tests {
     #[test]
     fn draw_depends_on_seed_sample_and_camera_but_not_on_what_came_before() {
         let pose = |seed: u64, sample: &str, cameras: usize, camera: usize| {
-            let mut rig = rig();
-            rig.cameras.truncate(cameras);
+            let rig = Rig::new(rig().cameras()[..cameras].to_vec(), 1).unwrap();
             let noise = Noise {
                 seed,
                 ..rig_noise(1.0, 10.0)
             };
-            noise.disturb_rig(&mut rig, sample);
-            rig.cameras[camera].world_from_cam
+            let rig = noise.disturb_rig(&rig, sample).unwrap();
+            *rig.cameras()[camera].world_from_cam()
         };
         let first = pose(0, "a", 3, 0);
         assert_eq!(first, pose(0, "a", 2, 0));
-        let other_camera = rig().cameras[2].world_from_cam.inv_mul(&pose(0, "a", 3, 2));
-        let own_camera = rig().cameras[0].world_from_cam.inv_mul(&first);
+        let other_camera = rig().cameras()[2]
+            .world_from_cam()
+            .inv_mul(&pose(0, "a", 3, 2));
+        let own_camera = rig().cameras()[0].world_from_cam().inv_mul(&first);
         for other in [pose(1, "a", 3, 0), pose(0, "b", 3, 0)] {
             assert!((first.translation.vector - other.translation.vector).norm() > 1e-6);
         }

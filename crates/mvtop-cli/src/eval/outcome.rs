@@ -71,7 +71,7 @@ pub fn outcomes(
             sigma: found.map(|found| found.sigma),
             cameras: seen
                 .filter(|seen| seen.bbox.is_some())
-                .map(|seen| rig.cameras[seen.camera].id.clone())
+                .map(|seen| rig.cameras()[seen.camera].id().to_owned())
                 .collect(),
             t_world_obj: found.map(|found| rows(&found.world_from_obj)),
             timings_ms: prediction.timings,

@@ -141,10 +141,7 @@ impl Plan {
     pub fn load(&self, group: &Group) -> Result<Sample> {
         let scene = &self.scenes[&group.scene];
         let views: Vec<&Frame> = group.views.iter().map(|id| &scene.frames[id]).collect();
-        let mut rig = Rig {
-            cameras: Vec::new(),
-            reference: 0,
-        };
+        let mut cameras = Vec::new();
         let mut images = Vec::new();
         for view in &views {
             let (width, height) = image::image_dimensions(&view.path).map_err(|cause| {
@@ -167,20 +164,18 @@ impl Plan {
                     )));
                 }
             };
-            let camera = Camera {
-                id: view.id.to_string(),
-                width,
-                height,
-                lens: view.lens.clone(),
+            let camera = Camera::new(
+                view.id.camera_id(),
+                [width, height],
+                view.intrinsics.clone(),
                 world_from_cam,
-            };
-            images.push((
-                rig.cameras.len(),
-                mvtop_core::image::load(&view.path, &camera)?,
-            ));
-            rig.cameras.push(camera);
+            )?;
+            let image = mvtop_core::image::load(&view.path, &camera)?;
+            images.push((cameras.len(), image));
+            cameras.push(camera);
         }
-        let world_from_ref = rig.cameras[0].world_from_cam;
+        let rig = Rig::new(cameras, 0)?;
+        let world_from_ref = rig.reference_camera().world_from_cam();
         let truth = views[0]
             .objects
             .iter()
@@ -210,18 +205,21 @@ impl Plan {
         rig: &Rig,
     ) -> KnownBoxes {
         let reach = SAME_OBJECT * self.models[&id].diameter_m;
-        let boxes = views.iter().zip(&rig.cameras).filter_map(|(view, camera)| {
-            let off = |object: &Instance| {
-                let pose = camera.world_from_cam * object.cam_from_obj;
-                (pose.translation.vector - world_from_obj.translation.vector).norm()
-            };
-            let alike = view.objects.iter().filter(|object| object.object == id);
-            let nearest = alike.min_by(|a, b| off(a).total_cmp(&off(b)))?;
-            Some((
-                camera.id.clone(),
-                nearest.bbox.filter(|_| off(nearest) <= reach)?,
-            ))
-        });
+        let boxes = views
+            .iter()
+            .zip(rig.cameras())
+            .filter_map(|(view, camera)| {
+                let off = |object: &Instance| {
+                    let pose = camera.world_from_cam() * object.cam_from_obj;
+                    (pose.translation.vector - world_from_obj.translation.vector).norm()
+                };
+                let alike = view.objects.iter().filter(|object| object.object == id);
+                let nearest = alike.min_by(|a, b| off(a).total_cmp(&off(b)))?;
+                Some((
+                    camera.id().to_owned(),
+                    nearest.bbox.filter(|_| off(nearest) <= reach)?,
+                ))
+            });
         KnownBoxes {
             class: self.classes[&id].clone(),
             boxes: boxes.collect(),

@@ -42,7 +42,7 @@ impl Sample {
     pub fn load(folder: &Path, views: Option<u32>) -> Result<Self> {
         let rig = Rig::load(&folder.join("rig.json"))?;
         let truth = known::load_poses(&folder.join("truth.json"))?;
-        let cameras = rig.cameras.len();
+        let cameras = rig.cameras().len();
         let views = views.map_or(cameras, |views| views as usize);
         if views > cameras {
             return Err(Failure(format!(
@@ -52,17 +52,17 @@ impl Sample {
         }
         let mut images = Vec::new();
         for index in (0..cameras)
-            .map(|i| (rig.reference + i) % cameras)
+            .map(|i| (rig.reference() + i) % cameras)
             .take(views)
         {
-            let camera = &rig.cameras[index];
+            let camera = &rig.cameras()[index];
             let files = ["png", "jpg", "jpeg", "tif", "tiff", "bmp"]
-                .map(|end| folder.join(format!("{}.{end}", camera.id)));
+                .map(|end| folder.join(format!("{}.{end}", camera.id())));
             let file = files.iter().find(|file| file.is_file()).ok_or_else(|| {
                 let missing = files[0].display();
                 Failure(format!(
                     "no image of camera `{}`: expected {missing} (or .jpg, .tif, .bmp)",
-                    camera.id
+                    camera.id()
                 ))
             })?;
             images.push((index, mvtop_core::image::load(file, camera)?));
@@ -82,8 +82,7 @@ impl Sample {
             boxes: args.true_boxes.then(|| self.boxes(noise)),
             min_views: args.detection.min_views as usize,
         };
-        let mut rig = self.rig.clone();
-        noise.disturb_rig(&mut rig, &self.name);
+        let rig = noise.disturb_rig(&self.rig, &self.name)?;
         Ok(estimator.predict(&rig, &self.images, &options)?)
     }
 
@@ -92,7 +91,7 @@ impl Sample {
     fn boxes(&self, noise: &Noise) -> Vec<KnownBoxes> {
         let has_image = |id: &String| {
             let mut images = self.images.iter();
-            images.any(|(index, _)| self.rig.cameras[*index].id == *id)
+            images.any(|(index, _)| self.rig.cameras()[*index].id() == *id)
         };
         let disturbed = |(object, known): (usize, &KnownPose)| {
             let mut seen = known.seen.clone();

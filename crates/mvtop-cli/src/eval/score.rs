@@ -1,8 +1,8 @@
 //! What BOP's metrics say of one pose, and of many.
 
+use mvtop_core::Camera;
 use mvtop_core::known::KnownPose;
 use mvtop_core::prediction::ObjectPose;
-use mvtop_core::{Camera, Distortion};
 use mvtop_eval::bop::Model;
 use mvtop_eval::metrics::{
     DepthImage, MSPD_THRESHOLDS_PX, MSSD_THRESHOLDS, MatchingCost, PixelCenter, VSD_TAUS,
@@ -90,14 +90,14 @@ impl Scored {
     ) -> Result<Self> {
         let truth = &known.world_from_obj;
         let camera = view.camera;
-        let cam_from_world = camera.world_from_cam.inverse();
+        let cam_from_world = camera.world_from_cam().inverse();
         let estimate = found.map(|found| &found.world_from_obj);
         let Model {
             surface,
             symmetries,
             ..
         } = model;
-        let rendered = camera.lens.distortion == Distortion::None
+        let rendered = camera.intrinsics().is_pinhole()
             // Models for evaluation may be points alone.
             && !model.mesh.triangles().is_empty();
         let vsd = match view.depth {
@@ -128,8 +128,8 @@ impl Scored {
             mspd_px640: estimate
                 .map(|pose| {
                     let (truth, pose) = (cam_from_world * truth, cam_from_world * pose);
-                    let px = surface.mspd(&truth, &pose, symmetries, &camera.lens);
-                    px * MSPD_WIDTH / f64::from(camera.width)
+                    let px = surface.mspd(&truth, &pose, symmetries, &camera.intrinsics());
+                    px * MSPD_WIDTH / f64::from(camera.width())
                 })
                 .filter(|px| px.is_finite()),
             vsd,
@@ -159,15 +159,11 @@ impl View<'_> {
         truth: &Isometry3<f64>,
         estimate: &Isometry3<f64>,
     ) -> Result<Vec<f64>> {
-        let Camera {
-            lens,
-            width,
-            height,
-            ..
-        } = self.camera;
+        let camera = self.camera;
+        let size = [camera.width(), camera.height()];
         let depth = |pose| {
             let mesh = &model.mesh;
-            mesh.depth(pose, lens, [*width, *height], PixelCenter::Half)
+            mesh.depth(pose, camera.intrinsics(), size, PixelCenter::Half)
         };
         let options = VsdOptions {
             delta: self.vsd_delta,
@@ -179,7 +175,7 @@ impl View<'_> {
             &depth(estimate)?,
             &depth(truth)?,
             measured,
-            lens,
+            camera.intrinsics(),
             &options,
         )?)
     }
@@ -239,9 +235,9 @@ impl Scores {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mvtop_core::Lens;
     use mvtop_core::known::KnownBoxes;
     use mvtop_core::prediction::{Sigma, Timings};
+    use mvtop_core::{Intrinsics, Projection};
     use mvtop_eval::metrics::{Mesh, Surface, Symmetries};
     use nalgebra::Point3;
 
@@ -261,19 +257,13 @@ mod tests {
     }
 
     fn camera() -> Camera {
-        Camera {
-            id: "cam".into(),
-            width: 320,
-            height: 240,
-            lens: Lens {
-                fx: 500.0,
-                fy: 500.0,
-                cx: 160.0,
-                cy: 120.0,
-                distortion: Distortion::None,
-            },
-            world_from_cam: Isometry3::rotation(nalgebra::Vector3::new(0.3, -0.2, 1.0)),
-        }
+        Camera::new(
+            "cam",
+            [320, 240],
+            Intrinsics::new(500.0, 500.0, 160.0, 120.0, Projection::Pinhole).unwrap(),
+            Isometry3::rotation(nalgebra::Vector3::new(0.3, -0.2, 1.0)),
+        )
+        .unwrap()
     }
 
     /// - `shift`: of the estimate, camera frame, metres; not found without it
@@ -281,7 +271,7 @@ mod tests {
     fn scored(shift: Option<[f64; 3]>, depth: Option<f32>) -> Scored {
         let camera = camera();
         let pose =
-            |[x, y, z]: [f64; 3]| camera.world_from_cam * Isometry3::translation(x, y, 1.0 + z);
+            |[x, y, z]: [f64; 3]| camera.world_from_cam() * Isometry3::translation(x, y, 1.0 + z);
         let found = shift.map(|shift| ObjectPose {
             class: "plate".into(),
             class_id: 3,

@@ -66,8 +66,8 @@ pub fn detected(
         let scores = features.det_scores.index_axis(Axis(0), v);
         let boxes = features.det_boxes.index_axis(Axis(0), v);
         let ref_from_cam = reference
-            .world_from_cam
-            .inv_mul(&view.camera.world_from_cam);
+            .world_from_cam()
+            .inv_mul(&view.camera.world_from_cam());
         // A box that the lens gives no rays for cannot be decoded.
         let (found, lines) = peaks(scores, boxes, faintest, f64::from(nms_iou))
             .into_iter()
@@ -128,16 +128,16 @@ pub fn given(
         }
         let mut in_views = Vec::new();
         for View { camera, .. } in views {
-            let bbox = match given.boxes.get(&camera.id) {
+            let bbox = match given.boxes.get(camera.id()) {
                 None => None,
                 Some(&bbox) => {
-                    let usable = clip(bbox, camera.width, camera.height)
+                    let usable = clip(bbox, camera.width(), camera.height())
                         .filter(|&b| box_rays(camera, b, &Isometry3::identity()).is_some());
                     if usable.is_none() {
                         return refuse(format!(
                             "expected [x0, y0, x1, y1] with x0 < x1 and y0 < y1 within the \
                              image and field of view of camera `{}`, got {bbox:?}",
-                            camera.id
+                            camera.id()
                         ));
                     }
                     usable

@@ -7,7 +7,7 @@ use crate::bundle::{Class, Detector, Input};
 use crate::image::Letterbox;
 use crate::network::{Decoded, Features};
 use crate::rays::LosEncoding;
-use crate::{Camera, Distortion, Lens};
+use crate::{Camera, Intrinsics, Projection};
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use ndarray::{Array4, ArrayView2, ArrayView3, array, s};
 
@@ -52,19 +52,9 @@ fn camera(id: &str, size: (u32, u32), f: f64, center: [f64; 3]) -> Camera {
     let z = (Vector3::new(0.0, 0.0, 1.0) - center).normalize();
     let rotation = UnitQuaternion::face_towards(&z, &Vector3::new(0.0, 0.0, -1.0));
     let (cx, cy) = (f64::from(size.0) / 2.0 - 0.5, f64::from(size.1) / 2.0 - 0.5);
-    Camera {
-        id: id.into(),
-        width: size.0,
-        height: size.1,
-        lens: Lens {
-            fx: f,
-            fy: f,
-            cx,
-            cy,
-            distortion: Distortion::None,
-        },
-        world_from_cam: Isometry3::from_parts(Translation3::from(center), rotation),
-    }
+    let intrinsics = Intrinsics::new(f, f, cx, cy, Projection::Pinhole).unwrap();
+    let world_from_cam = Isometry3::from_parts(Translation3::from(center), rotation);
+    Camera::new(id, size.into(), intrinsics, world_from_cam).unwrap()
 }
 
 /// Cameras of three sizes, shapes and focal lengths.
@@ -74,19 +64,16 @@ fn rig() -> Rig {
         camera("middle", (200, 200), 260.0, [0.1, -1.5, 0.7]),
         camera("right", (640, 360), 500.0, [1.1, -0.9, 1.5]),
     ];
-    Rig {
-        cameras,
-        reference: 0,
-    }
+    Rig::new(cameras, 0).unwrap()
 }
 
 const BALLS: [[f64; 3]; 2] = [[-0.1, 0.05, 1.0], [0.15, -0.05, 1.1]];
 
 /// Box of a ball in a camera's image.
 fn ball_box(camera: &Camera, ball: [f64; 3]) -> [f64; 4] {
-    let in_camera = camera.world_from_cam.inverse() * Point3::from(ball);
-    let center = camera.lens.project(&in_camera).unwrap();
-    let radius = camera.lens.fx * RADIUS / in_camera.z;
+    let in_camera = camera.world_from_cam().inverse() * Point3::from(ball);
+    let center = camera.intrinsics().project(&in_camera).unwrap();
+    let radius = camera.intrinsics().fx() * RADIUS / in_camera.z;
     [
         center.x - radius,
         center.y - radius,
@@ -109,15 +96,15 @@ struct Geometry {
 impl Geometry {
     /// - `seen`: for each image, the camera's index and the balls seen there
     fn new(rig: &Rig, seen: &[(usize, &[[f64; 3]])]) -> Self {
-        let in_cameras = rig.cameras.iter().flat_map(|camera| {
-            let cam_from_world = camera.world_from_cam.inverse();
+        let in_cameras = rig.cameras().iter().flat_map(|camera| {
+            let cam_from_world = camera.world_from_cam().inverse();
             BALLS.map(|ball| (cam_from_world * Point3::from(ball)).coords)
         });
-        let cameras = || seen.iter().map(|&(index, _)| &rig.cameras[index]);
+        let cameras = || seen.iter().map(|&(index, _)| &rig.cameras()[index]);
         let boxes = cameras()
             .zip(seen)
             .map(|(camera, (_, balls))| balls.iter().map(|&ball| ball_box(camera, ball)).collect());
-        let letterbox = |c: &Camera| Letterbox::new(c.width, c.height, NET.0, NET.1);
+        let letterbox = |c: &Camera| Letterbox::new(c.width(), c.height(), NET.0, NET.1);
         Self {
             boxes: boxes.collect(),
             letterboxes: cameras().map(letterbox).collect(),
@@ -224,7 +211,7 @@ fn images(rig: &Rig, cameras: &[usize]) -> Vec<(usize, RgbImage)> {
     let image = |&i: &usize| {
         (
             i,
-            RgbImage::new(rig.cameras[i].width, rig.cameras[i].height),
+            RgbImage::new(rig.cameras()[i].width(), rig.cameras()[i].height()),
         )
     };
     cameras.iter().map(image).collect()
@@ -273,21 +260,21 @@ fn objects_are_found_where_they_are_whichever_views_see_them() {
     assert!((by_two.score - (1.0 - 0.1 * 0.2)).abs() < 1e-6);
     // Turned as their anchors: the reference where it sees them, else the first that does.
     for (object, anchor) in [(by_all, 0), (by_two, 1)] {
-        let anchor = rig.cameras[anchor].world_from_cam.rotation;
+        let anchor = rig.cameras()[anchor].world_from_cam().rotation;
         assert!(object.world_from_obj.rotation.angle_to(&anchor) < 1e-6);
         for camera in &object.cameras {
-            let world = rig.cameras[camera.camera].world_from_cam * camera.cam_from_obj;
+            let world = rig.cameras()[camera.camera].world_from_cam() * camera.cam_from_obj;
             assert!(
                 (world.translation.vector - object.world_from_obj.translation.vector).norm() < 1e-9
             );
         }
-        let reference = rig.cameras[0].world_from_cam * object.ref_from_obj;
+        let reference = rig.cameras()[0].world_from_cam() * object.ref_from_obj;
         assert!(
             (reference.translation.vector - object.world_from_obj.translation.vector).norm() < 1e-9
         );
     }
     let found = by_all.cameras[2].bbox.unwrap();
-    let expected = ball_box(&rig.cameras[2], first);
+    let expected = ball_box(&rig.cameras()[2], first);
     assert!(
         found
             .iter()
@@ -348,7 +335,7 @@ fn objects_in_too_few_views_are_left_out() {
     assert_eq!([0, 1, 2, 3].map(|least| count(least, &seen)), [2, 2, 2, 1]);
     assert_eq!(count(2, &[(0, &[first]), (1, &[second])]), 0);
     // Given boxes are taken as they are.
-    let given = known(&[("left", ball_box(&rig.cameras[0], first))]);
+    let given = known(&[("left", ball_box(&rig.cameras()[0], first))]);
     let options = PredictOptions {
         boxes: Some(vec![given]),
         min_views: 2,
@@ -415,11 +402,10 @@ fn order_of_the_images_does_not_matter() {
 fn another_world_frame_leaves_the_poses_in_the_cameras() {
     let seen: [(usize, &[[f64; 3]]); 2] = [(0, &BALLS[..1]), (1, &BALLS)];
     let expected = predict(&rig(), &seen, &PredictOptions::default());
-    let mut moved = rig();
     let new_from_old = Isometry3::new(Vector3::new(500.0, -80.0, 3.0), Vector3::new(1.0, 2.0, 0.5));
-    for camera in &mut moved.cameras {
-        camera.world_from_cam = new_from_old * camera.world_from_cam;
-    }
+    let moved = rig()
+        .moved(|_, camera| new_from_old * camera.world_from_cam())
+        .unwrap();
     let network = Geometry::new(&rig(), &seen);
     let estimator = Estimator::new(bundle(), Box::new(network));
     let prediction = estimator
@@ -449,7 +435,7 @@ fn known(boxes: &[(&str, [f64; 4])]) -> KnownBoxes {
 fn given_boxes_replace_the_detector() {
     let rig = rig();
     let [first, second] = BALLS;
-    let bbox = |camera: usize, ball| ball_box(&rig.cameras[camera], ball);
+    let bbox = |camera: usize, ball| ball_box(&rig.cameras()[camera], ball);
     let given = vec![
         known(&[("middle", bbox(1, second))]),
         // `right` gives no image, so its box is not used.

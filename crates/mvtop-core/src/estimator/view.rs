@@ -38,24 +38,24 @@ pub fn gather<'a>(
 ) -> Result<Vec<View<'a>>> {
     let mut views = Vec::new();
     for (index, image) in images {
-        let camera = rig.cameras.get(*index).ok_or_else(|| {
-            let cameras = rig.cameras.len();
+        let camera = rig.cameras().get(*index).ok_or_else(|| {
+            let cameras = rig.cameras().len();
             Error::Input(format!(
                 "camera {index}: the rig has {cameras}, counted from 0"
             ))
         })?;
-        if image.dimensions() != (camera.width, camera.height) {
+        if image.dimensions() != (camera.width(), camera.height()) {
             return Err(Error::Input(format!(
                 "camera `{}`: expected an image of {}x{} px as in the rig, got {}x{}",
-                camera.id,
-                camera.width,
-                camera.height,
+                camera.id(),
+                camera.width(),
+                camera.height(),
                 image.width(),
                 image.height()
             )));
         }
         let input = &bundle.input;
-        let letterbox = Letterbox::new(camera.width, camera.height, input.width, input.height);
+        let letterbox = Letterbox::new(camera.width(), camera.height(), input.width, input.height);
         views.push(View {
             index: *index,
             camera,
@@ -65,7 +65,7 @@ pub fn gather<'a>(
     }
     views.sort_by_key(|view| view.index);
     if let Some(twice) = views.windows(2).find(|pair| pair[0].index == pair[1].index) {
-        let id = &twice[0].camera.id;
+        let id = &twice[0].camera.id();
         return Err(Error::Input(format!(
             "camera `{id}`: expected one image, got two"
         )));
@@ -127,7 +127,7 @@ impl View<'_> {
     pub fn image_box(&self, net: [f64; 4]) -> Option<[f64; 4]> {
         let [x0, y0] = self.letterbox.image_from_net([net[0], net[1]]);
         let [x1, y1] = self.letterbox.image_from_net([net[2], net[3]]);
-        clip([x0, y0, x1, y1], self.camera.width, self.camera.height)
+        clip([x0, y0, x1, y1], self.camera.width(), self.camera.height())
     }
 }
 

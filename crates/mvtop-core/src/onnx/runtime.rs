@@ -40,6 +40,11 @@ impl Runtime {
     /// [`Error::Runtime`] when a library that was asked for cannot be loaded, is too old, or
     /// another one is loaded already; [`Error::RuntimeMissing`] when none is found.
     pub fn locate(explicit: Option<&Path>) -> Result<Self> {
+        Self::find(explicit, &mut Vec::new())
+    }
+
+    /// - `attempts`: takes the libraries that were found but could not be used
+    fn find(explicit: Option<&Path>, attempts: &mut Vec<Attempt>) -> Result<Self> {
         static LOADING: Mutex<()> = Mutex::new(());
         let _one_at_a_time = LOADING.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(loaded) = LOADED.get() {
@@ -55,14 +60,13 @@ impl Runtime {
             };
         }
 
-        let mut attempts = Vec::new();
         for candidate in locate::candidates(explicit, Surroundings::of_process()) {
             match load(&candidate.path) {
                 Ok(environment) => {
                     let loaded = Loaded {
                         environment,
                         library: candidate,
-                        attempts,
+                        attempts: attempts.clone(),
                     };
                     return Ok(Self {
                         loaded: LOADED.get_or_init(|| loaded),
@@ -77,6 +81,7 @@ impl Runtime {
                 Err(problem) => attempts.push(Attempt { candidate, problem }),
             }
         }
+        let attempts = attempts.iter().map(Attempt::to_string).collect();
         Err(Error::RuntimeMissing { attempts })
     }
 
@@ -192,15 +197,12 @@ pub struct Doctor {
 impl Doctor {
     /// Locates the library as [`Runtime::locate`] does and reports instead of failing.
     pub fn examine(explicit: Option<&Path>) -> Self {
-        let (loaded, error) = match Runtime::locate(explicit) {
+        let mut attempts = Vec::new();
+        let (loaded, error) = match Runtime::find(explicit, &mut attempts) {
             Ok(runtime) => (Some(runtime.loaded), None),
             Err(error) => (LOADED.get(), Some(error)),
         };
         let library = loaded.map(|l| l.library.path.clone());
-        let attempts = match &error {
-            Some(Error::RuntimeMissing { attempts }) => attempts.clone(),
-            _ => loaded.map(|l| l.attempts.clone()).unwrap_or_default(),
-        };
         Self {
             found_in: loaded.map(|l| l.library.found_in.clone()),
             version: library
@@ -216,7 +218,7 @@ impl Doctor {
                 None => Vec::new(),
             },
             library,
-            attempts,
+            attempts: loaded.map_or(attempts, |l| l.attempts.clone()),
             problem: error.map(|e| e.to_string()),
         }
     }

@@ -2,7 +2,7 @@ use std::path::Path;
 
 use image::{Rgb, RgbImage};
 use mvtop_core::closeup::{CloseUp, FILL};
-use mvtop_core::{Camera, Lens};
+use mvtop_core::{Camera, Intrinsics, Projection};
 use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector3};
 use ndarray::Axis;
 use proptest::prelude::*;
@@ -26,12 +26,12 @@ fn box_on_the_axis_by_hand() {
     let real = camera(pinhole(100.0, 50.0, 50.0), 101, 101);
     let closeup = CloseUp::new(&real, [30.0, 40.0, 70.0, 60.0], 100).unwrap();
     // Half its longer side is seen under tan = 0.2 and becomes 30 of 50 px.
-    close(closeup.camera.lens.fx, 150.0, 1e-9);
-    close(closeup.camera.lens.fy, 150.0, 1e-9);
+    close(closeup.camera.intrinsics().fx(), 150.0, 1e-9);
+    close(closeup.camera.intrinsics().fy(), 150.0, 1e-9);
     for (side, expected) in closeup.bbox.into_iter().zip([19.5, 34.5, 79.5, 64.5]) {
         close(side, expected, 1e-9);
     }
-    let turn = closeup.camera.world_from_cam.rotation.angle();
+    let turn = closeup.camera.world_from_cam().rotation.angle();
     close(turn, 0.0, 1e-9);
 }
 
@@ -96,12 +96,12 @@ fn color(direction: &Vector3<f64>) -> [f64; 3] {
 
 /// A picture of these colors by a lens, black where it has no ray.
 fn photograph(real: &Camera) -> RgbImage {
-    RgbImage::from_fn(real.width, real.height, |u, v| {
+    RgbImage::from_fn(real.width(), real.height(), |u, v| {
         let ray = real
-            .lens
+            .intrinsics()
             .unproject(&Point2::new(f64::from(u), f64::from(v)));
         Rgb(ray.map_or([0; 3], |ray| {
-            color(&(real.world_from_cam * ray.into_inner())).map(|c| c.round() as u8)
+            color(&(real.world_from_cam() * ray.into_inner())).map(|c| c.round() as u8)
         }))
     })
 }
@@ -118,22 +118,23 @@ proptest! {
         (width, height) in (20.0..90.0, 20.0..90.0),
         turn in prop::array::uniform3(-3.0..3.0),
     ) {
-        let mut real = camera(lenses().swap_remove(lens), 640, 480);
-        real.world_from_cam = Isometry3::from_parts(
+        let world_from_real = Isometry3::from_parts(
             Translation3::new(0.3, -1.0, 2.0),
             UnitQuaternion::from_scaled_axis(turn.into()),
         );
+        let real = camera(lenses().swap_remove(lens), 640, 480);
+        let real = real.moved_to(world_from_real).unwrap();
         let bbox = [u - width / 2.0, v - height / 2.0, u + width / 2.0, v + height / 2.0];
         let Some(closeup) = CloseUp::new(&real, bbox, SIZE) else {
             return Err(TestCaseError::reject("no rays"));
         };
         let virtual_from_real =
-            closeup.camera.world_from_cam.inverse() * real.world_from_cam;
+            closeup.camera.world_from_cam().inverse() * real.world_from_cam();
         prop_assert!(virtual_from_real.translation.vector.norm() < 1e-12);
         let seen = |u: f64, v: f64| -> [f64; 2] {
-            let ray = real.lens.unproject(&Point2::new(u, v)).unwrap();
+            let ray = real.intrinsics().unproject(&Point2::new(u, v)).unwrap();
             let point: Point3<f64> = (virtual_from_real * ray.into_inner()).into();
-            closeup.camera.lens.project(&point).unwrap().coords.into()
+            closeup.camera.intrinsics().project(&point).unwrap().coords.into()
         };
         let middle = seen(u, v);
         prop_assert!((middle[0] - 31.5).abs() < 1e-6 && (middle[1] - 31.5).abs() < 1e-6);
@@ -155,12 +156,12 @@ proptest! {
             }
             let direction = Vector3::from_fn(|i, _| f64::from(ray[i]));
             // Away from the edges of what the lens images, where neighbours may be black.
-            let at = real.lens.project(&(virtual_from_real.inverse() * direction).into());
+            let at = real.intrinsics().project(&(virtual_from_real.inverse() * direction).into());
             let Some(at) = at else { continue };
             if at.x < 3.0 || at.y < 3.0 || at.x > 636.0 || at.y > 476.0 {
                 continue;
             }
-            let expected = color(&(closeup.camera.world_from_cam * direction));
+            let expected = color(&(closeup.camera.world_from_cam() * direction));
             for channel in 0..3 {
                 let got = f64::from(picture[(channel, row, column)]) * 255.0;
                 prop_assert!(
@@ -191,19 +192,13 @@ fn equals_the_training_side() {
     let (height, width) = (image.shape()[0] as u32, image.shape()[1] as u32);
     let image = RgbImage::from_raw(width, height, image.data().to_vec()).unwrap();
     let k = numbers("k");
-    let lens = Lens {
-        fx: k[0],
-        fy: k[4],
-        cx: k[2],
-        cy: k[5],
-        ..pinhole(1.0, 0.0, 0.0)
-    };
+    let lens = Intrinsics::new(k[0], k[4], k[2], k[5], Projection::Pinhole).unwrap();
     let real = camera(lens, width, height);
     let (boxes, pictures) = (numbers("boxes"), fixture.tensor("pictures").unwrap());
     let (size, on_image) = (pictures.shape()[1], fixture.tensor("on_image").unwrap());
     for (i, bbox) in boxes.chunks_exact(4).enumerate() {
         let closeup = CloseUp::new(&real, bbox.try_into().unwrap(), size as u32).unwrap();
-        close(closeup.camera.lens.fx, numbers("focals")[i], 1e-8);
+        close(closeup.camera.intrinsics().fx(), numbers("focals")[i], 1e-8);
         for (side, expected) in closeup
             .bbox
             .into_iter()
@@ -211,7 +206,7 @@ fn equals_the_training_side() {
         {
             close(side, *expected, 1e-8);
         }
-        let rotation = closeup.camera.world_from_cam.rotation.inverse();
+        let rotation = closeup.camera.world_from_cam().rotation.inverse();
         let rotation = rotation.to_rotation_matrix();
         for (n, expected) in numbers("close_from_cam")[9 * i..9 * i + 9]
             .iter()

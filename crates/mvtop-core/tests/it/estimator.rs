@@ -4,7 +4,7 @@ use crate::fixtures::{Fixture, fixture_path, sample_boxes, sample_rig};
 use image::RgbImage;
 use mvtop_core::estimator::{Estimator, Options, PredictOptions};
 use mvtop_core::known::KnownBoxes;
-use mvtop_core::{Rig, image as images};
+use mvtop_core::{Camera, Intrinsics, Rig, image as images};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rstest::rstest;
 
@@ -15,8 +15,8 @@ fn estimator(bundle: &str) -> Estimator {
 /// The images of the given cameras of a rig.
 fn load(rig: &Rig, cameras: &[usize]) -> Vec<(usize, RgbImage)> {
     let load = |&i: &usize| {
-        let camera = &rig.cameras[i];
-        let path = fixture_path("tiny/sample").join(format!("{}.png", camera.id));
+        let camera = &rig.cameras()[i];
+        let path = fixture_path("tiny/sample").join(format!("{}.png", camera.id()));
         (i, images::load(&path, camera).unwrap())
     };
     cameras.iter().map(load).collect()
@@ -26,8 +26,8 @@ fn load(rig: &Rig, cameras: &[usize]) -> Vec<(usize, RgbImage)> {
 fn boxes(rig: &Rig, cameras: &[usize]) -> PredictOptions {
     let all = sample_boxes();
     let of = |&i: &usize| {
-        let id = &rig.cameras[i].id;
-        (id.clone(), all[id])
+        let id = rig.cameras()[i].id();
+        (id.to_owned(), all[id])
     };
     let known = KnownBoxes {
         class: "mvball".into(),
@@ -82,14 +82,13 @@ fn poses_from_files_match_pytorch(
 #[test]
 fn another_world_frame_changes_no_pose_in_the_reference_frame() {
     let rig = sample_rig();
-    let mut moved = rig.clone();
     let new_from_old = Isometry3::from_parts(
         Translation3::new(12.0, -7.0, 3.0),
         UnitQuaternion::from_scaled_axis(Vector3::new(0.7, -1.9, 0.4)),
     );
-    for camera in &mut moved.cameras {
-        camera.world_from_cam = new_from_old * camera.world_from_cam;
-    }
+    let moved = rig
+        .moved(|_, camera| new_from_old * camera.world_from_cam())
+        .unwrap();
     let estimator = estimator("tiny");
     let all = [0, 1, 2, 3];
     let gap = gap(
@@ -102,9 +101,8 @@ fn another_world_frame_changes_no_pose_in_the_reference_frame() {
 #[test]
 fn the_order_of_the_other_cameras_changes_nothing() {
     let rig = sample_rig();
-    let mut shuffled = rig.clone();
-    shuffled.cameras = [2, 3, 0, 1].map(|i| rig.cameras[i].clone()).to_vec();
-    shuffled.reference = 2;
+    let cameras = [2, 3, 0, 1].map(|i| rig.cameras()[i].clone());
+    let shuffled = Rig::new(cameras.to_vec(), 2).unwrap();
     let estimator = estimator("tiny");
     let all = [0, 1, 2, 3];
     let expected = pose(&estimator, &rig, &all, &all);
@@ -133,10 +131,10 @@ fn an_object_that_the_reference_misses_is_posed_by_another_camera() {
     let estimator = estimator("tiny");
     let all = [0, 1, 2, 3];
     let ours = pose(&estimator, &rig, &all, &[1, 2]);
-    let mut other = rig.clone();
-    other.reference = 1;
+    let other = Rig::new(rig.cameras().to_vec(), 1).unwrap();
     let anchored = pose(&estimator, &other, &all, &[1, 2]);
-    let ref_from_anchor = rig.cameras[0].world_from_cam.inverse() * rig.cameras[1].world_from_cam;
+    let ref_from_anchor =
+        rig.cameras()[0].world_from_cam().inverse() * rig.cameras()[1].world_from_cam();
     assert!(gap(&ours, &(ref_from_anchor * anchored)) < 1e-9);
 }
 
@@ -148,14 +146,14 @@ fn poses_in_all_frames_agree() {
         .predict(&rig, &load(&rig, &all), &boxes(&rig, &all))
         .unwrap();
     let object = &prediction.objects[0];
-    let reference = &rig.cameras[prediction.reference];
-    let in_world = reference.world_from_cam * object.ref_from_obj;
+    let reference = &rig.cameras()[prediction.reference];
+    let in_world = reference.world_from_cam() * object.ref_from_obj;
     assert!(gap(&in_world, &object.world_from_obj) < 1e-12);
     for view in &object.cameras {
-        let camera = &rig.cameras[view.camera];
+        let camera = &rig.cameras()[view.camera];
         assert!(
             gap(
-                &(camera.world_from_cam * view.cam_from_obj),
+                &(camera.world_from_cam() * view.cam_from_obj),
                 &object.world_from_obj
             ) < 1e-12
         );
@@ -166,12 +164,15 @@ fn poses_in_all_frames_agree() {
 fn cameras_may_differ_in_resolution() {
     // The same camera with twice as many pixels sees the same; only resampling differs.
     let rig = sample_rig();
-    let mut mixed = rig.clone();
-    let camera = &mut mixed.cameras[1];
-    (camera.width, camera.height) = (camera.width * 2, camera.height * 2);
-    let lens = &mut camera.lens;
-    (lens.fx, lens.fy) = (lens.fx * 2.0, lens.fy * 2.0);
-    (lens.cx, lens.cy) = (lens.cx * 2.0 + 0.5, lens.cy * 2.0 + 0.5);
+    let mut cameras = rig.cameras().to_vec();
+    let small = &cameras[1];
+    let of = small.intrinsics();
+    let [fx, fy] = [of.fx(), of.fy()].map(|f| f * 2.0);
+    let [cx, cy] = [of.cx(), of.cy()].map(|c| c * 2.0 + 0.5);
+    let large = Intrinsics::new(fx, fy, cx, cy, of.projection().clone()).unwrap();
+    let size = [small.width() * 2, small.height() * 2];
+    cameras[1] = Camera::new(small.id(), size, large, *small.world_from_cam()).unwrap();
+    let mixed = Rig::new(cameras, rig.reference()).unwrap();
     let mut given = load(&rig, &[0, 1]);
     let small = &given[1].1;
     given[1].1 = RgbImage::from_fn(small.width() * 2, small.height() * 2, |x, y| {

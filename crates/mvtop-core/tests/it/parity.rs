@@ -6,7 +6,7 @@ use mvtop_core::image::{self, Letterbox};
 use mvtop_core::onnx::{Network, Runtime, SessionOptions, Tensor};
 use mvtop_core::rays::{self, LosEncoding};
 use mvtop_core::sampling::{Dims, Gradients, LevelShapes, Sampling, deformable_sampling};
-use mvtop_core::{Distortion, Lens, bundle::Bundle, pose};
+use mvtop_core::{Intrinsics, Projection, bundle::Bundle, pose};
 use nalgebra::{Point2, UnitQuaternion};
 use ndarray::{Array1, Array2, Array3, Array4, ArrayD, Axis, Ix2, Ix3, Ix4, s};
 use rstest::rstest;
@@ -86,20 +86,23 @@ fn rays_in_all_encodings_and_of_boxes() {
     );
     for view in 0..3 {
         let k = k.index_axis(Axis(0), view);
-        let lens = Lens {
-            fx: k[[0, 0]],
-            fy: k[[1, 1]],
-            cx: k[[0, 2]],
-            cy: k[[1, 2]],
-            distortion: Distortion::None,
-        };
+        let intrinsics = Intrinsics::new(
+            k[[0, 0]],
+            k[[1, 1]],
+            k[[0, 2]],
+            k[[1, 2]],
+            Projection::Pinhole,
+        )
+        .unwrap();
         let camera_rays = fixture.f64("camera_rays").index_axis_move(Axis(0), view);
         for (ray, pixel) in camera_rays
             .axis_iter(Axis(0))
             .zip(pixels.axis_iter(Axis(0)))
         {
             if ray.iter().any(|&x| x != 0.0) {
-                let ours = lens.unproject(&Point2::new(pixel[0], pixel[1])).unwrap();
+                let ours = intrinsics
+                    .unproject(&Point2::new(pixel[0], pixel[1]))
+                    .unwrap();
                 assert!((0..3).all(|i| (ours[i] - ray[i]).abs() < 1e-12));
             }
         }
@@ -120,13 +123,7 @@ fn rays_in_all_encodings_and_of_boxes() {
             let gap = gap(ours.mapv(f64::from).into_dyn(), theirs);
             assert!(gap < 1e-6, "{name}: {gap:.1e}"); // float32 at the output
         }
-        let camera = mvtop_core::Camera {
-            id: "camera".into(),
-            width: 64,
-            height: 48,
-            lens,
-            world_from_cam: ref_from_cam,
-        };
+        let camera = mvtop_core::Camera::new("camera", [64, 48], intrinsics, ref_from_cam).unwrap();
         for query in 0..2 {
             let bounds = std::array::from_fn(|i| boxes[[view, query, i]]);
             let ours = rays::box_rays(&camera, bounds, &ref_from_cam).unwrap();
@@ -187,12 +184,12 @@ fn images_and_lines_of_sight_of_a_sample(#[case] views: usize) {
     let theirs = |name: &str| fixture.f64(&format!("{name}.{views}"));
     let (images, rays_) = (theirs("images"), theirs("camera_rays"));
     let (lines, box_rays) = (theirs("rays"), theirs("box_rays"));
-    let ref_from_world = rig.cameras[0].world_from_cam.inverse();
-    for (view, camera) in rig.cameras[..views].iter().enumerate() {
-        let path = fixture_path("tiny/sample").join(format!("{}.png", camera.id));
+    let ref_from_world = rig.cameras()[0].world_from_cam().inverse();
+    for (view, camera) in rig.cameras()[..views].iter().enumerate() {
+        let path = fixture_path("tiny/sample").join(format!("{}.png", camera.id()));
         let pixels = image::load(&path, camera).unwrap();
         let input = &bundle.input;
-        let letterbox = Letterbox::new(camera.width, camera.height, input.width, input.height);
+        let letterbox = Letterbox::new(camera.width(), camera.height(), input.width, input.height);
         let ours = image::to_tensor(&pixels, &letterbox, input.mean, input.std).unwrap();
         let image_gap = gap(
             ours.mapv(f64::from).into_dyn(),
@@ -203,12 +200,12 @@ fn images_and_lines_of_sight_of_a_sample(#[case] views: usize) {
         let camera_rays = rays::camera_rays(camera, &letterbox, &bundle.strides);
         let expected = rays_.index_axis(Axis(0), view).to_owned();
         assert!(gap(camera_rays.mapv(f64::from).into_dyn(), expected) < 1e-6);
-        let ref_from_cam = ref_from_world * camera.world_from_cam;
+        let ref_from_cam = ref_from_world * camera.world_from_cam();
         let ours = rays::encode(camera_rays.view(), &ref_from_cam, bundle.los_encoding);
         let expected = lines.index_axis(Axis(0), view).to_owned();
         assert!(gap(ours.mapv(f64::from).into_dyn(), expected) < 1e-6);
 
-        let bounds = crate::fixtures::sample_boxes()[&camera.id];
+        let bounds = crate::fixtures::sample_boxes()[camera.id()];
         let ours = rays::box_rays(camera, bounds, &ref_from_cam).unwrap();
         for (i, &x) in ours.iter().enumerate() {
             assert!((f64::from(x) - box_rays[[view, 0, i]]).abs() < 1e-6);

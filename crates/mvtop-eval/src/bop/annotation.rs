@@ -6,7 +6,7 @@ use std::path::Path;
 use nalgebra::{Rotation3, Vector3};
 use serde::Deserialize;
 
-use super::json::{read, rotation};
+use super::json::{nearest_rotation, read};
 use crate::{Error, Result};
 
 /// Translations beyond this, 100 km, are taken for broken.
@@ -25,7 +25,7 @@ pub(crate) struct Annotation {
 /// By image, in the file's order.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it holds something else.
+/// [`Error::Read`] where the file cannot be read, [`Error::Json`] where it holds something else.
 pub(crate) fn load_annotations(path: &Path) -> Result<BTreeMap<u32, Vec<Annotation>>> {
     read(
         path,
@@ -39,23 +39,24 @@ impl Annotation {
     /// - `place`: file, image, and place in the image's list, for the error
     ///
     /// # Errors
-    /// [`Error::Input`] where the two are no pose.
+    /// [`Error::Data`] where the two are no pose.
     pub fn pose(&self, place: (&Path, u32, usize)) -> Result<(Rotation3<f64>, Vector3<f64>)> {
         let refuse = |problem| {
             let (path, image, i) = place;
             let path = path.display();
-            Error::Input(format!(
+            Error::Data(format!(
                 "{path}: annotation {i} of image {image}: {problem}"
             ))
         };
         let translation_mm = Vector3::from(self.translation_mm);
         if translation_mm.amax() > FARTHEST_MM {
             return Err(refuse(format!(
-                "expected millimetres of at most {FARTHEST_MM:e} in cam_t_m2c, got {:?}",
+                "cam_t_m2c: expected millimetres of at most {FARTHEST_MM:e}, got {:?}",
                 self.translation_mm
             )));
         }
-        let rotation = rotation("cam_R_m2c", &self.rotation).map_err(refuse)?;
+        let rotation = nearest_rotation(&self.rotation)
+            .map_err(|problem| refuse(format!("cam_R_m2c: {problem}")))?;
         Ok((rotation, translation_mm))
     }
 }

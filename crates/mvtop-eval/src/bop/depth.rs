@@ -10,7 +10,7 @@ use crate::{Error, Result};
 /// Reads a frame's depth image, metres, 0 where nothing was measured; `None` where it has none.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it is no grey image of 16
+/// [`Error::Read`] where the file cannot be read, [`Error::Data`] where it is no grey image of 16
 /// bits.
 pub fn load_depth(frame: &Frame) -> Result<Option<DepthImage>> {
     let Some(path) = &frame.depth else {
@@ -23,7 +23,7 @@ pub fn load_depth(frame: &Frame) -> Result<Option<DepthImage>> {
             cause,
         })?;
     let refuse = |got: String| {
-        Error::Input(format!(
+        Error::Data(format!(
             "depth image {}: expected PNG or TIFF with 16 bits of grey, got: {got}",
             path.display()
         ))

@@ -50,12 +50,13 @@ struct Axis {
 /// - `wanted`: which objects
 ///
 /// # Errors
-/// [`Error::Read`] where a file is missing, [`Error::Input`] where one holds something else.
+/// [`Error::Read`] where a file is missing, [`Error::Json`], [`Error::Data`] or
+/// [`Error::Transform`] where one holds something else.
 pub fn load_models(folder: &Path, wanted: impl Fn(u32) -> bool) -> Result<BTreeMap<u32, Model>> {
     let folders = ["", "models_eval", "models"].map(|name| folder.join(name));
     let listed = |dir: &&PathBuf| dir.join("models_info.json").is_file();
     let Some(folder) = folders.iter().find(listed) else {
-        return Err(Error::Input(format!(
+        return Err(Error::Data(format!(
             "{}: expected models_info.json there, or in models_eval/ or models/, got none; give the \
              folder of the models, or that of the data set, in which it lies beside the splits",
             folder.display()
@@ -80,7 +81,7 @@ pub fn load_models(folder: &Path, wanted: impl Fn(u32) -> bool) -> Result<BTreeM
 impl Info {
     fn model(self, id: u32, place: &str, folder: &Path) -> Result<Model> {
         if !(self.diameter.is_finite() && self.diameter > 0.0) {
-            return Err(Error::Input(format!(
+            return Err(Error::Data(format!(
                 "{place}: expected a diameter in millimetres, got {}",
                 self.diameter
             )));
@@ -92,7 +93,7 @@ impl Info {
             .map(|(i, m)| {
                 let r = [m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]];
                 let place = format!("{place}: symmetries_discrete {i}");
-                motion(place, &r, &[m[3], m[7], m[11]])
+                motion(&place, &r, &[m[3], m[7], m[11]])
             })
             .collect::<Result<_>>()?;
         let continuous: Vec<ContinuousSymmetry> = self
@@ -100,7 +101,7 @@ impl Info {
             .iter()
             .map(|symmetry| {
                 let axis = Unit::try_new(Vector3::from(symmetry.axis), 1e-9).ok_or_else(|| {
-                    Error::Input(format!(
+                    Error::Data(format!(
                         "{place}: symmetries_continuous: expected an axis, got {:?}",
                         symmetry.axis
                     ))

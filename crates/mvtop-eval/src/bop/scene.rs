@@ -10,7 +10,7 @@ use serde::Deserialize;
 use super::annotation::{Annotation, load_annotations};
 use super::json::{MM, motion, read};
 use crate::{Error, Result};
-use mvtop_core::camera::{BrownConrady, Distortion, Lens};
+use mvtop_core::camera::{Intrinsics, Projection};
 
 /// Which image of a scene.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -32,7 +32,7 @@ pub struct Frame {
     /// File of the depth image that belongs to it.
     pub depth: Option<PathBuf>,
     /// Of its camera.
-    pub lens: Lens,
+    pub intrinsics: Intrinsics,
     /// Millimetres per unit of the depth image.
     pub depth_scale: f64,
     /// Camera frame to world frame, metres; `None` where the data set does not say where its camera
@@ -90,6 +90,14 @@ fn one() -> f64 {
     1.0
 }
 
+impl FrameId {
+    /// The name of its camera in a rig: `cam1_000012`, or `000012` without a sensor.
+    pub fn camera_id(&self) -> String {
+        let usable = |c: char| c.is_alphanumeric() || "._-".contains(c);
+        self.to_string().replace(|c| !usable(c), "_")
+    }
+}
+
 impl fmt::Display for FrameId {
     /// `cam1/000012`, or `000012` without a sensor.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -103,7 +111,7 @@ impl fmt::Display for FrameId {
 /// Numbers of a split's scenes.
 ///
 /// # Errors
-/// [`Error::Read`] where the folder cannot be read, [`Error::Input`] where it has no scenes.
+/// [`Error::Read`] where the folder cannot be read, [`Error::Data`] where it has no scenes.
 pub fn scene_ids(split: &Path) -> Result<Vec<u32>> {
     let entries = std::fs::read_dir(split).map_err(|cause| Error::Read {
         path: split.to_owned(),
@@ -118,7 +126,7 @@ pub fn scene_ids(split: &Path) -> Result<Vec<u32>> {
         .collect();
     ids.sort_unstable();
     if ids.is_empty() {
-        return Err(Error::Input(format!(
+        return Err(Error::Data(format!(
             "{}: expected scenes (000001/scene_camera.json, ...), got none; give the folder of the \
              data set with --dataset and the name of a split in it with --split",
             split.display()
@@ -152,7 +160,8 @@ impl Scene {
     /// Sensors without color or grey images, as of depth only, are left out.
     ///
     /// # Errors
-    /// [`Error::Read`] where a file cannot be read, [`Error::Input`] where it is not BOP's.
+    /// [`Error::Read`] where a file cannot be read, and another where it is
+    /// not BOP's.
     pub fn load(split: &Path, id: u32) -> Result<Self> {
         let folder = split.join(format!("{id:06}"));
         let mut frames = BTreeMap::new();
@@ -160,7 +169,7 @@ impl Scene {
             load_sensor(&folder, &sensor, &mut frames)?;
         }
         if frames.is_empty() {
-            return Err(Error::Input(format!(
+            return Err(Error::Data(format!(
                 "{}: expected scene_camera.json and images in rgb/ or gray/, got none; unpack the \
                  data set's images there",
                 folder.display()
@@ -208,7 +217,7 @@ fn load_sensor(folder: &Path, sensor: &str, frames: &mut BTreeMap<FrameId, Frame
         let frame = Frame {
             path,
             depth: find_image(&depth_folder, image),
-            lens: camera.lens(&place)?,
+            intrinsics: camera.intrinsics(&place)?,
             depth_scale: camera.depth_scale,
             world_from_cam: camera.world_from_cam(&place)?,
             objects: objects.collect::<Result<_>>()?,
@@ -240,9 +249,9 @@ fn find_image(folders: &[PathBuf], image: u32) -> Option<PathBuf> {
 }
 
 impl Camera {
-    fn lens(&self, place: &str) -> Result<Lens> {
+    fn intrinsics(&self, place: &str) -> Result<Intrinsics> {
         let Some(k) = self.k else {
-            return Err(Error::Input(format!(
+            return Err(Error::Data(format!(
                 "{place}: expected cam_K, got none; cameras described by cam_model are not \
                  supported, undistort their images to pinholes"
             )));
@@ -250,35 +259,25 @@ impl Camera {
         let [fx, skew, cx, zero_a, fy, cy, zero_b, zero_c, last] = k;
         let upper = [skew, zero_a, zero_b, zero_c] == [0.0; 4] && last == 1.0;
         if !(upper && fx > 0.0 && fy > 0.0 && k.iter().all(|x| x.is_finite())) {
-            return Err(Error::Input(format!(
+            return Err(Error::Data(format!(
                 "{place}: expected cam_K as [fx, 0, cx, 0, fy, cy, 0, 0, 1], got {k:?}"
             )));
         }
-        let distortion = match self.cam_dist.as_deref() {
-            Some(params) if params.iter().any(|&x| x != 0.0) => {
-                let lens = BrownConrady::new(params)
-                    .map_err(|error| Error::Input(format!("{place}: cam_dist: {error}")))?;
-                Distortion::BrownConrady(lens)
-            }
-            _ => Distortion::None,
-        };
-        Ok(Lens {
-            fx,
-            fy,
-            cx,
-            cy,
-            distortion,
-        })
+        let params = self.cam_dist.as_deref().unwrap_or_default();
+        let projection = Projection::from_params("pinhole", None, params)
+            .map_err(|error| Error::Data(format!("{place}: cam_dist: {error}")))?;
+        Intrinsics::new(fx, fy, cx, cy, projection)
+            .map_err(|error| Error::Data(format!("{place}: cam_K: {error}")))
     }
 
     fn world_from_cam(&self, place: &str) -> Result<Option<Isometry3<f64>>> {
         match (&self.r, &self.t) {
             (Some(r), Some(t)) => {
                 let place = format!("{place}: cam_R_w2c, cam_t_w2c");
-                Ok(Some(motion(place, r, t)?.inverse()))
+                Ok(Some(motion(&place, r, t)?.inverse()))
             }
             (None, None) => Ok(None),
-            _ => Err(Error::Input(format!(
+            _ => Err(Error::Data(format!(
                 "{place}: expected both cam_R_w2c and cam_t_w2c, got one of them"
             ))),
         }

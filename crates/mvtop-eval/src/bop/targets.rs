@@ -57,7 +57,7 @@ enum Image {
 /// Rows of the same views are put together, in the order of the first one.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it is none of these or
+/// [`Error::Read`] where the file cannot be read, [`Error::Data`] where it is none of these or
 /// empty.
 pub fn load_targets(path: &Path) -> Result<Vec<Target>> {
     let expected = "BOP's targets, [{\"scene_id\": N, \"im_id\": N or [[SENSOR, N], ...], ...}], \
@@ -78,7 +78,7 @@ pub fn load_targets(path: &Path) -> Result<Vec<Target>> {
     for row in rows {
         let views = row.im_id.views();
         if views.is_empty() {
-            return Err(Error::Input(format!(
+            return Err(Error::Data(format!(
                 "{}: scene {}: expected at least one image in im_id, got []",
                 path.display(),
                 row.scene_id
@@ -101,7 +101,7 @@ pub fn load_targets(path: &Path) -> Result<Vec<Target>> {
         }
     }
     if targets.is_empty() {
-        return Err(Error::Input(format!(
+        return Err(Error::Data(format!(
             "{}: expected at least one target, got an empty list",
             path.display()
         )));

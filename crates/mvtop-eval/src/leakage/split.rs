@@ -71,7 +71,7 @@ impl Files {
     /// folder itself where it is a scene.
     ///
     /// # Errors
-    /// [`Error::Read`] where a folder cannot be read, [`Error::Input`] where there is no such file.
+    /// [`Error::Read`] where a folder cannot be read, [`Error::Data`] where there is no such file.
     pub fn find(folder: &Path) -> Result<Self> {
         // Canonical, so that a file which two splits share is recognised.
         let folder = fs::canonicalize(folder).map_err(read_error(folder))?;
@@ -84,7 +84,7 @@ impl Files {
             }
         }
         if scenes.is_empty() {
-            return Err(Error::Input(format!(
+            return Err(Error::Data(format!(
                 "{}: expected a split, that is a folder of scene folders with scene_gt.json, or \
                  one such scene, got a folder with none; give the folder of the split, such as \
                  DATASET/test",
@@ -108,7 +108,7 @@ impl Files {
     /// Reads all files; `done` is told the size of each one read.
     ///
     /// # Errors
-    /// [`Error::Read`] where a file cannot be read, [`Error::Input`] where it does not hold poses.
+    /// [`Error::Read`] where a file cannot be read, [`Error::Data`] where it does not hold poses.
     pub fn read(&self, done: impl Fn(u64) + Sync) -> Result<Split> {
         let read: Vec<Vec<(u32, PoseRecord)>> = self
             .scenes

@@ -75,8 +75,8 @@ fn scene_is_read_in_metres() {
     assert_eq!(scene.frames.len(), 3);
     let view = &scene.frames[&id("", 2)];
     assert!(view.path.ends_with("rgb/000002.png"));
-    assert_eq!((view.lens.fx, view.lens.fy), (600.0, 610.0));
-    assert_eq!((view.lens.cx, view.lens.cy), (320.0, 240.0));
+    assert_eq!((view.intrinsics.fx(), view.intrinsics.fy()), (600.0, 610.0));
+    assert_eq!((view.intrinsics.cx(), view.intrinsics.cy()), (320.0, 240.0));
     assert_eq!(view.depth_scale, 0.1);
     let center = view.world_from_cam.unwrap() * Point3::origin();
     assert!((center - Point3::new(2.0, 0.0, 0.0)).norm() < 1e-9);
@@ -293,7 +293,7 @@ fn poses_of_few_digits_are_read_and_others_named() {
     let pose = scene.frames[&id("", 0)].objects[0].cam_from_obj;
     assert!((pose.rotation * Vector3::x() - Vector3::y()).norm() < 5e-3);
     let error = load([0., -1.2, 0., 1., 0., 0., 0., 0., 1.]).unwrap_err();
-    let named = "scene_gt.json: annotation 0 of image 0: expected a rotation in cam_R_m2c";
+    let named = "scene_gt.json: annotation 0 of image 0: cam_R_m2c: expected a rotation";
     assert!(error.to_string().contains(named), "{error}");
 }
 

@@ -1,6 +1,6 @@
 //! Metrics against what the BOP toolkit gives (`export/fixtures/metrics.py`), and cases worked by hand.
 
-use mvtop_core::{Distortion, Lens};
+use mvtop_core::{Intrinsics, Projection};
 use mvtop_eval::metrics::{
     BOP_MAX_STEP, ContinuousSymmetry, MatchingCost, Surface, Symmetries, VsdOptions,
     rotation_error_deg, translation_error, vsd,
@@ -49,17 +49,11 @@ impl Fixture {
         self.numbers(name).chunks_exact(16).map(motion).collect()
     }
 
-    fn lens(&self, name: &str) -> Lens {
+    fn intrinsics(&self, name: &str) -> Intrinsics {
         let [fx, fy, cx, cy] = self.numbers(name)[..] else {
             panic!("{name}")
         };
-        Lens {
-            fx,
-            fy,
-            cx,
-            cy,
-            distortion: Distortion::None,
-        }
+        Intrinsics::new(fx, fy, cx, cy, Projection::Pinhole).unwrap()
     }
 
     fn symmetries(&self, case: &str) -> Symmetries {
@@ -112,7 +106,7 @@ fn errors_are_those_of_the_toolkit() {
     for case in CASES {
         let surface = Surface::new(&fixture.points(&format!("{case}.points"))).unwrap();
         let symmetries = fixture.symmetries(case);
-        let lens = fixture.lens(&format!("{case}.lens"));
+        let intrinsics = fixture.intrinsics(&format!("{case}.lens"));
         let truths = fixture.motions(&format!("{case}.truth"));
         let estimates = fixture.motions(&format!("{case}.estimate"));
         let none = Symmetries::default();
@@ -121,7 +115,7 @@ fn errors_are_those_of_the_toolkit() {
             ("add", &|t, e| surface.add(t, e)),
             ("adi", &|t, e| surface.add_s(t, e)),
             ("mssd", &|t, e| surface.mssd(t, e, &symmetries)),
-            ("mspd", &|t, e| surface.mspd(t, e, &symmetries, &lens)),
+            ("mspd", &|t, e| surface.mspd(t, e, &symmetries, &intrinsics)),
             ("re", &|t, e| rotation_error_deg(t, e, &none)),
             ("te", &|t, e| translation_error(t, e, &none)),
             ("re_symmetric", &|t, e| {
@@ -198,7 +192,7 @@ fn vsd_is_that_of_the_toolkit() {
             .collect()
     };
     let [estimates, truths, measured] = ["vsd.estimate", "vsd.truth", "vsd.measured"].map(images);
-    let lens = fixture.lens("vsd.lens");
+    let intrinsics = fixture.intrinsics("vsd.lens");
     let taus = fixture.numbers("vsd.taus");
     let diameter = fixture.numbers("vsd.diameter")[0];
     let step = VsdOptions {
@@ -220,7 +214,14 @@ fn vsd_is_that_of_the_toolkit() {
         let expected = fixture.numbers(&format!("vsd.{name}"));
         assert_eq!(expected.len(), truths.len() * taus.len());
         for (i, expected) in expected.chunks_exact(taus.len()).enumerate() {
-            let ours = vsd(&estimates[i], &truths[i], &measured[i], &lens, &options).unwrap();
+            let ours = vsd(
+                &estimates[i],
+                &truths[i],
+                &measured[i],
+                &intrinsics,
+                &options,
+            )
+            .unwrap();
             for (ours, theirs) in ours.iter().zip(expected) {
                 assert!((ours - theirs).abs() < 1e-6, "{name} {i}: {ours} {theirs}");
             }
@@ -236,27 +237,27 @@ fn vsd_of_one_row_by_hand() {
     let estimate = row([1000., 1030., 0., 1000., 0.]);
     let measured = row([1000., 0., 1000., 500., 800.]);
     // So long a lens that distances are depths.
-    let lens = pinhole(1e6, 2.0, 0.0);
+    let intrinsics = pinhole(1e6, 2.0, 0.0);
     let mut options = VsdOptions {
         delta: 15.0,
         taus: vec![0.1, 0.2],
         diameter: Some(200.0),
         cost: MatchingCost::Step,
     };
-    let step = vsd(&estimate, &truth, &measured, &lens, &options).unwrap();
+    let step = vsd(&estimate, &truth, &measured, &intrinsics, &options).unwrap();
     // Off by 0.15 diameters in one of three visible pixels, and one that only the truth covers.
     assert_eq!(step, [2.0 / 3.0, 1.0 / 3.0]);
     options.cost = MatchingCost::TruncatedLinear;
-    let linear = vsd(&estimate, &truth, &measured, &lens, &options).unwrap();
+    let linear = vsd(&estimate, &truth, &measured, &intrinsics, &options).unwrap();
     assert_eq!(linear[0], 2.0 / 3.0);
     assert!((linear[1] - 1.75 / 3.0).abs() < 1e-9, "{linear:?}");
     let nothing = row([0.0; 5]);
     assert_eq!(
-        vsd(&nothing, &nothing, &measured, &lens, &options).unwrap(),
+        vsd(&nothing, &nothing, &measured, &intrinsics, &options).unwrap(),
         [1.0, 1.0]
     );
     let other = Array2::zeros((2, 5));
-    let error = vsd(&estimate, &truth, &other, &lens, &options).unwrap_err();
+    let error = vsd(&estimate, &truth, &other, &intrinsics, &options).unwrap_err();
     assert!(error.to_string().contains("5x2 (measured)"), "{error}");
 }
 
@@ -281,11 +282,11 @@ fn a_square_turned_by_a_quarter_by_hand() {
     let half = Symmetries::new(&[turn(PI)], &[], BOP_MAX_STEP).unwrap();
     let quarters: Vec<_> = [1., 2., 3.].map(|n| turn(n * FRAC_PI_2)).to_vec();
     let quarters = Symmetries::new(&quarters, &[], BOP_MAX_STEP).unwrap();
-    let lens = pinhole(100.0, 0.0, 0.0);
+    let intrinsics = pinhole(100.0, 0.0, 0.0);
     for (symmetries, mssd) in [(&none, 2.0), (&half, 2.0), (&quarters, 0.0)] {
         assert!((surface.mssd(&truth, &quarter, symmetries) - mssd).abs() < 1e-7);
         // 2 m at 5 m and 100 px.
-        let mspd = surface.mspd(&truth, &quarter, symmetries, &lens);
+        let mspd = surface.mspd(&truth, &quarter, symmetries, &intrinsics);
         assert!((mspd - 20.0 * mssd).abs() < 1e-6, "{mspd}");
         let rotation = rotation_error_deg(&truth, &quarter, symmetries);
         assert!((rotation - 45.0 * mssd).abs() < 1e-5, "{rotation}");
@@ -311,17 +312,25 @@ fn mspd_goes_through_the_true_lens_and_not_behind_the_camera() {
     );
     let none = Symmetries::default();
     let plain = pinhole(500.0, 320.0, 240.0);
-    let mut bent = plain.clone();
-    // Without coefficients the general way must give what the pinhole's gives.
-    bent.distortion = brown_conrady(&[]);
+    let bent = |k1| {
+        let projection = brown_conrady(&[k1, 0.0, 0.0, 0.0]);
+        Intrinsics::new(500.0, 500.0, 320.0, 240.0, projection).unwrap()
+    };
     let straight = surface.mspd(&truth, &estimate, &none, &plain);
-    assert!((surface.mspd(&truth, &estimate, &none, &bent) - straight).abs() < 1e-9);
-    bent.distortion = brown_conrady(&[-0.3, 0.0, 0.0, 0.0]);
+    // With next to no distortion the general way must give what the pinhole's gives.
+    assert!((surface.mspd(&truth, &estimate, &none, &bent(1e-16)) - straight).abs() < 1e-9);
+    let bent = bent(-0.3);
     assert!((surface.mspd(&truth, &estimate, &none, &bent) - straight).abs() > 0.1);
     let behind = Isometry3::translation(0., 0., -1.);
-    for lens in [&plain, &bent] {
-        assert_eq!(surface.mspd(&behind, &estimate, &none, lens), f64::INFINITY);
-        assert_eq!(surface.mspd(&truth, &behind, &none, lens), f64::INFINITY);
+    for intrinsics in [&plain, &bent] {
+        assert_eq!(
+            surface.mspd(&behind, &estimate, &none, intrinsics),
+            f64::INFINITY
+        );
+        assert_eq!(
+            surface.mspd(&truth, &behind, &none, intrinsics),
+            f64::INFINITY
+        );
     }
 }
 
