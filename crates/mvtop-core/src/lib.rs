@@ -2,6 +2,8 @@
 //!
 //! Modules in the order of the flow from images to poses, which [`estimator`] spells out.
 
+#![deny(missing_docs)]
+
 /// From images and a rig to poses: the whole way.
 pub mod estimator;
 

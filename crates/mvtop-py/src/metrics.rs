@@ -188,7 +188,7 @@ impl Mesh {
         };
         let size = [camera.width(), camera.height()];
         let depth = compute(py, || {
-            self.mesh.depth(&pose, &camera.intrinsics(), size, center)
+            self.mesh.depth(&pose, camera.intrinsics(), size, center)
         })?;
         Ok(F32(depth.map_err(python)?.into_dyn()))
     }
