@@ -44,6 +44,7 @@ images = 16
 crop = 64
 workers = 0
 log_steps = 5
+network = {closeup = 0, closeup_strides = []}
 """
 
 
@@ -233,7 +234,7 @@ def test_poses_are_learnt_from_closeups_on_a_frozen_backbone(dataset, tmp_path):
 
 def test_features_of_closeups_are_completed_after_a_kill(dataset, tmp_path, monkeypatch):
     obj = objects.ball()
-    config = configs.preset("tiny", MVBALL, closeup=64, closeup_strides=(16, 32))
+    config = configs.preset("tiny", MVBALL)
     torch.manual_seed(0)
     model = Mvtop(config).eval()
     scenes = bop.load_index(dataset, "train", obj)

@@ -1,4 +1,4 @@
-//! Our side of `training/mvtop_train/study/metrics_speed.py`: reads a scene, prints a line of JSON
+//! Our side of `benches/metrics_speed.py`: reads a scene, prints a line of JSON
 //! with the time and the value of each metric and pose.
 
 use std::hint::black_box;

@@ -87,6 +87,7 @@ PRESETS = {
         preset="tiny", width=160, height=128, backbone="conv", channels=(8, 16, 32, 32),
         strides=(8, 16, 32), d_model=32, heads=4, points=2, encoder_layers=1, decoder_layers=2,
         ffn=64, los_encoding="plucker_origin", geometry="rays",
+        closeup=64, closeup_strides=(16, 32),
     ),
     "small": Config(
         preset="small", width=512, height=384, backbone="conv", channels=(64, 128, 256, 256),

@@ -1,12 +1,9 @@
-use std::path::Path;
-
 use image::{Rgb, RgbImage};
 use mvtop_core::closeup::{CloseUp, FILL};
-use mvtop_core::{BBox, Camera, Intrinsics, Projection};
+use mvtop_core::{BBox, Camera};
 use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector3};
 use ndarray::Axis;
 use proptest::prelude::*;
-use safetensors::SafeTensors;
 
 use super::{camera, lenses, pinhole};
 
@@ -177,63 +174,6 @@ proptest! {
                     "{got} instead of {} at {row}, {column}",
                     expected[channel]
                 );
-            }
-        }
-    }
-}
-
-/// Against OpenCV, whose bilinear weights are multiples of 1/32.
-#[test]
-fn equals_the_training_side() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/closeup.safetensors");
-    let bytes = std::fs::read(path).unwrap();
-    let fixture = SafeTensors::deserialize(&bytes).unwrap();
-    let numbers = |name: &str| -> Vec<f64> {
-        let tensor = fixture.tensor(name).unwrap();
-        tensor
-            .data()
-            .chunks_exact(8)
-            .map(|bytes| f64::from_le_bytes(bytes.try_into().unwrap()))
-            .collect()
-    };
-    let image = fixture.tensor("image").unwrap();
-    let (height, width) = (image.shape()[0] as u32, image.shape()[1] as u32);
-    let image = RgbImage::from_raw(width, height, image.data().to_vec()).unwrap();
-    let k = numbers("k");
-    let lens = Intrinsics::new(k[0], k[4], k[2], k[5], Projection::Pinhole).unwrap();
-    let real = camera(lens, width, height);
-    let (boxes, pictures) = (numbers("boxes"), fixture.tensor("pictures").unwrap());
-    let (size, on_image) = (pictures.shape()[1], fixture.tensor("on_image").unwrap());
-    for (i, bbox) in boxes.chunks_exact(4).enumerate() {
-        let bbox = BBox::from([0, 1, 2, 3].map(|i| bbox[i]));
-        let closeup = CloseUp::new(&real, bbox, size as u32).unwrap();
-        close(closeup.camera.intrinsics().fx(), numbers("focals")[i], 1e-8);
-        for (side, expected) in <[f64; 4]>::from(closeup.bbox)
-            .into_iter()
-            .zip(&numbers("close_boxes")[4 * i..])
-        {
-            close(side, *expected, 1e-8);
-        }
-        let rotation = closeup.camera.world_from_cam().rotation.inverse();
-        let rotation = rotation.to_rotation_matrix();
-        for (n, expected) in numbers("close_from_cam")[9 * i..9 * i + 9]
-            .iter()
-            .enumerate()
-        {
-            close(rotation[(n / 3, n % 3)], *expected, 1e-9);
-        }
-        let ours = picture(&closeup, &real, &image);
-        let area = size * size;
-        for pixel in 0..area {
-            let theirs = &pictures.data()[3 * (i * area + pixel)..][..3];
-            let lies_on_it = on_image.data()[i * area + pixel] == 1;
-            for channel in 0..3 {
-                let got = 255.0 * f64::from(ours[(channel, pixel / size, pixel % size)]);
-                if lies_on_it {
-                    close(got, f64::from(theirs[channel]), 3.0);
-                } else {
-                    assert_eq!(got, 0.0);
-                }
             }
         }
     }

@@ -4,4 +4,5 @@ mod estimator;
 mod fixtures;
 mod onnx;
 mod parity;
+mod pipeline;
 mod reference;

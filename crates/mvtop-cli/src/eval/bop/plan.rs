@@ -1,16 +1,16 @@
-//! What `eval --dataset` goes through: scenes, groups of views, and the objects in them.
+//! What `eval bop` goes through: scenes, groups of views, and the objects in them.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use mvtop_core::annotations::{GivenBoxes, TruePose};
 use mvtop_core::{Camera, Estimator, Rig, ViewImage};
-use mvtop_eval::bop::{Group, Instance, Model, Scene, View, ViewId};
+use mvtop_eval::bop::{Frame, FrameId, Group, Instance, Model, Scene};
 use mvtop_eval::bop::{groups, load_models, load_targets, scene_ids};
 use nalgebra::Isometry3;
 
-use super::sample::Sample;
-use crate::args::Eval;
+use crate::eval::args::BopArgs;
+use crate::eval::sample::Sample;
 use crate::failure::{Failure, Result};
 
 /// Annotations of one object in two views are of the same one where its origins in the world are no
@@ -29,14 +29,14 @@ pub struct Plan {
 
 /// `000048/000001+000036`: scene, then views.
 pub fn name(group: &Group) -> String {
-    let views: Vec<String> = group.views.iter().map(ViewId::to_string).collect();
+    let views: Vec<String> = group.views.iter().map(FrameId::to_string).collect();
     format!("{:06}/{}", group.scene, views.join("+"))
 }
 
 impl Plan {
-    /// - `root`: folder of the data set
-    pub fn new(args: &Eval, root: &Path, estimator: &Estimator) -> Result<Self> {
+    pub fn new(args: &BopArgs, estimator: &Estimator) -> Result<Self> {
         let options = &args.split;
+        let root: &Path = &options.dataset;
         let classes: BTreeMap<u32, String> = estimator
             .bundle()
             .classes
@@ -85,7 +85,7 @@ impl Plan {
                 continue;
             }
             let scene = Scene::load(&folder, id)?;
-            let views = args.views.map(|views| views as usize);
+            let views = args.trial.views.map(|views| views as usize);
             let sensor = options.sensor.as_deref();
             let found = groups(&scene, options.grouping, views, sensor, of_scene.as_deref())?;
             let asked = found.into_iter().filter(|group| plan.asks(&scene, group));
@@ -108,7 +108,7 @@ impl Plan {
     /// Whether there is something to predict in a group; of images without annotations that is not
     /// known, so it is tried.
     fn asks(&self, scene: &Scene, group: &Group) -> bool {
-        let annotated = &scene.views[&group.views[0]].objects;
+        let annotated = &scene.frames[&group.views[0]].objects;
         annotated.is_empty()
             || annotated
                 .iter()
@@ -140,7 +140,7 @@ impl Plan {
     /// The images of a group, a rig of their cameras, and the objects annotated in the reference.
     pub fn load(&self, group: &Group) -> Result<Sample> {
         let scene = &self.scenes[&group.scene];
-        let views: Vec<&View> = group.views.iter().map(|id| &scene.views[id]).collect();
+        let views: Vec<&Frame> = group.views.iter().map(|id| &scene.frames[id]).collect();
         let mut cameras = Vec::new();
         let mut images = Vec::new();
         for view in &views {
@@ -203,7 +203,7 @@ impl Plan {
         &self,
         id: u32,
         world_from_obj: &Isometry3<f64>,
-        views: &[&View],
+        views: &[&Frame],
         rig: &Rig,
     ) -> GivenBoxes {
         let reach = SAME_OBJECT * self.models[&id].diameter_m;

@@ -2,7 +2,7 @@
 
     git clone https://github.com/thodan/bop_toolkit
     cargo build --release -p mvtop-benches --bin metrics_speed
-    PYTHONPATH=training:bop_toolkit python -m mvtop_train.study.metrics_speed
+    PYTHONPATH=training:bop_toolkit python benches/metrics_speed.py
 
 Each function is called once per pose, round after round, ours and theirs in turn, so that both see
 the machine in the same state; the least time of all rounds counts, as other work can only add to
@@ -21,10 +21,9 @@ for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[threads] = "1"
 
 import numpy as np  # noqa: E402 (after the threads)
+from mvtop_train.errors import UserError, command  # noqa: E402
+from mvtop_train.export.fixtures.metrics import Rendered, parts, pose, rotation  # noqa: E402
 from safetensors.numpy import save_file  # noqa: E402
-
-from ..errors import UserError, command  # noqa: E402
-from ..export.fixtures.metrics import Rendered, parts, pose, rotation  # noqa: E402
 
 SEED = 5
 POSES = 4

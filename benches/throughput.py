@@ -1,6 +1,6 @@
 """How fast batches are made, and how fast the network takes them: which one bounds a run.
 
-    python -m mvtop_train.training.throughput --config training/runs/small-cpu.toml
+    PYTHONPATH=training python benches/throughput.py --config training/runs/small-cpu.toml
 
 Views a second of one loader process (and its processor time per view, which other jobs on the
 machine do not change), of the training step on batches that are there already, and how many loader
@@ -13,13 +13,12 @@ import time
 from pathlib import Path
 
 import torch
-
-from ..data import batches, crops, objects
-from ..data.views import ViewMaker
-from ..errors import argument_parser, command
-from . import processes, runconfig
-from .checkpoint import TrainingState
-from .optimise import optimise
+from mvtop_train.data import batches, crops, objects
+from mvtop_train.data.views import ViewMaker
+from mvtop_train.errors import argument_parser, command
+from mvtop_train.training import processes, runconfig
+from mvtop_train.training.checkpoint import TrainingState
+from mvtop_train.training.optimise import optimise
 
 
 def _rate(make, seconds: float) -> float:
