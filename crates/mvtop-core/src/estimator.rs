@@ -96,6 +96,24 @@ impl Estimator {
     /// [`Error::UnknownClass`] and [`Error::Input`] where the images, the reference, the given boxes
     /// or the fewest views do not fit the rig or the bundle; [`Error::Shape`], [`Error::Pose`] and
     /// [`Error::Rotation6d`] where the network does not do its part.
+    ///
+    /// ```no_run
+    /// use std::path::Path;
+    /// use mvtop_core::{Estimator, Options, PredictOptions, Rig, ViewImage, image};
+    ///
+    /// let rig = Rig::load(Path::new("rig.json"))?;
+    /// let estimator = Estimator::load(Path::new("models/mvball"), &Options::default())?;
+    /// let mut images = Vec::new();
+    /// for (camera, file) in ["left.png", "right.png"].into_iter().enumerate() {
+    ///     let image = image::load(Path::new(file), &rig.cameras()[camera])?;
+    ///     images.push(ViewImage { camera, image });
+    /// }
+    /// let prediction = estimator.predict(&rig, &images, &PredictOptions::default())?;
+    /// for object in &prediction.objects {
+    ///     println!("{} at {} m", object.class, object.ref_from_obj.translation);
+    /// }
+    /// # Ok::<(), mvtop_core::Error>(())
+    /// ```
     pub fn predict(
         &self,
         rig: &Rig,

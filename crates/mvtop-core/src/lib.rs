@@ -16,7 +16,7 @@ pub mod camera;
 /// Rigid transforms from numbers, checked.
 pub mod transform;
 
-/// Boxes and poses that are known beforehand, from files.
+/// Boxes that are given and poses that are true, from files.
 pub mod annotations;
 
 mod bbox;
@@ -33,10 +33,10 @@ pub mod sampling;
 /// A model: its folder, checked.
 pub mod bundle;
 
-/// Networks in ONNX Runtime.
+/// Graphs in ONNX Runtime.
 pub mod onnx;
 
-/// The network's two halves as the estimator sees them.
+/// The network's parts as the estimator sees them.
 pub mod network;
 
 mod detect;

@@ -120,7 +120,7 @@ pub struct Gradients<'a> {
 
 /// A run of queries of one batch, and where their output goes.
 #[derive(Debug)]
-pub struct Block<'o> {
+pub(crate) struct Block<'o> {
     batch: usize,
     queries: Range<usize>,
     out: &'o mut [f32],
@@ -239,7 +239,7 @@ impl<'a> Sampling<'a> {
     ///
     /// # Errors
     /// [`Error::Shape`] when `out` is not `[B, Q, H·D]`.
-    pub fn blocks<'o>(&self, out: &'o mut [f32]) -> Result<Vec<Block<'o>>> {
+    pub(crate) fn blocks<'o>(&self, out: &'o mut [f32]) -> Result<Vec<Block<'o>>> {
         self.check_output("output", out.len())?;
         let per_query = self.dims.heads * self.dims.head_dim;
         let mut blocks = Vec::new();
@@ -261,7 +261,7 @@ impl<'a> Sampling<'a> {
     }
 
     /// Fills one block, which [`Sampling::blocks`] of the same problem has made.
-    pub fn sample(&self, block: Block<'_>) {
+    pub(crate) fn sample(&self, block: Block<'_>) {
         kernel::forward(&self.batch(block.batch, block.queries), block.out);
     }
 

@@ -68,6 +68,32 @@ fn a_bundle_is_read() {
 }
 
 #[test]
+fn closeups_have_a_size_and_a_graph_or_there_are_none() {
+    let closeup = || json!({"size": 160, "strides": [16, 32]});
+    let dir = bundle(|m| {
+        m["closeup"] = closeup();
+        m["graphs"]["closeup"] = json!("f.onnx");
+    });
+    let expected = CloseUps {
+        size: 160,
+        strides: vec![16, 32],
+        graph: dir.path().join("f.onnx"),
+    };
+    let poses = Bundle::load(dir.path()).unwrap().poses;
+    assert_eq!(poses, PoseInput::CloseUps(expected));
+
+    let no_graph = refusal(|m| m["closeup"] = closeup());
+    assert!(no_graph.contains("got one of them"), "{no_graph}");
+    let no_size = refusal(|m| m["graphs"]["closeup"] = json!("f.onnx"));
+    assert!(no_size.contains("got one of them"), "{no_size}");
+    let uneven = refusal(|m| {
+        m["closeup"] = json!({"size": 160, "strides": [16, 48]});
+        m["graphs"]["closeup"] = json!("f.onnx");
+    });
+    assert!(uneven.contains("strides that divide it"), "{uneven}");
+}
+
+#[test]
 fn threshold_of_agreeing_boxes_may_be_left_out() {
     let agree_threshold = |dir: tempfile::TempDir| {
         let detector = Bundle::load(dir.path()).unwrap().detector;

@@ -5,3 +5,4 @@ mod fixtures;
 mod onnx;
 mod parity;
 mod pipeline;
+mod reference;
