@@ -122,7 +122,7 @@ impl Pictures {
         let mut taken = BTreeSet::from([SHEET.to_owned()]);
         let mut files = Vec::new();
         for (camera, _) in images {
-            let mut name = file_name(&rig.cameras()[*camera].id());
+            let mut name = file_name(rig.cameras()[*camera].id());
             if !taken.insert(name.clone()) {
                 name = format!("{camera}_{name}");
                 taken.insert(name.clone());

@@ -204,7 +204,7 @@ impl Estimator {
             for (q, &i) in members.iter().enumerate() {
                 poses.push((
                     i,
-                    decoded_pose(&shown[0].camera.world_from_cam(), &decoded, q)?,
+                    decoded_pose(shown[0].camera.world_from_cam(), &decoded, q)?,
                 ));
             }
         }
@@ -233,7 +233,7 @@ impl Estimator {
                 let memory = memory.select(Axis(0), &rows);
                 let decoded = self.network.decode(memory.view(), &queries)?;
                 decoded.check(1)?;
-                decoded_pose(&shown[0].camera.world_from_cam(), &decoded, 0)
+                decoded_pose(shown[0].camera.world_from_cam(), &decoded, 0)
             });
             poses.push(mean_pose(&anchored.collect::<Result<Vec<Pose>>>()?));
             start += views;
@@ -262,7 +262,7 @@ impl Estimator {
         };
         let world_from_anchor = pictures[0].camera.world_from_cam();
         for (row, picture) in pictures.iter().enumerate() {
-            let anchor_from_cam = world_from_anchor.inv_mul(&picture.camera.world_from_cam());
+            let anchor_from_cam = world_from_anchor.inv_mul(picture.camera.world_from_cam());
             let rays = encode(picture.camera_rays.view(), &anchor_from_cam, encoding);
             queries.rays.index_axis_mut(Axis(0), row).assign(&rays);
             for (q, (_, boxes)) in objects.iter().enumerate() {

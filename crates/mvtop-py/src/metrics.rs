@@ -126,7 +126,7 @@ impl Surface {
         symmetries: Option<PyRef<Symmetries>>,
     ) -> PyResult<F64> {
         let symmetries = or_none(symmetries);
-        let intrinsics = &camera.core().intrinsics();
+        let intrinsics = camera.core().intrinsics();
         pairs(py, POSE, &truth, &estimate, |truth, estimate| {
             self.0.mspd(truth, estimate, &symmetries, intrinsics)
         })
@@ -170,7 +170,7 @@ impl Mesh {
         };
         let size = [camera.width(), camera.height()];
         let depth = compute(py, || {
-            self.0.depth(&pose, &camera.intrinsics(), size, center)
+            self.0.depth(&pose, camera.intrinsics(), size, center)
         })?;
         Ok(F32(depth.map_err(python)?.into_dyn()))
     }
@@ -217,7 +217,7 @@ pub fn vsd(
             false => metrics::MatchingCost::Step,
         },
     };
-    let intrinsics = &camera.core().intrinsics();
+    let intrinsics = camera.core().intrinsics();
     py.detach(|| metrics::vsd(&estimate, &truth, &measured, intrinsics, &options))
         .map_err(python)
 }

@@ -127,7 +127,7 @@ impl Scored {
             mspd_px640: estimate
                 .map(|pose| {
                     let (truth, pose) = (cam_from_world * truth, cam_from_world * pose);
-                    let px = surface.mspd(&truth, &pose, symmetries, &camera.intrinsics());
+                    let px = surface.mspd(&truth, &pose, symmetries, camera.intrinsics());
                     px * MSPD_WIDTH / f64::from(camera.width())
                 })
                 .filter(|px| px.is_finite()),

@@ -67,7 +67,7 @@ pub fn detected(
         let boxes = features.det_boxes.index_axis(Axis(0), v);
         let ref_from_cam = reference
             .world_from_cam()
-            .inv_mul(&view.camera.world_from_cam());
+            .inv_mul(view.camera.world_from_cam());
         // A box that the lens gives no rays for cannot be decoded.
         let (found, lines) = peaks(scores, boxes, faintest, f64::from(nms_iou))
             .into_iter()
