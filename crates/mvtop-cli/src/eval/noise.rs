@@ -146,7 +146,7 @@ mod tests {
         let noisy = rig_noise(1.5, 20.0).disturb_rig(&rig(), "000003").unwrap();
         for (i, (exact, noisy)) in rig().cameras().iter().zip(noisy.cameras()).enumerate() {
             let (deg, m) = if i == 1 { (0.0, 0.0) } else { (1.5, 0.02) };
-            let (exact, noisy) = (&exact.world_from_cam(), &noisy.world_from_cam());
+            let (exact, noisy) = (exact.world_from_cam(), noisy.world_from_cam());
             let turned = rotation_error_deg(&exact.rotation, &noisy.rotation);
             let moved = (exact.translation.vector - noisy.translation.vector).norm();
             assert!(
