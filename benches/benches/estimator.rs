@@ -3,7 +3,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use mvtop_benches::repository;
 use mvtop_core::estimator::{Estimator, Options, PredictOptions};
-use mvtop_core::{Rig, image};
+use mvtop_core::{Camera, Rig, ViewImage, image};
 
 fn estimator(c: &mut Criterion) {
     let model = repository("models/mvball");
@@ -16,19 +16,19 @@ fn estimator(c: &mut Criterion) {
     let mut group = c.benchmark_group("estimator");
     for views in [1, 2, 4, 8] {
         // The example has two views; more repeat them under other names.
-        let mut rig = example.clone();
-        rig.cameras.clear();
-        let mut images = Vec::new();
-        for (view, camera) in example.cameras.iter().cycle().take(views).enumerate() {
-            let file = folder.join(format!("{}.png", camera.id));
-            images.push((
-                view,
-                image::load(&file, camera).expect("an image of the example"),
-            ));
-            let mut camera = camera.clone();
-            camera.id = format!("view{view}");
-            rig.cameras.push(camera);
+        let (mut cameras, mut images) = (Vec::new(), Vec::new());
+        for (view, camera) in example.cameras().iter().cycle().take(views).enumerate() {
+            let file = folder.join(format!("{}.png", camera.id()));
+            images.push(ViewImage {
+                camera: view,
+                image: image::load(&file, camera).expect("an image of the example"),
+            });
+            let size = [camera.width(), camera.height()];
+            let (intrinsics, pose) = (camera.intrinsics().clone(), *camera.world_from_cam());
+            let camera = Camera::new(format!("view{view}"), size, intrinsics, pose);
+            cameras.push(camera.expect("the example's camera"));
         }
+        let rig = Rig::new(cameras, 0).expect("a rig");
         group.bench_function(format!("{views} views"), |b| {
             b.iter(|| {
                 estimator

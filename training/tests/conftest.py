@@ -13,13 +13,14 @@ from mvtop_train.network.model import Mvtop  # noqa: E402
 from mvtop_train.network.views import Pictures, Views  # noqa: E402
 
 MVBALL = objects.classes_of(objects.ball())
+WHOLE = {"closeup": 0, "closeup_strides": ()}  # poses from whole images
 
 
 @pytest.fixture(scope="session")
 def tiny():
-    """The tiny network with random weights, made to use all its inputs."""
+    """The tiny network, of whole images, with random weights, made to use all its inputs."""
     torch.manual_seed(3)
-    model = Mvtop(config.preset("tiny", MVBALL)).eval()
+    model = Mvtop(config.preset("tiny", MVBALL, **WHOLE)).eval()
     for name, parameter in model.named_parameters():
         if "offsets.weight" in name or "weights.weight" in name:
             torch.nn.init.normal_(parameter, std=0.05)

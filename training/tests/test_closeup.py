@@ -59,7 +59,7 @@ def test_boxes_are_jittered_without_bias():
 @pytest.fixture(scope="module")
 def model():
     torch.manual_seed(2)
-    return Mvtop(config.preset("tiny", MVBALL, closeup=64, closeup_strides=(16, 32))).eval()
+    return Mvtop(config.preset("tiny", MVBALL)).eval()
 
 
 @pytest.mark.parametrize("half", [False, True])

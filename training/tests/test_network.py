@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from conftest import MVBALL, random_pose, random_views
+from conftest import MVBALL, WHOLE, random_pose, random_views
 
 from mvtop_train.errors import UserError
 from mvtop_train.network import config
@@ -66,7 +66,7 @@ def test_a_masked_query_changes_no_other(tiny):
 def test_two_views_fuse_as_in_the_paper():
     """Concat(f_1, f_2) W^p with W^p = [W_reference; W_others]."""
     torch.manual_seed(0)
-    attention = ImageAttention(config.preset("tiny", MVBALL, geometry="image"))
+    attention = ImageAttention(config.preset("tiny", MVBALL, geometry="image", **WHOLE))
     d = 32
     gathered = torch.randn(1, 2, 3, 4, d // 4)
     fused = attention.fuse(gathered, torch.randn(1, 2, 3, 4), torch.ones(1, 2, 3))
@@ -82,7 +82,9 @@ def test_every_variant_builds_and_gives_finite_poses(geometry, encoding):
     from mvtop_train.network.model import Mvtop
 
     torch.manual_seed(0)
-    model = Mvtop(config.preset("tiny", MVBALL, geometry=geometry, los_encoding=encoding)).eval()
+    model = Mvtop(
+        config.preset("tiny", MVBALL, geometry=geometry, los_encoding=encoding, **WHOLE)
+    ).eval()
     assert torch.isfinite(last_pose(model, random_views(model.config, 2))).all()
 
 

@@ -17,10 +17,11 @@ from mvtop_train.data.inputs import to_views
 from mvtop_train.data.views import ViewMaker, collate
 from mvtop_train.errors import UserError
 from mvtop_train.network import config as configs
+from mvtop_train.network import losses
 from mvtop_train.network.model import Mvtop
 from mvtop_train.synthesis.generate import scene_views
 from mvtop_train.synthesis.gl import open_gl
-from mvtop_train.training import loop, losses, pipeline, runconfig
+from mvtop_train.training import loop, pipeline, runconfig
 from mvtop_train.training.checkpoint import load_weights
 
 
@@ -43,6 +44,7 @@ images = 16
 crop = 64
 workers = 0
 log_steps = 5
+network = {closeup = 0, closeup_strides = []}
 """
 
 
@@ -232,7 +234,7 @@ def test_poses_are_learnt_from_closeups_on_a_frozen_backbone(dataset, tmp_path):
 
 def test_features_of_closeups_are_completed_after_a_kill(dataset, tmp_path, monkeypatch):
     obj = objects.ball()
-    config = configs.preset("tiny", MVBALL, closeup=64, closeup_strides=(16, 32))
+    config = configs.preset("tiny", MVBALL)
     torch.manual_seed(0)
     model = Mvtop(config).eval()
     scenes = bop.load_index(dataset, "train", obj)

@@ -1,10 +1,10 @@
-//! Our side of `training/mvtop_train/study/metrics_speed.py`: reads a scene, prints a line of JSON
+//! Our side of `benches/metrics_speed.py`: reads a scene, prints a line of JSON
 //! with the time and the value of each metric and pose.
 
 use std::hint::black_box;
 use std::time::Instant;
 
-use mvtop_core::{Distortion, Lens};
+use mvtop_core::{Intrinsics, Projection};
 use mvtop_eval::metrics::{
     BOP_MAX_STEP, ContinuousSymmetry, MatchingCost, Surface, Symmetries, VSD_TAUS, VsdOptions, vsd,
 };
@@ -48,14 +48,15 @@ fn main() {
     let surface = Surface::new(&points).expect("points");
     let (truth, estimate) = (motions("truth"), motions("estimate"));
     let (depth_truth, depth_estimate) = (images("depth_truth"), images("depth_estimate"));
-    let lens = numbers("lens");
-    let lens = Lens {
-        fx: lens[0],
-        fy: lens[1],
-        cx: lens[2],
-        cy: lens[3],
-        distortion: Distortion::None,
-    };
+    let intrinsics = numbers("lens");
+    let intrinsics = Intrinsics::new(
+        intrinsics[0],
+        intrinsics[1],
+        intrinsics[2],
+        intrinsics[3],
+        Projection::Pinhole,
+    )
+    .expect("a camera");
     let turn = ContinuousSymmetry {
         axis: Vector3::z_axis(),
         offset: Point3::origin(),
@@ -81,17 +82,17 @@ fn main() {
             surface.mssd(&truth[i], &estimate[i], &turns)
         }),
         ("mspd", &|i| {
-            surface.mspd(&truth[i], &estimate[i], &none, &lens)
+            surface.mspd(&truth[i], &estimate[i], &none, &intrinsics)
         }),
         ("mspd_turns", &|i| {
-            surface.mspd(&truth[i], &estimate[i], &turns, &lens)
+            surface.mspd(&truth[i], &estimate[i], &turns, &intrinsics)
         }),
         ("vsd", &|i| {
             let errors = vsd(
                 &depth_estimate[i],
                 &depth_truth[i],
                 &measured,
-                &lens,
+                &intrinsics,
                 &options,
             );
             let errors = errors.expect("images of one size");

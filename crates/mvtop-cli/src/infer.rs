@@ -3,14 +3,14 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use image::RgbImage;
-use mvtop_core::known::KnownPose;
+use mvtop_core::annotations::TruePose;
 use mvtop_core::report::Report;
-use mvtop_core::{Estimator, PredictOptions, Prediction, Rig, known, overlay};
+use mvtop_core::{Estimator, PredictOptions, Prediction, Rig, ViewImage, annotations, overlay};
 
 use crate::args::Infer;
-use crate::failure::{Failure, Result, may_write, print};
-use crate::{model_dir, table};
+use crate::failure::{Failure, Result};
+use crate::write::{may_write, pretty_json, print};
+use crate::{model_dir, table, write};
 
 /// File name of all views side by side.
 const SHEET: &str = "all_views.png";
@@ -20,20 +20,26 @@ pub fn run(args: &Infer) -> Result<()> {
     let files = assign(&rig, &args.images)?;
     let options = PredictOptions {
         reference: args.reference.clone(),
-        boxes: args.boxes.as_deref().map(known::load_boxes).transpose()?,
+        boxes: args
+            .boxes
+            .as_deref()
+            .map(annotations::load_boxes)
+            .transpose()?,
         min_views: args.detection.min_views as usize,
     };
-    let truth = args.truth.as_deref().map(known::load_poses).transpose()?;
+    let truth = args
+        .truth
+        .as_deref()
+        .map(annotations::load_truth)
+        .transpose()?;
     let pictures = match &args.overlay {
         Some(dir) => Some(Pictures::plan(dir, &rig, &files, args.force)?),
         None => None,
     };
     let mut images = Vec::new();
     for (camera, path) in files {
-        images.push((
-            camera,
-            mvtop_core::image::load(&path, &rig.cameras[camera])?,
-        ));
+        let image = mvtop_core::image::load(&path, &rig.cameras()[camera])?;
+        images.push(ViewImage { camera, image });
     }
     let estimator = Estimator::load(
         &model_dir::find(args.network.model.as_deref())?,
@@ -50,9 +56,7 @@ pub fn run(args: &Infer) -> Result<()> {
         None => Vec::new(),
     };
     if args.json {
-        let report = serde_json::to_string_pretty(&Report::new(&prediction, &rig))
-            .map_err(|cause| Failure(format!("cannot write JSON: {cause}")))?;
-        return print(&report);
+        return print(&pretty_json(&Report::new(&prediction, &rig))?);
     }
     print(&table::objects(&prediction, &rig))?;
     if let Some(truth) = &truth {
@@ -70,11 +74,7 @@ pub fn run(args: &Infer) -> Result<()> {
 
 /// Which camera each image belongs to.
 fn assign(rig: &Rig, images: &[PathBuf]) -> Result<Vec<(usize, PathBuf)>> {
-    let ids: Vec<&str> = rig
-        .cameras
-        .iter()
-        .map(|camera| camera.id.as_str())
-        .collect();
+    let ids: Vec<&str> = rig.cameras().iter().map(|camera| camera.id()).collect();
     let ids = ids.join(", ");
     let mut named = Vec::new();
     for image in images {
@@ -101,11 +101,11 @@ fn assign(rig: &Rig, images: &[PathBuf]) -> Result<Vec<(usize, PathBuf)>> {
                 .into(),
         ));
     }
-    if images.len() != rig.cameras.len() {
+    if images.len() != rig.cameras().len() {
         return Err(Failure(format!(
             "expected {} images, one for each camera of the rig ({ids}), got {}; to use some of \
              the cameras, give each image as ID=PATH",
-            rig.cameras.len(),
+            rig.cameras().len(),
             images.len()
         )));
     }
@@ -126,7 +126,7 @@ impl Pictures {
         let mut taken = BTreeSet::from([SHEET.to_owned()]);
         let mut files = Vec::new();
         for (camera, _) in images {
-            let mut name = file_name(&rig.cameras[*camera].id);
+            let mut name = file_name(rig.cameras()[*camera].id());
             if !taken.insert(name.clone()) {
                 name = format!("{camera}_{name}");
                 taken.insert(name.clone());
@@ -161,11 +161,10 @@ impl Pictures {
         prediction: &Prediction,
         estimator: &Estimator,
         rig: &Rig,
-        images: &[(usize, RgbImage)],
-        truth: &[KnownPose],
+        images: &[ViewImage],
+        truth: &[TruePose],
     ) -> Result<Vec<PathBuf>> {
-        std::fs::create_dir_all(&self.dir)
-            .map_err(|cause| Failure(format!("cannot make {}: {cause}", self.dir.display())))?;
+        write::folder(&self.dir)?;
         let bundle = estimator.bundle();
         let mut drawn = overlay::draw_prediction(prediction, &bundle.classes, rig, images);
         for known in truth {
@@ -174,9 +173,9 @@ impl Pictures {
                 continue;
             };
             let diameter_m = bundle.classes[class].diameter_m;
-            for (picture, (index, _)) in drawn.iter_mut().zip(images) {
-                let camera = &rig.cameras[*index];
-                *picture = overlay::draw_known(picture, camera, &known.world_from_obj, diameter_m);
+            for (picture, view) in drawn.iter_mut().zip(images) {
+                let camera = &rig.cameras()[view.camera];
+                *picture = overlay::draw_truth(picture, camera, &known.world_from_obj, diameter_m);
             }
         }
         let sheet = overlay::contact_sheet(&drawn);

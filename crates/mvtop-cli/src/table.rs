@@ -1,6 +1,6 @@
 //! Poses as text for people.
 
-use mvtop_core::known::KnownPose;
+use mvtop_core::annotations::TruePose;
 use mvtop_core::pose::{rotation_error_deg, translation_error, wxyz};
 use mvtop_core::prediction::ObjectPose;
 use mvtop_core::{Prediction, Rig};
@@ -10,7 +10,7 @@ use crate::matching::matches;
 
 /// The objects, one row each, then the timings.
 pub fn objects(prediction: &Prediction, rig: &Rig) -> String {
-    let reference = &rig.cameras[prediction.reference].id;
+    let reference = rig.cameras()[prediction.reference].id();
     let mut lines = Vec::new();
     if prediction.objects.is_empty() {
         lines.push("no object detected".to_owned());
@@ -48,8 +48,8 @@ pub fn objects(prediction: &Prediction, rig: &Rig) -> String {
 }
 
 /// Predicted poses beside the known ones.
-pub fn compared(prediction: &Prediction, truth: &[KnownPose], rig: &Rig) -> String {
-    let world_from_ref = rig.cameras[prediction.reference].world_from_cam;
+pub fn compared(prediction: &Prediction, truth: &[TruePose], rig: &Rig) -> String {
+    let world_from_ref = rig.cameras()[prediction.reference].world_from_cam();
     let mut lines = Vec::new();
     for (known, found) in truth.iter().zip(matches(truth, prediction)) {
         let ref_from_obj = world_from_ref.inv_mul(&known.world_from_obj);
@@ -86,8 +86,6 @@ fn pose(pose: &Isometry3<f64>) -> String {
 
 fn detected_in(object: &ObjectPose, rig: &Rig) -> String {
     let seen = object.cameras.iter().filter(|seen| seen.bbox.is_some());
-    let ids: Vec<&str> = seen
-        .map(|seen| rig.cameras[seen.camera].id.as_str())
-        .collect();
+    let ids: Vec<&str> = seen.map(|seen| rig.cameras()[seen.camera].id()).collect();
     ids.join(" ")
 }

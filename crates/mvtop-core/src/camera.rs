@@ -1,96 +1,157 @@
-//! A calibrated camera: its lens, between points and pixels, and its place in the world.
+//! A calibrated camera: its intrinsics, between points and pixels, and its place in the world.
 //!
 //! Camera frame: x right, y down, z forward. Pixels: integer coordinates are pixel centers, the
 //! top-left one at (0, 0).
 
-pub mod brown_conrady;
-pub mod kannala_brandt;
+mod intrinsics;
+#[macro_use]
+pub(crate) mod projection;
 mod radial;
 
-use nalgebra::{Isometry3, Point2, Point3, Unit, Vector3};
+use nalgebra::{Isometry3, Point2, Point3, Vector3};
 
-pub use brown_conrady::BrownConrady;
-pub use kannala_brandt::KannalaBrandt;
+pub use intrinsics::Intrinsics;
+pub use projection::ProjectionModel;
+
+use crate::{Error, Result, transform};
+
+// Every model of projection: its file and its type.
+projections! {
+    brown_conrady: BrownConrady,
+    kannala_brandt: KannalaBrandt,
+}
+
+/// Longest image side, px: far above real cameras, low enough to bound memory.
+const LONGEST_SIDE: u32 = 20_000;
+/// Longest id, bytes; ids become parts of file names.
+const LONGEST_ID: usize = 100;
 
 /// One camera of a rig.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
-    pub id: String,
+    id: String,
+    width: u32,
+    height: u32,
+    intrinsics: Intrinsics,
+    world_from_cam: Isometry3<f64>,
+}
+
+impl Camera {
+    /// A camera whose every value is believable.
+    ///
+    /// - `id`: letters, digits, `_`, `-` and `.`, as it becomes part of file names
+    /// - `[width, height]`: size of its images, px
+    /// - `world_from_cam`: camera frame to world frame, metres
+    ///
+    /// # Errors
+    /// [`Error::Camera`] for an id that is no part of a file name, a side that is not 1 to 20000 px,
+    /// a focal length below a hundredth of the image's side, a principal point more than one image
+    /// size outside the image, or a pose that is not finite, not of unit rotation or too far away.
+    ///
+    /// ```
+    /// use mvtop_core::camera::{Camera, Intrinsics, Projection};
+    /// use nalgebra::{Isometry3, Point3};
+    ///
+    /// let intrinsics = Intrinsics::new(500.0, 510.0, 320.0, 240.0, Projection::Pinhole)?;
+    /// let camera = Camera::new("left", [640, 480], intrinsics, Isometry3::identity())?;
+    /// let pixel = camera.intrinsics().project(&Point3::new(0.1, -0.2, 2.0)).expect("in front");
+    /// assert_eq!([pixel.x, pixel.y], [345.0, 189.0]);
+    /// # Ok::<(), mvtop_core::Error>(())
+    /// ```
+    pub fn new(
+        id: impl Into<String>,
+        [width, height]: [u32; 2],
+        intrinsics: Intrinsics,
+        world_from_cam: Isometry3<f64>,
+    ) -> Result<Self> {
+        let id = id.into();
+        if let Some(problem) = id_problem(&id) {
+            return Err(Error::Camera(format!("camera: {problem}")));
+        }
+        let checked = side("width", width)
+            .and_then(|()| side("height", height))
+            .and_then(|()| intrinsics.check_size(width, height))
+            .and_then(|()| {
+                transform::check(&world_from_cam).map_err(|cause| format!("its pose: {cause}"))
+            });
+        match checked {
+            Ok(()) => Ok(Self {
+                id,
+                width,
+                height,
+                intrinsics,
+                world_from_cam,
+            }),
+            Err(problem) => Err(Error::Camera(format!("camera `{id}`: {problem}"))),
+        }
+    }
+
+    /// Its name, unique in a rig and usable in file names.
+    pub fn id(&self) -> &str {
+        &self.id
+    }
+
     /// Image width, px.
-    pub width: u32,
+    pub fn width(&self) -> u32 {
+        self.width
+    }
+
     /// Image height, px.
-    pub height: u32,
-    pub lens: Lens,
+    pub fn height(&self) -> u32 {
+        self.height
+    }
+
+    /// Between points of the camera frame and pixels.
+    pub fn intrinsics(&self) -> &Intrinsics {
+        &self.intrinsics
+    }
+
     /// Camera frame to world frame, metres.
-    pub world_from_cam: Isometry3<f64>,
-}
-
-/// Intrinsics and distortion, in OpenCV's conventions.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Lens {
-    /// Focal lengths, px.
-    pub fx: f64,
-    pub fy: f64,
-    /// Principal point, px.
-    pub cx: f64,
-    pub cy: f64,
-    pub distortion: Distortion,
-}
-
-/// What happens to a ray before the pinhole's `(fx, fy, cx, cy)`.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Distortion {
-    /// An ideal pinhole.
-    None,
-    /// A pinhole with radial and tangential distortion.
-    BrownConrady(BrownConrady),
-    /// A fisheye.
-    KannalaBrandt(KannalaBrandt),
-}
-
-impl Lens {
-    /// Pixel at which the lens images a point of the camera frame (any unit of length).
-    ///
-    /// `None` for a point that the lens cannot image: behind the camera (pinholes), or past the
-    /// angle at which the distortion would fold the image back onto itself.
-    pub fn project(&self, point: &Point3<f64>) -> Option<Point2<f64>> {
-        let image = match &self.distortion {
-            Distortion::None => Some(on_plane(point)?),
-            Distortion::BrownConrady(lens) => lens.distort(&on_plane(point)?),
-            Distortion::KannalaBrandt(lens) => lens.project(point),
-        }?;
-        finite(Point2::new(
-            self.fx * image.x + self.cx,
-            self.fy * image.y + self.cy,
-        ))
+    pub fn world_from_cam(&self) -> &Isometry3<f64> {
+        &self.world_from_cam
     }
 
-    /// Direction, in the camera frame, of the ray that the lens images at a pixel.
+    /// The same camera at another place.
     ///
-    /// The exact inverse of [`Lens::project`], by Newton's method run until it settles; `None`
-    /// where it does not, or where no ray within the lens's range meets the pixel.
-    pub fn unproject(&self, pixel: &Point2<f64>) -> Option<Unit<Vector3<f64>>> {
-        let image = finite(Point2::new(
-            (pixel.x - self.cx) / self.fx,
-            (pixel.y - self.cy) / self.fy,
-        ))?;
-        let ray = match &self.distortion {
-            Distortion::None => image.coords.push(1.0),
-            Distortion::BrownConrady(lens) => lens.undistort(&image)?.coords.push(1.0),
-            Distortion::KannalaBrandt(lens) => lens.unproject(&image)?,
-        };
-        // The norm of a ray that overflowed is no longer 1.
-        Unit::try_new(ray, 0.0).filter(|ray| (ray.norm() - 1.0).abs() < 1e-9)
+    /// # Errors
+    /// As [`Camera::new`].
+    pub fn moved_to(&self, world_from_cam: Isometry3<f64>) -> Result<Self> {
+        let size = [self.width, self.height];
+        Self::new(
+            self.id.as_str(),
+            size,
+            self.intrinsics.clone(),
+            world_from_cam,
+        )
     }
 }
 
-/// The point on the plane z = 1, `None` unless it lies in front of the camera.
-fn on_plane(point: &Point3<f64>) -> Option<Point2<f64>> {
-    (point.z > 0.0)
-        .then(|| Point2::new(point.x / point.z, point.y / point.z))
-        .and_then(finite)
+/// What is wrong with an id, if anything.
+pub(crate) fn id_problem(id: &str) -> Option<String> {
+    let usable = |c: char| c.is_alphanumeric() || "._-".contains(c);
+    let problem = if id.is_empty() {
+        "is empty".to_owned()
+    } else if id.len() > LONGEST_ID {
+        format!("is longer than {LONGEST_ID} bytes")
+    } else if !id.chars().all(usable) || id.starts_with(['.', '-']) {
+        "cannot be part of a file name; use letters, digits, `_`, `-` and `.`, starting with a \
+         letter, a digit or `_`"
+            .to_owned()
+    } else {
+        return None;
+    };
+    let id: String = id.chars().take(LONGEST_ID).collect();
+    Some(format!("the id {id:?} {problem}"))
 }
 
-fn finite(point: Point2<f64>) -> Option<Point2<f64>> {
-    (point.x.is_finite() && point.y.is_finite()).then_some(point)
+fn side(key: &str, side: u32) -> Result<(), String> {
+    if (1..=LONGEST_SIDE).contains(&side) {
+        Ok(())
+    } else {
+        Err(side_problem(key, &side.to_string()))
+    }
+}
+
+pub(crate) fn side_problem(key: &str, got: &str) -> String {
+    format!("`{key}` must be a whole number of pixels from 1 to {LONGEST_SIDE}, got {got}")
 }

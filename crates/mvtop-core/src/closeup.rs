@@ -1,4 +1,5 @@
-//! Close-ups: what a box shows, through a virtual camera of its own.
+//! Close-ups: what a box shows, through a virtual camera of its own. A close-up is a crop of the
+//! image's region of interest (RoI), taken as a camera would take it instead of cut out.
 //!
 //! The camera stands where the real one does, looks at the middle of the box, turned as little as
 //! possible, and has the focal length at which the box's longer side fills [`FILL`] of the picture.
@@ -10,7 +11,8 @@ use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};
 use ndarray::{Array2, Array3, Axis};
 use rayon::prelude::*;
 
-use crate::camera::{Camera, Distortion, Lens};
+use crate::BBox;
+use crate::camera::{Camera, Intrinsics, Projection};
 use crate::image::Letterbox;
 use crate::rays::camera_rays;
 
@@ -22,22 +24,23 @@ const MAX_TAPS: u32 = 8;
 /// A virtual pinhole camera that looks at a box of a real one's image.
 #[derive(Debug, Clone)]
 pub struct CloseUp {
+    /// The virtual camera; its id is the real one's.
     pub camera: Camera,
-    /// The box in its picture, `[x0, y0, x1, y1]`, px.
-    pub bbox: [f64; 4],
+    /// The box in its picture.
+    pub bbox: BBox,
     /// Samples along each axis of a pixel.
     taps: u32,
     cam_from_close: UnitQuaternion<f64>,
 }
 
 impl CloseUp {
-    /// The close-up of `size` px a side of the box `bbox` (px) of an image of `camera`.
+    /// The close-up of `size` px a side of a box in an image of `camera`.
     ///
     /// `None` where the lens gives no rays for the box, or it spans half the view around.
-    pub fn new(camera: &Camera, bbox: [f64; 4], size: u32) -> Option<Self> {
-        let [x0, y0, x1, y1] = bbox;
-        let (xc, yc) = ((x0 + x1) / 2.0, (y0 + y1) / 2.0);
-        let ray = |u, v| camera.lens.unproject(&Point2::new(u, v));
+    pub fn new(camera: &Camera, bbox: BBox, size: u32) -> Option<Self> {
+        let BBox { x0, y0, x1, y1 } = bbox;
+        let (xc, yc) = (bbox.center().x, bbox.center().y);
+        let ray = |u, v| camera.intrinsics().unproject(&Point2::new(u, v));
         let close_from_cam =
             UnitQuaternion::rotation_between_axis(&ray(xc, yc)?, &Vector3::z_axis())?;
         // Where the lines of sight of the box's sides meet the plane one unit ahead.
@@ -50,27 +53,16 @@ impl CloseUp {
         let reach = (-left).max(right).max(-top).max(bottom);
         let side = f64::from(size);
         let (focal, middle) = (FILL * side / 2.0 / reach, (side - 1.0) / 2.0);
-        if !(focal.is_finite() && focal > 0.0) {
-            return None;
-        }
-        let taps = ((x1 - x0).max(y1 - y0) / (FILL * side)).ceil();
+        let taps = (bbox.width().max(bbox.height()) / (FILL * side)).ceil();
         let cam_from_close = close_from_cam.inverse();
+        let intrinsics = Intrinsics::new(focal, focal, middle, middle, Projection::Pinhole).ok()?;
+        let world_from_close = camera.world_from_cam()
+            * Isometry3::from_parts(Vector3::zeros().into(), cam_from_close);
         Some(Self {
-            camera: Camera {
-                id: camera.id.clone(),
-                width: size,
-                height: size,
-                lens: Lens {
-                    fx: focal,
-                    fy: focal,
-                    cx: middle,
-                    cy: middle,
-                    distortion: Distortion::None,
-                },
-                world_from_cam: camera.world_from_cam
-                    * Isometry3::from_parts(Vector3::zeros().into(), cam_from_close),
-            },
-            bbox: [left, top, right, bottom].map(|x| x * focal + middle),
+            camera: Camera::new(camera.id(), [size; 2], intrinsics, world_from_close).ok()?,
+            bbox: [left, top, right, bottom]
+                .map(|x| x * focal + middle)
+                .into(),
             taps: (taps as u32).clamp(1, MAX_TAPS),
             cam_from_close,
         })
@@ -78,7 +70,7 @@ impl CloseUp {
 
     /// How its picture lies in the network's input: as it is.
     pub fn letterbox(&self) -> Letterbox {
-        let (width, height) = (self.camera.width, self.camera.height);
+        let (width, height) = (self.camera.width(), self.camera.height());
         Letterbox::new(width, height, width, height)
     }
 
@@ -95,7 +87,7 @@ impl CloseUp {
         mean: [f32; 3],
         std: [f32; 3],
     ) -> Array3<f32> {
-        let size = self.camera.width as usize;
+        let size = self.camera.width() as usize;
         let mut pixels = vec![[0.0; 3]; size * size];
         pixels.par_iter_mut().enumerate().for_each(|(i, pixel)| {
             let (u, v) = ((i % size) as f64, (i / size) as f64);
@@ -107,7 +99,7 @@ impl CloseUp {
             for row in 0..self.taps {
                 for column in 0..self.taps {
                     let direction = self.direction(u + offset(column), v + offset(row));
-                    if let Some(at) = real.lens.project(&direction) {
+                    if let Some(at) = real.intrinsics().project(&direction) {
                         let rgb = bilinear(image, at);
                         (0..3).for_each(|c| sum[c] += rgb[c]);
                         count += 1.0;
@@ -138,14 +130,15 @@ impl CloseUp {
 
     /// Where pixel (u, v) looks, in the real camera's frame.
     fn direction(&self, u: f64, v: f64) -> Point3<f64> {
-        let Lens { fx, fy, cx, cy, .. } = self.camera.lens;
-        (self.cam_from_close * Vector3::new((u - cx) / fx, (v - cy) / fy, 1.0)).into()
+        let close = self.camera.intrinsics();
+        let (x, y) = ((u - close.cx()) / close.fx(), (v - close.cy()) / close.fy());
+        (self.cam_from_close * Vector3::new(x, y, 1.0)).into()
     }
 
     fn on_image(&self, real: &Camera, direction: Point3<f64>) -> bool {
-        real.lens.project(&direction).is_some_and(|at| {
-            (-0.5..=f64::from(real.width) - 0.5).contains(&at.x)
-                && (-0.5..=f64::from(real.height) - 0.5).contains(&at.y)
+        real.intrinsics().project(&direction).is_some_and(|at| {
+            (-0.5..=f64::from(real.width()) - 0.5).contains(&at.x)
+                && (-0.5..=f64::from(real.height()) - 0.5).contains(&at.y)
         })
     }
 }

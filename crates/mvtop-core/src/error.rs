@@ -1,6 +1,9 @@
-use crate::onnx::Attempt;
+//! One error for the whole crate: a sentence to read, a kind and a cause to match on.
+
 use std::io;
 use std::path::PathBuf;
+
+use crate::transform::TransformError;
 
 /// Result of this crate's functions.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
@@ -8,35 +11,52 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 /// Everything that can go wrong.
 ///
 /// Each text is one complete sentence: the thing, what was expected, what came and, where there is
-/// one, the fix. Causes are part of the sentence, so there is no chain to print.
+/// one, the fix. Causes are part of the sentence, so there is no chain to print: `source()` is for
+/// programs that match on it, as [`Error::kind`] is.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A file could not be read.
     #[error("cannot read {}: {cause}", path.display())]
-    Read { path: PathBuf, cause: io::Error },
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        #[source]
+        cause: io::Error,
+    },
 
-    /// A rig that is refused; `origin` is its file, or `rig` where it came as text.
+    /// A rig that is refused.
     #[error("{origin}: {problem}")]
-    Rig { origin: String, problem: String },
-
-    /// Coefficients that fit no lens.
-    #[error("{0}")]
-    Distortion(String),
+    Rig {
+        /// Its file, or `rig` where it came as text or as cameras.
+        origin: String,
+        /// What is wrong, and the fix.
+        problem: String,
+        /// Where it is no JSON.
+        #[source]
+        cause: Option<serde_json::Error>,
+    },
 
     /// An image file that cannot be used.
     #[error("image {} of camera `{camera}`: {problem}", path.display())]
     Image {
+        /// Id of the camera that took it.
         camera: String,
+        /// The file.
         path: PathBuf,
+        /// What is wrong with it.
         problem: String,
     },
 
     /// An array of the wrong shape.
     #[error("{name}: expected {expected}, got {got:?}")]
     Shape {
+        /// Which array.
         name: &'static str,
+        /// Its shape should be this.
         expected: String,
+        /// Its shape is this.
         got: Vec<usize>,
     },
 
@@ -46,23 +66,46 @@ pub enum Error {
          its file in ORT_DYLIB_PATH",
         list(attempts)
     )]
-    RuntimeMissing { attempts: Vec<Attempt> },
+    RuntimeMissing {
+        /// Libraries that were found, where, and why they could not be used.
+        attempts: Vec<String>,
+    },
 
     /// An ONNX Runtime library that was asked for cannot be used.
     #[error("ONNX Runtime library {}: {problem}", path.display())]
-    Runtime { path: PathBuf, problem: String },
+    Runtime {
+        /// The library.
+        path: PathBuf,
+        /// What is wrong, and the fix.
+        problem: String,
+    },
 
     /// An execution provider that the loaded library does not offer.
     #[error("execution provider `{provider}`: {problem}")]
-    Provider { provider: String, problem: String },
+    Provider {
+        /// Its name.
+        provider: String,
+        /// Why it cannot be used.
+        problem: String,
+    },
 
     /// A network that could not be loaded or run.
     #[error("network {}: {problem}", path.display())]
-    Network { path: PathBuf, problem: String },
+    Network {
+        /// Its graph.
+        path: PathBuf,
+        /// What is wrong, and the fix.
+        problem: String,
+    },
 
-    /// A model bundle that is refused; `path` is the file at fault.
+    /// A model bundle that is refused.
     #[error("model bundle {}: {problem}", path.display())]
-    Bundle { path: PathBuf, problem: String },
+    Bundle {
+        /// The file at fault.
+        path: PathBuf,
+        /// What is wrong, and the fix.
+        problem: String,
+    },
 
     /// Arguments that do not fit each other: images and rig, boxes and model.
     #[error("{0}")]
@@ -77,12 +120,169 @@ pub enum Error {
         "6D rotation {0:?}: its two columns must be finite, non-zero and not parallel to each other"
     )]
     Rotation6d([f64; 6]),
+
+    /// A camera, its intrinsics or its projection that is refused.
+    #[error("{0}")]
+    Camera(String),
+
+    /// Numbers that are no rigid transform.
+    #[error("{name}: {cause}")]
+    Transform {
+        /// Which transform.
+        name: String,
+        /// What is wrong with it.
+        #[source]
+        cause: TransformError,
+    },
+
+    /// A file of JSON that holds something else than it should.
+    #[error("{}: expected {expected}, got: {cause}", path.display())]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// What it should hold.
+        expected: String,
+        /// What it holds, or where it is no JSON.
+        #[source]
+        cause: serde_json::Error,
+    },
+
+    /// A data set's file or folder that holds something else than it should.
+    #[error("{0}")]
+    Data(String),
+
+    /// A file of true poses that is refused.
+    #[error("{}: {problem}", path.display())]
+    Annotations {
+        /// The file.
+        path: PathBuf,
+        /// Which object, what was expected and what came.
+        problem: String,
+    },
+
+    /// A camera that the rig does not have.
+    #[error("{role}: no camera `{id}` in the rig, expected one of: {}", known.join(", "))]
+    UnknownCamera {
+        /// What the camera was named for.
+        role: String,
+        /// Its id.
+        id: String,
+        /// Ids of the rig's cameras.
+        known: Vec<String>,
+    },
+
+    /// A class that the model does not know.
+    #[error("{role}: no class `{class}` in the model, expected one of: {}", known.join(", "))]
+    UnknownClass {
+        /// What the class was named for.
+        role: String,
+        /// Its name.
+        class: String,
+        /// Names of the model's classes.
+        known: Vec<String>,
+    },
+
+    /// An image of another size than its camera's.
+    #[error(
+        "camera `{camera}`: expected an image of {}x{} px as in the rig, got {}x{}",
+        expected[0], expected[1], got[0], got[1]
+    )]
+    ImageSize {
+        /// Id of the camera.
+        camera: String,
+        /// Width and height in the rig, px.
+        expected: [u32; 2],
+        /// Width and height of the image, px.
+        got: [u32; 2],
+    },
+
+    /// Fewer images than are asked for.
+    #[error("images: expected at least {expected}, got {got}")]
+    TooFewImages {
+        /// One, or the fewest views of an object that are asked for.
+        expected: usize,
+        /// The number of images.
+        got: usize,
+    },
 }
 
-fn list(attempts: &[Attempt]) -> String {
+/// What an [`Error`] is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum ErrorKind {
+    /// A file could not be read.
+    Io,
+    /// A camera, its intrinsics or its projection.
+    Camera,
+    /// A rig of cameras.
+    Rig,
+    /// A rigid transform that was given.
+    Transform,
+    /// An image file.
+    Image,
+    /// An array's shape.
+    Shape,
+    /// ONNX Runtime: not found, too old, or another one.
+    Runtime,
+    /// An execution provider of ONNX Runtime.
+    Provider,
+    /// A network that cannot be loaded or run.
+    Network,
+    /// A model bundle.
+    Bundle,
+    /// Arguments that do not fit each other.
+    Input,
+    /// A data file that holds something else than it should.
+    Data,
+    /// A pose or rotation that is none.
+    Pose,
+}
+
+impl Error {
+    /// What it is about, to match on.
+    ///
+    /// ```
+    /// use mvtop_core::{ErrorKind, Rig};
+    ///
+    /// let error = Rig::from_json("{").unwrap_err();
+    /// assert_eq!(error.kind(), ErrorKind::Rig);
+    /// assert!(std::error::Error::source(&error).is_some_and(|cause| cause.is::<serde_json::Error>()));
+    /// ```
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Read { .. } => ErrorKind::Io,
+            Self::Camera(_) => ErrorKind::Camera,
+            Self::Rig { .. } => ErrorKind::Rig,
+            Self::Transform { .. } => ErrorKind::Transform,
+            Self::Image { .. } => ErrorKind::Image,
+            Self::Shape { .. } => ErrorKind::Shape,
+            Self::RuntimeMissing { .. } | Self::Runtime { .. } => ErrorKind::Runtime,
+            Self::Provider { .. } => ErrorKind::Provider,
+            Self::Network { .. } => ErrorKind::Network,
+            Self::Bundle { .. } => ErrorKind::Bundle,
+            Self::Input(_)
+            | Self::UnknownCamera { .. }
+            | Self::UnknownClass { .. }
+            | Self::ImageSize { .. }
+            | Self::TooFewImages { .. } => ErrorKind::Input,
+            Self::Json { .. } | Self::Data(_) | Self::Annotations { .. } => ErrorKind::Data,
+            Self::Pose(_) | Self::Rotation6d(_) => ErrorKind::Pose,
+        }
+    }
+
+    /// A rig that did not come from a file.
+    pub(crate) fn rig(problem: String) -> Self {
+        Self::Rig {
+            origin: "rig".into(),
+            problem,
+            cause: None,
+        }
+    }
+}
+
+fn list(attempts: &[String]) -> String {
     if attempts.is_empty() {
         return "none found in the usual places".into();
     }
-    let attempts: Vec<_> = attempts.iter().map(Attempt::to_string).collect();
     attempts.join("; ")
 }

@@ -2,37 +2,101 @@
 
 mod fields;
 mod parse;
-pub mod transform;
+pub(crate) mod transform;
 mod unit;
 
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+use nalgebra::Isometry3;
 use serde_json::{Value, json};
 
-use crate::camera::{Camera, Distortion};
+use crate::camera::Camera;
 use crate::{Error, Result, pose};
+use unit::Unit;
 
 const FORMAT: &str = "mvtop-rig";
 const VERSION: u64 = 1;
 /// Largest rig file that is read.
 const MAX_FILE_BYTES: u64 = 1 << 24;
+/// Far above real rigs, low enough to bound memory.
+const MOST_CAMERAS: usize = 1000;
 
-/// The cameras that look at a scene together.
+/// The cameras that look at a scene together, in one world frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rig {
-    /// At least one; ids are unique.
-    pub cameras: Vec<Camera>,
-    /// Index of the reference camera, in whose frame poses are given.
-    pub reference: usize,
+    cameras: Vec<Camera>,
+    reference: usize,
 }
 
 impl Rig {
+    /// A rig of these cameras.
+    ///
+    /// - `reference`: index of the camera in whose frame poses are given
+    ///
+    /// How far apart the cameras stand is not checked here but by [`Rig::check_spread`], as one
+    /// camera's images of a still scene are a rig, too.
+    ///
+    /// # Errors
+    /// [`Error::Rig`] without cameras or for more than 1000, for two of the same id, and for a
+    /// reference that is none of them.
+    ///
+    /// ```
+    /// use mvtop_core::{Camera, Intrinsics, Projection, Rig};
+    /// use nalgebra::Isometry3;
+    ///
+    /// let intrinsics = Intrinsics::new(500.0, 500.0, 320.0, 240.0, Projection::Pinhole)?;
+    /// let camera = |id, x| {
+    ///     Camera::new(id, [640, 480], intrinsics.clone(), Isometry3::translation(x, 0.0, 0.0))
+    /// };
+    /// let rig = Rig::new(vec![camera("left", 0.0)?, camera("right", 0.4)?], 0)?;
+    /// assert_eq!(rig.index_of("right"), Some(1));
+    /// assert_eq!(Rig::from_json(&rig.to_json())?, rig);
+    /// # Ok::<(), mvtop_core::Error>(())
+    /// ```
+    pub fn new(cameras: Vec<Camera>, reference: usize) -> Result<Self> {
+        Self::checked(cameras, reference).map_err(Error::rig)
+    }
+
+    /// The same; the error is one sentence without the rig's name.
+    fn checked(cameras: Vec<Camera>, reference: usize) -> Result<Self, String> {
+        let count = cameras.len();
+        if !(1..=MOST_CAMERAS).contains(&count) {
+            return Err(format!(
+                "`cameras` must list 1 to {MOST_CAMERAS} cameras, got {count}"
+            ));
+        }
+        for (index, camera) in cameras.iter().enumerate() {
+            if cameras[..index]
+                .iter()
+                .any(|other| other.id() == camera.id())
+            {
+                return Err(format!(
+                    "two cameras have the id `{}`; ids must differ",
+                    camera.id()
+                ));
+            }
+        }
+        if reference >= count {
+            return Err(format!(
+                "the reference must be the index of one of the {count} cameras, got {reference}"
+            ));
+        }
+        Ok(Self { cameras, reference })
+    }
+
     /// Reads a rig file.
     ///
     /// # Errors
     /// [`Error::Read`] where the file cannot be read, [`Error::Rig`] where it is refused.
+    ///
+    /// ```no_run
+    /// # use std::path::Path;
+    /// let rig = mvtop_core::Rig::load(Path::new("rig.json"))?;
+    /// println!("{} cameras, {} first", rig.cameras().len(), rig.reference_camera().id());
+    /// # Ok::<(), mvtop_core::Error>(())
+    /// ```
     pub fn load(path: &Path) -> Result<Self> {
         let mut text = String::new();
         File::open(path)
@@ -44,9 +108,13 @@ impl Rig {
         let origin = path.display().to_string();
         if text.len() as u64 > MAX_FILE_BYTES {
             let problem = format!("larger than {} MiB, so no rig", MAX_FILE_BYTES >> 20);
-            return Err(Error::Rig { origin, problem });
+            return Err(Error::Rig {
+                origin,
+                problem,
+                cause: None,
+            });
         }
-        parse::rig(&text).map_err(|problem| Error::Rig { origin, problem })
+        parse::rig(&origin, &text)
     }
 
     /// Reads the text of a rig file.
@@ -55,54 +123,92 @@ impl Rig {
     /// [`Error::Rig`] for anything that is no rig, or that hints at a mistake: every value is
     /// checked, and nothing is guessed.
     pub fn from_json(text: &str) -> Result<Self> {
-        parse::rig(text).map_err(|problem| Error::Rig {
-            origin: "rig".into(),
-            problem,
-        })
+        parse::rig("rig", text)
     }
 
     /// The text of a rig file, in metres; [`Rig::from_json`] reads the same rig from it.
     pub fn to_json(&self) -> String {
-        let reference = self.cameras.get(self.reference).map(|camera| &camera.id);
-        let rig = json!({
+        let mut rig = json!({
             "format": FORMAT,
             "version": VERSION,
-            "unit": unit::Unit::Metre.name(),
-            "reference": reference,
+            "unit": Unit::Metre.name(),
+            "reference": self.reference_camera().id(),
             "cameras": self.cameras.iter().map(camera_json).collect::<Vec<_>>(),
         });
+        if unit::implausible(&self.cameras).is_some() {
+            rig["trust_unit"] = true.into();
+        }
         format!("{rig:#}\n")
+    }
+
+    /// Refuses cameras that all stand within 2 mm of each other, or up to more than 100 m apart: in
+    /// numbers that a person wrote, this hints at another unit than metres.
+    ///
+    /// # Errors
+    /// [`Error::Rig`], which names the cameras farthest apart and the likely unit.
+    pub fn check_spread(&self) -> Result<()> {
+        match unit::implausible(&self.cameras) {
+            None => Ok(()),
+            Some(spread) => Err(Error::rig(spread.in_metres())),
+        }
+    }
+
+    /// The same cameras at other places.
+    ///
+    /// - `world_from_cam`: new pose of the camera of that index, metres
+    ///
+    /// # Errors
+    /// [`Error::Camera`] for a pose that [`Camera::new`] refuses.
+    pub fn moved(&self, world_from_cam: impl Fn(usize, &Camera) -> Isometry3<f64>) -> Result<Self> {
+        let cameras = self.cameras.iter().enumerate();
+        Ok(Self {
+            cameras: cameras
+                .map(|(index, camera)| camera.moved_to(world_from_cam(index, camera)))
+                .collect::<Result<_>>()?,
+            reference: self.reference,
+        })
+    }
+
+    /// At least one; ids are unique.
+    pub fn cameras(&self) -> &[Camera] {
+        &self.cameras
+    }
+
+    /// Index of the reference camera, in whose frame poses are given.
+    pub fn reference(&self) -> usize {
+        self.reference
+    }
+
+    /// The camera in whose frame poses are given.
+    pub fn reference_camera(&self) -> &Camera {
+        &self.cameras[self.reference]
     }
 
     /// Index of the camera of that id.
     pub fn index_of(&self, id: &str) -> Option<usize> {
-        self.cameras.iter().position(|camera| camera.id == id)
+        self.cameras.iter().position(|camera| camera.id() == id)
     }
 }
 
 fn camera_json(camera: &Camera) -> Value {
-    let lens = &camera.lens;
-    let (model, distortion) = match &lens.distortion {
-        Distortion::None => ("pinhole", None),
-        Distortion::BrownConrady(d) => ("pinhole", Some(("brown_conrady", &d.params()[..]))),
-        Distortion::KannalaBrandt(d) => ("fisheye", Some(("kannala_brandt", &d.params()[..]))),
-    };
+    let (intrinsics, pose) = (camera.intrinsics(), camera.world_from_cam());
+    let projection = intrinsics.projection();
     let mut value = json!({
-        "id": camera.id,
-        "width": camera.width,
-        "height": camera.height,
-        "model": model,
-        "fx": lens.fx,
-        "fy": lens.fy,
-        "cx": lens.cx,
-        "cy": lens.cy,
+        "id": camera.id(),
+        "width": camera.width(),
+        "height": camera.height(),
+        "model": projection.family(),
+        "fx": intrinsics.fx(),
+        "fy": intrinsics.fy(),
+        "cx": intrinsics.cx(),
+        "cy": intrinsics.cy(),
         "T_world_cam": {
-            "t": camera.world_from_cam.translation.vector.as_slice(),
-            "q_wxyz": pose::wxyz(&camera.world_from_cam.rotation),
+            "t": pose.translation.vector.as_slice(),
+            "q_wxyz": pose::wxyz(&pose.rotation),
         },
     });
-    if let Some((model, params)) = distortion {
-        value["distortion"] = json!({ "model": model, "params": params });
+    if let Some(model) = projection.distortion() {
+        value["distortion"] = json!({ "model": model, "params": projection.params() });
     }
     value
 }

@@ -1,11 +1,12 @@
 //! Between numpy's arrays and the core's types.
 
 use image::RgbImage;
+use mvtop_core::transform;
 use nalgebra::{Isometry3, Matrix3, Rotation3};
-use ndarray::{ArrayD, ArrayViewD, Axis, s};
+use ndarray::{ArrayD, ArrayViewD, Axis, Dimension};
 use numpy::{
-    AllowTypeChange, Element, PyArrayDyn, PyArrayLikeDyn, PyReadonlyArray3, PyUntypedArray,
-    PyUntypedArrayMethods, ToPyArray,
+    AllowTypeChange, Element, PyArray, PyArrayDyn, PyArrayLikeDyn, PyArrayMethods, PyReadonlyArray,
+    PyReadonlyArray3, PyReadwriteArray, PyUntypedArray, PyUntypedArrayMethods, ToPyArray,
 };
 use pyo3::inspect::PyStaticExpr;
 use pyo3::prelude::*;
@@ -108,13 +109,64 @@ impl ArrayLike<'_> {
     }
 }
 
+/// An array of NumPy's that is read or written where it lies: C-contiguous, of float32.
+pub struct ArrayInPlace<'py>(Bound<'py, PyAny>);
+
+impl<'py> FromPyObject<'_, 'py> for ArrayInPlace<'py> {
+    type Error = PyErr;
+    const INPUT_TYPE: PyStaticExpr = F32::OUTPUT_TYPE;
+
+    fn extract(any: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        Ok(Self(any.to_owned()))
+    }
+}
+
+impl<'py> ArrayInPlace<'py> {
+    pub fn read<D: Dimension>(&self, name: &str) -> PyResult<PyReadonlyArray<'py, f32, D>> {
+        let array = self.array::<D>(name)?.try_readonly();
+        array.map_err(|cause| value(format!("{name}: {cause}")))
+    }
+
+    /// Refuses what does not have this shape, is read-only, or is read or written already.
+    pub fn write<D: Dimension>(
+        &self,
+        name: &str,
+        shape: &[usize],
+    ) -> PyResult<PyReadwriteArray<'py, f32, D>> {
+        let array = self.array::<D>(name)?;
+        if array.shape() != shape {
+            let got = array.shape();
+            return Err(value(format!(
+                "{name}: expected shape {shape:?}, got {got:?}"
+            )));
+        }
+        let array = array.try_readwrite();
+        array.map_err(|cause| value(format!("{name}: {cause}")))
+    }
+
+    fn array<D: Dimension>(&self, name: &str) -> PyResult<&Bound<'py, PyArray<f32, D>>> {
+        let array = self.0.cast::<PyArray<f32, D>>().ok();
+        array.filter(|a| a.is_c_contiguous()).ok_or_else(|| {
+            let axes = D::NDIM.unwrap_or(0);
+            let got = match self.0.cast::<PyUntypedArray>() {
+                Ok(array) => {
+                    let order = ["of other strides", "C-contiguous"];
+                    let order = order[usize::from(array.is_c_contiguous())];
+                    format!("{} of shape {:?}, {order}", array.dtype(), array.shape())
+                }
+                Err(_) => self.0.get_type().to_string(),
+            };
+            value(format!(
+                "{name}: expected a C-contiguous array of float32 with {axes} axes, got {got}"
+            ))
+        })
+    }
+}
+
 /// The rigid transform of a 4x4 matrix; an error of rounding in its rotation is taken out.
 pub fn pose(name: &str, matrix: ArrayViewD<f64>) -> PyResult<Isometry3<f64>> {
-    let rows: Vec<Vec<f64>> = matrix
-        .outer_iter()
-        .map(|row| row.iter().copied().collect())
-        .collect();
-    mvtop_core::rig::transform::read(name.to_owned(), &serde_json::json!(rows), 1.0).map_err(value)
+    let rows = square::<4>(name, matrix)?;
+    transform::from_matrix(&rows).map_err(|error| value(format!("{name}: {error}")))
 }
 
 /// The same, of a rotation's 3x3 matrix as well.
@@ -122,11 +174,20 @@ pub fn pose_or_rotation(name: &str, matrix: ArrayViewD<f64>) -> PyResult<Isometr
     if matrix.shape() != [3, 3] {
         return pose(name, matrix);
     }
-    let mut rows = ndarray::Array2::<f64>::eye(4);
-    let matrix = matrix.into_dimensionality::<ndarray::Ix2>();
-    let matrix = matrix.map_err(|cause| value(format!("{name}: {cause}")))?;
-    rows.slice_mut(s![..3, ..3]).assign(&matrix);
-    pose(name, rows.view().into_dyn())
+    let rows = square::<3>(name, matrix)?;
+    transform::from_rotation(&rows, [0.0; 3]).map_err(|error| value(format!("{name}: {error}")))
+}
+
+fn square<const N: usize>(name: &str, matrix: ArrayViewD<f64>) -> PyResult<[[f64; N]; N]> {
+    if matrix.shape() != [N, N] {
+        return Err(value(format!(
+            "{name}: expected numbers of shape ({N}, {N}), got shape {:?}",
+            matrix.shape()
+        )));
+    }
+    Ok(std::array::from_fn(|row| {
+        std::array::from_fn(|column| matrix[[row, column]])
+    }))
 }
 
 /// Rows of a rotation's matrix, one after the other.

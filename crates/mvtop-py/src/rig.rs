@@ -2,14 +2,13 @@
 
 use std::sync::Arc;
 
-use mvtop_core::{Distortion, report};
-use nalgebra::{Point2, Point3};
+use mvtop_core::{Intrinsics, Projection, report};
+use nalgebra::{Isometry3, Point2, Point3};
 use ndarray::{ArrayD, Axis};
 use pyo3::prelude::*;
-use pyo3::types::PyType;
-use serde_json::{Value, json};
+use pyo3::types::{PyDict, PyType};
 
-use crate::convert::{ArrayLike, F64, shaped};
+use crate::convert::{self, ArrayLike, F64, shaped};
 use crate::error::{python, value};
 
 /// A calibrated camera: its lens, and its place in the world.
@@ -48,60 +47,50 @@ impl Camera {
                 .collect(),
             None => Vec::new(),
         };
-        let pose: ArrayD<f64> = match world_from_cam {
-            Some(array) => array.read("world_from_cam", Some(0), &[4, 4])?,
-            None => ndarray::Array2::eye(4).into_dyn(),
+        let pose = match world_from_cam {
+            Some(array) => array.pose("world_from_cam")?,
+            None => Isometry3::identity(),
         };
         let K = K.read::<f64>("K", Some(0), &[3, 3])?;
-        let camera = camera_json(id, size, &K, model, &distortion, &pose)?;
-        let rig = mvtop_core::Rig::from_json(&rig_json(vec![camera], id)).map_err(python)?;
-        let camera = rig.cameras.into_iter().next();
-        camera.map(Self).ok_or_else(|| value("camera: none".into()))
+        camera(id, size, &K, model, &distortion, pose).map(Self)
     }
 
     #[getter]
     fn id(&self) -> &str {
-        &self.0.id
+        self.0.id()
     }
 
     /// Width and height of its images, px.
     #[getter]
     fn size(&self) -> (u32, u32) {
-        (self.0.width, self.0.height)
+        (self.0.width(), self.0.height())
     }
 
     /// (3, 3), intrinsics, px.
     #[getter(K)]
     fn intrinsics(&self) -> PyResult<F64> {
-        let lens = &self.0.lens;
-        let rows = vec![lens.fx, 0., lens.cx, 0., lens.fy, lens.cy, 0., 0., 1.];
+        let of = self.0.intrinsics();
+        let rows = vec![of.fx(), 0., of.cx(), 0., of.fy(), of.cy(), 0., 0., 1.];
         Ok(F64(shaped(&[3, 3], rows)?))
     }
 
     /// "pinhole" or "fisheye".
     #[getter]
     fn model(&self) -> &'static str {
-        match self.0.lens.distortion {
-            Distortion::None | Distortion::BrownConrady(_) => "pinhole",
-            Distortion::KannalaBrandt(_) => "fisheye",
-        }
+        self.0.intrinsics().projection().family()
     }
 
     /// Coefficients in OpenCV's order; none for an ideal pinhole.
     #[getter]
     fn distortion(&self) -> F64 {
-        let params = match &self.0.lens.distortion {
-            Distortion::None => Vec::new(),
-            Distortion::BrownConrady(lens) => lens.params().to_vec(),
-            Distortion::KannalaBrandt(lens) => lens.params().to_vec(),
-        };
+        let params = self.0.intrinsics().projection().params().to_vec();
         F64(ndarray::Array1::from(params).into_dyn())
     }
 
     /// (4, 4), camera frame to world frame, metres.
     #[getter]
     fn world_from_cam(&self) -> F64 {
-        F64(ndarray::arr2(&report::rows(&self.0.world_from_cam)).into_dyn())
+        F64(ndarray::arr2(&report::rows(self.0.world_from_cam())).into_dyn())
     }
 
     /// Pixels at which the lens images points of the camera frame.
@@ -111,9 +100,9 @@ impl Camera {
     ///   the camera, or past the angle at which the distortion would fold the image back
     fn project(&self, py: Python, points: ArrayLike) -> PyResult<F64> {
         let points = points.any_number("points", None, &[3])?;
-        let lens = &self.0.lens;
+        let intrinsics = self.0.intrinsics();
         along_last(py, &points, |p| {
-            let pixel = lens.project(&Point3::new(p[0], p[1], p[2]));
+            let pixel = intrinsics.project(&Point3::new(p[0], p[1], p[2]));
             pixel.map(|pixel| [pixel.x, pixel.y])
         })
     }
@@ -124,19 +113,29 @@ impl Camera {
     /// - returns: (..., 3), camera frame, of length 1; NaN where no ray meets the pixel
     fn unproject(&self, py: Python, pixels: ArrayLike) -> PyResult<F64> {
         let pixels = pixels.any_number("pixels", None, &[2])?;
-        let lens = &self.0.lens;
+        let intrinsics = self.0.intrinsics();
         along_last(py, &pixels, |p| {
-            let ray = lens.unproject(&Point2::new(p[0], p[1]));
+            let ray = intrinsics.unproject(&Point2::new(p[0], p[1]));
             ray.map(|ray| [ray.x, ray.y, ray.z])
         })
     }
 
+    /// For pickle: the arguments by position and by name.
+    fn __getnewargs_ex__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<((F64, (u32, u32)), Bound<'py, PyDict>)> {
+        let named = PyDict::new(py);
+        named.set_item("distortion", self.distortion())?;
+        named.set_item("model", self.model())?;
+        named.set_item("world_from_cam", self.world_from_cam())?;
+        named.set_item("id", self.id())?;
+        Ok(((self.intrinsics()?, self.size()), named))
+    }
+
     fn __repr__(&self) -> String {
-        let (id, model) = (&self.0.id, self.model());
-        format!(
-            "Camera({id:?}, {}x{} px, {model})",
-            self.0.width, self.0.height
-        )
+        let (id, (width, height), model) = (self.id(), self.size(), self.model());
+        format!("Camera({id:?}, {width}x{height} px, {model})")
     }
 }
 
@@ -160,26 +159,7 @@ impl Rig {
     #[pyo3(signature = (cameras, reference = None))]
     fn new(cameras: Vec<PyRef<Camera>>, reference: Option<&str>) -> PyResult<Self> {
         let cameras: Vec<_> = cameras.iter().map(|camera| camera.0.clone()).collect();
-        let index = match reference {
-            None => 0,
-            Some(id) => cameras
-                .iter()
-                .position(|camera| camera.id == id)
-                .ok_or_else(|| {
-                    let ids: Vec<_> = cameras.iter().map(|camera| camera.id.as_str()).collect();
-                    let ids = ids.join(", ");
-                    value(format!(
-                        "reference: no camera `{id}`, expected one of: {ids}"
-                    ))
-                })?,
-        };
-        let rig = mvtop_core::Rig {
-            cameras,
-            reference: index,
-        };
-        // What a file may not say is refused here as well.
-        mvtop_core::Rig::from_json(&rig.to_json()).map_err(python)?;
-        Ok(Self(Arc::new(rig)))
+        rig(cameras, reference)
     }
 
     /// Reads a rig file (docs/rig.md).
@@ -233,18 +213,18 @@ impl Rig {
                 "ids: expected {count}, one per camera, got {got}"
             )));
         }
-        let mut cameras = Vec::new();
-        for (i, id) in ids.iter().enumerate() {
+        let cameras = ids.iter().enumerate().map(|(i, id)| {
             let at = |array: &ArrayD<f64>| array.index_axis(Axis(0), i).to_owned();
             let params: Vec<f64> = at(&distortion).into_iter().collect();
-            let mut camera = camera_json(id, [0, 0], &at(&K), model, &params, &at(&poses))?;
-            camera["width"] = json!(sizes[[i, 0]]);
-            camera["height"] = json!(sizes[[i, 1]]);
-            cameras.push(camera);
-        }
-        let reference = reference.or(ids.first().map(String::as_str)).unwrap_or("");
-        let rig = mvtop_core::Rig::from_json(&rig_json(cameras, reference)).map_err(python)?;
-        Ok(Self(Arc::new(rig)))
+            let size = [
+                pixels(id, "width", sizes[[i, 0]])?,
+                pixels(id, "height", sizes[[i, 1]])?,
+            ];
+            let name = format!("world_from_cam of camera `{id}`");
+            let pose = convert::pose(&name, at(&poses).view())?;
+            camera(id, size, &at(&K), model, &params, pose)
+        });
+        rig(cameras.collect::<PyResult<_>>()?, reference)
     }
 
     /// The text of a rig file, in metres.
@@ -254,29 +234,21 @@ impl Rig {
 
     #[getter]
     fn cameras(&self) -> Vec<Camera> {
-        self.0.cameras.iter().cloned().map(Camera).collect()
+        self.0.cameras().iter().cloned().map(Camera).collect()
     }
 
     /// Id of the camera in whose frame poses are given.
     #[getter]
     fn reference(&self) -> &str {
-        self.0
-            .cameras
-            .get(self.0.reference)
-            .map_or("", |camera| &camera.id)
+        self.0.reference_camera().id()
     }
 
     fn __len__(&self) -> usize {
-        self.0.cameras.len()
+        self.0.cameras().len()
     }
 
     fn __repr__(&self) -> String {
-        let ids: Vec<_> = self
-            .0
-            .cameras
-            .iter()
-            .map(|camera| camera.id.as_str())
-            .collect();
+        let ids: Vec<_> = self.0.cameras().iter().map(|c| c.id()).collect();
         format!("Rig({}; reference {})", ids.join(", "), self.reference())
     }
 
@@ -312,48 +284,58 @@ fn per_camera(
     }
 }
 
-fn camera_json(
+/// - `matrix`: (3, 3), intrinsics in px
+fn camera(
     id: &str,
-    [width, height]: [u32; 2],
-    intrinsics: &ArrayD<f64>,
+    size: [u32; 2],
+    matrix: &ArrayD<f64>,
     model: &str,
     params: &[f64],
-    pose: &ArrayD<f64>,
-) -> PyResult<Value> {
-    let k = |row: usize, column: usize| intrinsics[[row, column]];
+    world_from_cam: Isometry3<f64>,
+) -> PyResult<mvtop_core::Camera> {
+    let k = |row: usize, column: usize| matrix[[row, column]];
     let rest = [k(0, 1), k(1, 0), k(2, 0), k(2, 1), k(2, 2)];
     if rest != [0.0, 0.0, 0.0, 0.0, 1.0] {
         return Err(value(format!(
             "camera `{id}`: K must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {:?}",
-            intrinsics.iter().collect::<Vec<_>>()
+            matrix.iter().collect::<Vec<_>>()
         )));
     }
-    let rows: Vec<Vec<f64>> = pose
-        .outer_iter()
-        .map(|row| row.iter().copied().collect())
-        .collect();
-    let mut camera = json!({
-        "id": id, "width": width, "height": height, "model": model,
-        "fx": k(0, 0), "fy": k(1, 1), "cx": k(0, 2), "cy": k(1, 2),
-        "T_world_cam": rows,
-    });
-    if !params.is_empty() {
-        let name = if model == "fisheye" {
-            "kannala_brandt"
-        } else {
-            "brown_conrady"
-        };
-        camera["distortion"] = json!({ "model": name, "params": params });
-    }
-    Ok(camera)
+    let intrinsics = Projection::from_params(model, None, params)
+        .and_then(|projection| Intrinsics::new(k(0, 0), k(1, 1), k(0, 2), k(1, 2), projection))
+        .map_err(|error| value(format!("camera `{id}`: {error}")))?;
+    mvtop_core::Camera::new(id, size, intrinsics, world_from_cam).map_err(python)
 }
 
-fn rig_json(cameras: Vec<Value>, reference: &str) -> String {
-    json!({
-        "format": "mvtop-rig", "version": 1, "unit": "m",
-        "reference": reference, "cameras": cameras,
-    })
-    .to_string()
+fn pixels(id: &str, key: &str, side: f64) -> PyResult<u32> {
+    if side.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&side) {
+        Ok(side as u32)
+    } else {
+        Err(value(format!(
+            "camera `{id}`: `{key}` must be a whole number of pixels, got {side}"
+        )))
+    }
+}
+
+/// - `reference`: id of a camera; the first by default
+fn rig(cameras: Vec<mvtop_core::Camera>, reference: Option<&str>) -> PyResult<Rig> {
+    let index = match reference {
+        None => 0,
+        Some(id) => cameras
+            .iter()
+            .position(|camera| camera.id() == id)
+            .ok_or_else(|| {
+                let ids: Vec<_> = cameras.iter().map(|camera| camera.id()).collect();
+                let ids = ids.join(", ");
+                value(format!(
+                    "reference: no camera `{id}`, expected one of: {ids}"
+                ))
+            })?,
+    };
+    let rig = mvtop_core::Rig::new(cameras, index).map_err(python)?;
+    // A person's numbers, unlike a data set's, may be in another unit.
+    rig.check_spread().map_err(python)?;
+    Ok(Rig(Arc::new(rig)))
 }
 
 /// A function of the numbers along the last axis; `None` becomes NaN.

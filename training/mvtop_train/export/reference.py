@@ -1,6 +1,10 @@
-"""The inference pipeline in PyTorch, for given boxes: what the Rust pipeline is compared with."""
+"""The inference pipeline in PyTorch, from images to a pose: what the Rust pipeline must equal.
+
+For one object, so that nothing need be matched across views: a view's box is its detector's best.
+"""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -8,10 +12,24 @@ import numpy as np
 import torch
 from PIL import Image as PilImage
 
-from ..data import rig
-from ..network import rays
+from ..network import pose, rays
 from ..network.model import Mvtop
-from .bundle import ExportedDecoder, ExportedFeatures
+from .bundle import ExportedCloseUps, ExportedDecoder, ExportedDetector
+from .optics import Camera, closeup_of, load_rig, picture_of, rays_of_box, seen_by
+
+MAX_ANCHORS = 4
+
+
+@dataclass
+class Picture:
+    """What the network is shown of a view."""
+
+    tensor: np.ndarray  # [3, H, W], normalised
+    camera_rays: np.ndarray  # [N, 3], unit or 0, in the frame of the camera that took it
+    box_rays: np.ndarray  # [5, 3], in that frame
+    center: np.ndarray  # [2], of the box, 0 to 1 over the picture
+    half_size: np.ndarray  # [2]
+    world_from_cam: np.ndarray  # [4, 4], m
 
 
 def letterbox(rgb: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
@@ -25,63 +43,137 @@ def letterbox(rgb: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np.
     return rgb, np.array([size[0] / w, size[1] / h])
 
 
+def _normalised(config, rgb) -> np.ndarray:
+    return ((rgb / 255 - np.array(config.mean)) / np.array(config.std)).transpose(2, 0, 1)
+
+
+def _over(box, width: int, height: int) -> dict:
+    low, high = (box[:2] + 0.5) / [width, height], (box[2:] + 0.5) / [width, height]
+    return {"center": (low + high) / 2, "half_size": (high - low) / 2}
+
+
+def image_tensor(config, rgb: np.ndarray) -> np.ndarray:
+    """[3, H, W], at the top left of the network's input."""
+    small, _ = letterbox(rgb, config.width, config.height)
+    tensor = np.zeros((3, config.height, config.width))
+    tensor[:, : small.shape[0], : small.shape[1]] = _normalised(config, small)
+    return tensor
+
+
+def whole_image(config, camera: Camera, rgb: np.ndarray, box: np.ndarray) -> Picture:
+    _, scale = letterbox(rgb, config.width, config.height)
+    cells = rays.cell_centers(config.level_shapes(), config.strides).double().numpy()
+    pixels = (cells + 0.5) / scale - 0.5
+    return Picture(
+        image_tensor(config, rgb),
+        camera.unproject(pixels) * camera.shows(pixels)[:, None],
+        rays_of_box(camera, box),
+        **_over((box + 0.5) * np.tile(scale, 2) - 0.5, config.width, config.height),
+        world_from_cam=camera.world_from_cam,
+    )
+
+
+def close_up(config, camera: Camera, rgb: np.ndarray, box: np.ndarray) -> Picture:
+    size = config.closeup
+    virtual, bounds, taps = closeup_of(camera, box, size)
+    picture, on_image = picture_of(virtual, camera, rgb, taps)
+    pixels = rays.cell_centers(config.decoder_shapes(), config.pose_strides).double().numpy()
+    return Picture(
+        _normalised(config, picture) * on_image,
+        virtual.unproject(pixels) * camera.shows(seen_by(camera, virtual, pixels))[:, None],
+        rays_of_box(virtual, bounds),
+        **_over(bounds, size, size),
+        world_from_cam=virtual.world_from_cam,
+    )
+
+
+def decoder_inputs(config, pictures: list[Picture], anchor: int) -> dict:
+    """By the names of the exported graph, in the pictures' order, in the anchor's frame."""
+    ref_from_world = np.linalg.inv(pictures[anchor].world_from_cam)
+    out = {"rays": [], "centers": [], "half_sizes": [], "box_rays": []}
+    for picture in pictures:
+        ref_from_cam = ref_from_world @ picture.world_from_cam
+        lines = torch.from_numpy(picture.camera_rays), torch.from_numpy(ref_from_cam)
+        out["rays"].append(rays.encode(*lines, config.los_encoding).numpy())
+        out["centers"].append(picture.center[None])
+        out["half_sizes"].append(picture.half_size[None])
+        d, left, right, top, bottom = picture.box_rays @ ref_from_cam[:3, :3].T
+        e_x, e_y = (rays.BOX_RAY_GAIN / 2 * e for e in (right - left, bottom - top))
+        out["box_rays"].append(np.concatenate([ref_from_cam[:3, 3], d, e_x, e_y])[None])
+    return {name: torch.from_numpy(np.stack(x)) for name, x in out.items()}
+
+
 @torch.no_grad()
-def predict(model: Mvtop, cameras: list[rig.Camera], images, boxes) -> dict:
-    """Pose of one object, given its box in every view; the first camera is the reference.
+def decode(model: Mvtop, memory, inputs: dict, order: list[int]) -> dict:
+    """rotation_6d [1, 6], translation [1, 3], sigma [1, 2] from views `order`, the anchor first."""
+    given = {name: x[order].float() for name, x in inputs.items()}
+    given |= {"valid": torch.ones(len(order), 1), "class_index": torch.zeros(1, dtype=torch.long)}
+    names = ("rotation_6d", "translation", "sigma")
+    return dict(zip(names, ExportedDecoder(model)(memory[order], **given), strict=True))
+
+
+def mean_pose(poses: list[np.ndarray]) -> np.ndarray:
+    """[4, 4]: the chordal mean of the rotations, and the translations' arithmetic one."""
+    out = np.mean(poses, 0)
+    u, _, vt = np.linalg.svd(out[:3, :3])
+    out[:3, :3] = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
+    return out
+
+
+@torch.no_grad()
+def detect(model: Mvtop, cameras: list[Camera], images) -> dict:
+    """The detector's maps, and per view its best box, on the image, in px, with its score."""
+    config = model.config
+    tensors = torch.from_numpy(np.stack([image_tensor(config, rgb) for rgb in images])).float()
+    scores, maps = ExportedDetector(model)(tensors)
+    out = {"images": tensors, "det_scores": scores, "det_boxes": maps}
+    boxes = []
+    for camera, rgb, view, sides in zip(cameras, images, scores, maps, strict=True):
+        box = sides.flatten(1)[:, view[0].argmax()].double().numpy()
+        _, scale = letterbox(rgb, config.width, config.height)
+        end = np.tile([camera.width, camera.height], 2) - 0.5
+        boxes.append(np.clip((box + 0.5) / np.tile(scale, 2) - 0.5, -0.5, end))
+    best = scores.flatten(1).amax(1).double()
+    return out | {"detected": torch.from_numpy(np.stack(boxes)), "scores": best}
+
+
+@torch.no_grad()
+def predict(model: Mvtop, cameras: list[Camera], images, boxes) -> dict:
+    """Pose of one object, given its box in every view that sees it.
+
+    It is decoded with each of the first `MAX_ANCHORS` views as the reference; these poses' mean is
+    the result.
 
     images  per camera [H, W, 3] uint8;  boxes  per camera [4] px
-    returns every intermediate result by the name it has in the exported graphs
+    returns every intermediate result; `inputs` and `decoded` per anchor; `world_from_obj` [4, 4]
     """
     config = model.config
-    mean, std = np.array(config.mean), np.array(config.std)
-    count = len(cameras)
-    tensors = np.zeros((count, 3, config.height, config.width))
-    k_net, net_boxes = np.zeros((count, 3, 3)), np.zeros((count, 4))
-    inside = []
-    pixels = rays.cell_centers(config.level_shapes(), config.strides)
-    for i, (camera, rgb, box) in enumerate(zip(cameras, images, boxes, strict=True)):
-        small, scale = letterbox(rgb, config.width, config.height)
-        h, w = small.shape[:2]
-        tensors[i, :, :h, :w] = ((small / 255 - mean) / std).transpose(2, 0, 1)
-        k_net[i] = camera.k
-        k_net[i, :2, :2] *= scale[:, None]
-        k_net[i, :2, 2] = (camera.k[:2, 2] + 0.5) * scale - 0.5
-        net_boxes[i] = (np.array(box) + 0.5) * np.tile(scale, 2) - 0.5
-        inside.append((pixels[:, 0] <= w - 0.5) & (pixels[:, 1] <= h - 0.5))
-    ref_from_cam = [
-        cameras[0].cam_from_rig @ np.linalg.inv(camera.cam_from_rig) for camera in cameras
-    ]
-    k = torch.tensor(k_net, dtype=torch.float64)
-    ref_from_cam = torch.tensor(np.stack(ref_from_cam), dtype=torch.float64)
-    camera_rays = rays.unproject(k, pixels.double()) * torch.stack(inside)[..., None]
-    lines = rays.encode(camera_rays, ref_from_cam, config.los_encoding)
-    b = torch.tensor(net_boxes)[:, None]  # [V, 1, 4]
-    size = torch.tensor([config.width, config.height])
-    low, high = (b[..., :2] + 0.5) / size, (b[..., 2:] + 0.5) / size
-    decoder_inputs = {
-        "rays": lines,
-        "centers": (low + high) / 2,
-        "half_sizes": (high - low) / 2,
-        "box_rays": rays.box_rays(k, b, ref_from_cam),
-        "valid": torch.ones(count, 1),
-    }
-    decoder_inputs = {name: x.float() for name, x in decoder_inputs.items()}
-    decoder_inputs["class_index"] = torch.zeros(1, dtype=torch.long)
-    features_inputs = {
-        "images": torch.tensor(tensors).float(),
-        "camera_rays": camera_rays.float(),
-    }
-    names = ("memory", "det_scores", "det_boxes")
-    features = dict(zip(names, ExportedFeatures(model)(**features_inputs), strict=True))
-    names = ("rotation_6d", "translation", "sigma")
-    poses = ExportedDecoder(model)(features["memory"], **decoder_inputs)
-    return features_inputs | features | decoder_inputs | dict(zip(names, poses, strict=True))
+    show = close_up if config.closeup else whole_image
+    views = zip(cameras, images, boxes, strict=True)
+    pictures = [show(config, camera, rgb, np.array(box)) for camera, rgb, box in views]
+    tensors = torch.from_numpy(np.stack([picture.tensor for picture in pictures]))
+    camera_rays = torch.from_numpy(np.stack([picture.camera_rays for picture in pictures]))
+    memory = ExportedCloseUps(model)(tensors.float(), camera_rays.float())
+    out = {"pictures": tensors, "camera_rays": camera_rays, "memory": memory}
+    out |= {"inputs": [], "decoded": []}
+    poses = []
+    for anchor in range(min(MAX_ANCHORS, len(pictures))):
+        out["inputs"].append(decoder_inputs(config, pictures, anchor))
+        order = [anchor, *(v for v in range(len(pictures)) if v != anchor)]
+        decoded = decode(model, memory, out["inputs"][-1], order)
+        anchor_from_obj = np.eye(4)
+        anchor_from_obj[:3, :3] = pose.rotation_from_6d(decoded["rotation_6d"][0].double())
+        anchor_from_obj[:3, 3] = decoded["translation"][0]
+        poses.append(pictures[anchor].world_from_cam @ anchor_from_obj)
+        out["decoded"].append(decoded)
+    sigma = torch.stack([decoded["sigma"][0] for decoded in out["decoded"]])
+    return out | {"world_from_obj": mean_pose(poses), "sigma": sigma.double().mean(0).numpy()}
 
 
 def load_sample(folder: Path):
-    """Cameras, images and true boxes of a sample folder (`samples.py`)."""
-    cameras = rig.load(folder / "rig.json")
+    """Cameras, images, true boxes and world_from_obj of a sample (`synthesis/samples.py`)."""
+    cameras = load_rig(folder / "rig.json")
     images = [cv2.imread(str(folder / f"{c.id}.png"))[:, :, ::-1] for c in cameras]
     truth = json.loads((folder / "truth.json").read_text())["objects"][0]
-    boxes = [truth["boxes"][c.id] for c in cameras]
+    boxes = [np.array(truth["boxes"][c.id]) for c in cameras]
     return cameras, images, boxes, np.array(truth["T_world_obj"])

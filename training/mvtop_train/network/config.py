@@ -2,6 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Literal
 
 from ..errors import UserError
 
@@ -35,7 +36,7 @@ class Config:
     preset: str
     width: int  # network input, px
     height: int
-    backbone: str  # of `BACKBONES`
+    backbone: Literal[*BACKBONES]
     channels: tuple[int, ...]  # of "conv", at strides 4, 8, 16, 32
     strides: tuple[int, ...]
     d_model: int
@@ -44,8 +45,8 @@ class Config:
     encoder_layers: int
     decoder_layers: int
     ffn: int
-    los_encoding: str
-    geometry: str  # of `GEOMETRIES`
+    los_encoding: Literal[*LOS_CHANNELS]
+    geometry: Literal[*GEOMETRIES]
     classes: tuple[ObjectClass, ...] = ()  # what it detects; a preset leaves them open
     mean: tuple[float, float, float] = (0.5, 0.5, 0.5)
     std: tuple[float, float, float] = (0.25, 0.25, 0.25)
@@ -86,6 +87,7 @@ PRESETS = {
         preset="tiny", width=160, height=128, backbone="conv", channels=(8, 16, 32, 32),
         strides=(8, 16, 32), d_model=32, heads=4, points=2, encoder_layers=1, decoder_layers=2,
         ffn=64, los_encoding="plucker_origin", geometry="rays",
+        closeup=64, closeup_strides=(16, 32),
     ),
     "small": Config(
         preset="small", width=512, height=384, backbone="conv", channels=(64, 128, 256, 256),

@@ -7,7 +7,6 @@ Trains the transformer and heads of each variant on cached features of canonical
 (`canonical.py`) and tests it on scenes that no training used. It resumes where it was stopped.
 """
 
-import argparse
 import dataclasses
 import json
 import time
@@ -18,7 +17,7 @@ from tqdm import tqdm
 from ..data import bop, mvball
 from ..data.bank import Bank
 from ..data.views import ViewMaker
-from ..errors import command
+from ..errors import argument_parser, command
 from ..training.checkpoint import load_weights
 from . import canonical, variants
 from .variants import VARIANTS
@@ -26,9 +25,7 @@ from .variants import VARIANTS
 
 @command
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argument_parser(__doc__)
     parser.add_argument("--weights", type=Path, required=True, help="whose backbone is frozen")
     parser.add_argument("--data", type=Path, required=True, help="training scenes")
     parser.add_argument("--test", type=Path, required=True, help="test scenes: splits hard, easy")

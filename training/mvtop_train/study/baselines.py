@@ -7,6 +7,7 @@ Ours, small, and faithful to what the papers describe; each is given the known c
   wins. `HypothesisHeads` makes them.
 """
 
+import mvtop
 import numpy as np
 import torch
 from scipy.optimize import least_squares
@@ -30,8 +31,8 @@ def _moved(points, poses):
 
 def _distances(points, poses):
     """Mean distances of the model points under every two of poses [m, 4, 4]: [m, m], metres."""
-    moved = _moved(points, poses)
-    return np.linalg.norm(moved[:, None] - moved[None], axis=-1).mean(-1)
+    surface = mvtop.metrics.Surface(points)
+    return np.stack([surface.add(pose, poses) for pose in poses])
 
 
 def late_fusion(candidates, ref_from_cam, k, points) -> tuple[np.ndarray, int]:

@@ -4,6 +4,7 @@ import dataclasses
 import json
 from pathlib import Path
 
+import mvtop
 import numpy as np
 import torch
 from tqdm import tqdm
@@ -12,12 +13,11 @@ from ..data import batches, mvball, objects
 from ..data.bank import Bank
 from ..data.inputs import to_views
 from ..data.views import collate
-from ..network import pose
+from ..network import losses, pose
 from ..network.config import Config
 from ..network.model import Mvtop
 from ..network.views import Views
-from ..training import losses
-from ..training.checkpoint import Run
+from ..training.checkpoint import TrainingState
 from ..training.optimise import autocast, descend, learning_rate
 from ..training.progress import Timer
 from . import baselines, canonical
@@ -124,28 +124,28 @@ def fit(
     """
     device = "cuda" if torch.cuda.is_available() else "cpu"
     torch.manual_seed(seed)
-    run = Run(folder, config, device, backbone=weights)
+    state = TrainingState(folder, config, device, backbone=weights)
     shares = [float(views == variant.views) for views in range(1, variant.views + 1)]
     stream = batches.Batches(bank, IMAGES, shares, seed, 0, 1)
-    loader = batches.loader(stream, run.step, workers=0, pinned=False)
+    loader = batches.loader(stream, state.step, workers=0, pinned=False)
     saving = Timer(SAVE_MINUTES)
-    bar = tqdm(total=steps, initial=run.step, unit="step", desc=folder.name)
-    while run.step < steps:
+    bar = tqdm(total=steps, initial=state.step, unit="step", desc=folder.name)
+    while state.step < steps:
         batch = next(loader)
         views = given(batch, variant, config, device)
         with autocast(device):
-            outputs = outputs_of(run.model, views)
-        loss = loss_of(run.model, outputs, batch["cam_from_obj"].to(device), variant)
-        descend(run, loss, learning_rate(run.step, run.step / steps, PEAK, WARMUP), CLIP)
-        run.update_average()
-        run.step += 1
+            outputs = outputs_of(state.model, views)
+        loss = loss_of(state.model, outputs, batch["cam_from_obj"].to(device), variant)
+        descend(state, loss, learning_rate(state.step, state.step / steps, PEAK, WARMUP), CLIP)
+        state.update_average()
+        state.step += 1
         bar.update()
-        if run.step % 20 == 0:
+        if state.step % 20 == 0:
             bar.set_postfix_str(f"loss {loss.item():.2f}")
-        if saving.due() or run.step == steps:
-            run.save()
+        if saving.due() or state.step == steps:
+            state.save()
     bar.close()
-    return run.average.cpu()
+    return state.average.cpu()
 
 
 def poses_of(output) -> np.ndarray:
@@ -170,16 +170,14 @@ def hypotheses_of(output, count: int) -> np.ndarray:
 
 def errors(estimates: np.ndarray, truth: np.ndarray) -> dict:
     """Mean errors of poses [B, 4, 4], degrees and metres."""
-    a, b = torch.from_numpy(estimates).float(), torch.from_numpy(truth).float()
-    angle = torch.rad2deg(pose.rotation_angle(a[:, :3, :3], b[:, :3, :3]))
-    points = torch.from_numpy(objects.ball().points).float()
-    add = pose.add_error(points, a[:, :3, :3], a[:, :3, 3], b[:, :3, :3], b[:, :3, 3])
+    angle = mvtop.metrics.rotation_error_deg(truth, estimates)
+    add = mvtop.metrics.Surface(objects.ball().points).add(truth, estimates)
     return {
-        "pairs": len(a),
-        "rot_mean_deg": angle.mean().item(),
-        "rot_median_deg": angle.median().item(),
-        "share_over_30_deg": (angle > 30).float().mean().item(),
-        "add_mean_m": add.mean().item(),
+        "pairs": len(angle),
+        "rot_mean_deg": float(angle.mean()),
+        "rot_median_deg": float(np.median(angle)),
+        "share_over_30_deg": float((angle > 30).mean()),
+        "add_mean_m": float(add.mean()),
     }
 
 

@@ -8,7 +8,7 @@ from ..data.closeup import CloseUps
 from ..data.crops import Crops
 from ..data.inputs import to_views
 from ..data.views import ViewMaker, collate
-from . import losses
+from ..network import losses
 from .optimise import autocast
 from .runconfig import RunConfig
 
@@ -21,11 +21,9 @@ def pose_views(settings: RunConfig, config, bounds, augment: bool) -> ViewMaker:
 
 
 @torch.no_grad()
-def validate(
-    model, scenes, maker: ViewMaker, device, views: int, per_scene=2, precision="bf16"
-) -> dict:
-    """Errors on held-out scenes with lightly jittered true boxes."""
-    rng = np.random.default_rng(0)
+def validate(model, scenes, maker: ViewMaker, precision: str, views: int, per_scene=2) -> dict:
+    """Errors on held-out scenes with lightly jittered true boxes, without augmentation."""
+    device, rng = next(model.parameters()).device, np.random.default_rng(0)
     items = [
         [maker.make_view(image, rng) for image in chosen]
         for scene in scenes

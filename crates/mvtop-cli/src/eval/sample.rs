@@ -2,21 +2,19 @@
 
 use std::path::{Path, PathBuf};
 
-use image::RgbImage;
-use mvtop_core::known::{self, KnownBoxes, KnownPose};
-use mvtop_core::{Estimator, PredictOptions, Prediction, Rig};
+use mvtop_core::annotations::{self, GivenBoxes, TruePose};
+use mvtop_core::{Estimator, PredictOptions, Prediction, Rig, ViewImage};
 
+use super::args::Trial;
 use super::noise::Noise;
-use crate::args::Eval;
 use crate::failure::{Failure, Result};
 
 pub struct Sample {
     /// Name of its folder.
     pub name: String,
     pub rig: Rig,
-    /// Each with the index of its camera.
-    pub images: Vec<(usize, RgbImage)>,
-    pub truth: Vec<KnownPose>,
+    pub images: Vec<ViewImage>,
+    pub truth: Vec<TruePose>,
 }
 
 /// Folders with a rig in them, sorted by name.
@@ -41,8 +39,8 @@ impl Sample {
     /// - `views`: as many images, from the reference camera on; all without it
     pub fn load(folder: &Path, views: Option<u32>) -> Result<Self> {
         let rig = Rig::load(&folder.join("rig.json"))?;
-        let truth = known::load_poses(&folder.join("truth.json"))?;
-        let cameras = rig.cameras.len();
+        let truth = annotations::load_truth(&folder.join("truth.json"))?;
+        let cameras = rig.cameras().len();
         let views = views.map_or(cameras, |views| views as usize);
         if views > cameras {
             return Err(Failure(format!(
@@ -52,20 +50,23 @@ impl Sample {
         }
         let mut images = Vec::new();
         for index in (0..cameras)
-            .map(|i| (rig.reference + i) % cameras)
+            .map(|i| (rig.reference() + i) % cameras)
             .take(views)
         {
-            let camera = &rig.cameras[index];
+            let camera = &rig.cameras()[index];
             let files = ["png", "jpg", "jpeg", "tif", "tiff", "bmp"]
-                .map(|end| folder.join(format!("{}.{end}", camera.id)));
+                .map(|end| folder.join(format!("{}.{end}", camera.id())));
             let file = files.iter().find(|file| file.is_file()).ok_or_else(|| {
                 let missing = files[0].display();
                 Failure(format!(
                     "no image of camera `{}`: expected {missing} (or .jpg, .tif, .bmp)",
-                    camera.id
+                    camera.id()
                 ))
             })?;
-            images.push((index, mvtop_core::image::load(file, camera)?));
+            images.push(ViewImage {
+                camera: index,
+                image: mvtop_core::image::load(file, camera)?,
+            });
         }
         let name = folder.file_name().unwrap_or_default();
         Ok(Self {
@@ -76,25 +77,25 @@ impl Sample {
         })
     }
 
-    pub fn predict(&self, estimator: &Estimator, args: &Eval, noise: &Noise) -> Result<Prediction> {
+    pub fn predict(&self, estimator: &Estimator, trial: &Trial) -> Result<Prediction> {
+        let noise = trial.noise();
         let options = PredictOptions {
             reference: None,
-            boxes: args.true_boxes.then(|| self.boxes(noise)),
-            min_views: args.detection.min_views as usize,
+            boxes: trial.true_boxes.then(|| self.boxes(&noise)),
+            min_views: trial.detection.min_views as usize,
         };
-        let mut rig = self.rig.clone();
-        noise.disturb_rig(&mut rig, &self.name);
+        let rig = noise.disturb_rig(&self.rig, &self.name)?;
         Ok(estimator.predict(&rig, &self.images, &options)?)
     }
 
     /// Boxes of the objects that some image shows: others cannot be predicted, and count as not
     /// found.
-    fn boxes(&self, noise: &Noise) -> Vec<KnownBoxes> {
+    fn boxes(&self, noise: &Noise) -> Vec<GivenBoxes> {
         let has_image = |id: &String| {
             let mut images = self.images.iter();
-            images.any(|(index, _)| self.rig.cameras[*index].id == *id)
+            images.any(|view| self.rig.cameras()[view.camera].id() == *id)
         };
-        let disturbed = |(object, known): (usize, &KnownPose)| {
+        let disturbed = |(object, known): (usize, &TruePose)| {
             let mut seen = known.seen.clone();
             noise.disturb_boxes(&mut seen, &self.rig, &self.name, object);
             seen.boxes.keys().any(has_image).then_some(seen)

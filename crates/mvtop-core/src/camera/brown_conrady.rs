@@ -2,10 +2,10 @@
 //!
 //! Source: Brown, "Decentering distortion of lenses", 1966; the rational radial factor is OpenCV's.
 
-use nalgebra::{Matrix2, Point2};
+use nalgebra::{Matrix2, Point2, Point3, Vector3};
 
+use super::projection::{ProjectionModel, on_plane, padded};
 use super::radial;
-use crate::{Error, Result};
 
 /// Tangent of the widest angle from the axis that a pinhole with distortion is used at, 89.94°.
 const WIDEST: f64 = 1e3;
@@ -28,36 +28,32 @@ pub struct BrownConrady {
     fold: f64,
 }
 
-impl BrownConrady {
-    /// `params`: none, or the first 4, 5 or 8 of `k1 k2 p1 p2 k3 k4 k5 k6`.
-    ///
-    /// # Errors
-    /// [`Error::Distortion`] for another number of coefficients, or one that is not finite.
-    pub fn new(params: &[f64]) -> Result<Self> {
-        if ![0, 4, 5, 8].contains(&params.len()) {
-            return Err(Error::Distortion(format!(
-                "brown_conrady takes 0, 4, 5 or 8 coefficients (k1 k2 p1 p2 k3 k4 k5 k6), got {}",
-                params.len()
-            )));
-        }
-        if let Some(bad) = params.iter().find(|p| !p.is_finite()) {
-            return Err(Error::Distortion(format!(
-                "brown_conrady coefficients must be finite, got {bad}"
-            )));
-        }
-        let mut padded = [0.0; 8];
-        padded[..params.len()].copy_from_slice(params);
-        Ok(Self {
-            params: padded,
-            fold: fold(&padded),
-        })
+impl ProjectionModel for BrownConrady {
+    const FAMILY: &'static str = "pinhole";
+    const NAME: &'static str = "brown_conrady";
+    const PARAMS: &'static [&'static str] = &["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"];
+    const COUNTS: &'static [usize] = &[0, 4, 5, 8];
+
+    fn from_finite(params: &[f64]) -> Self {
+        let params = padded(params);
+        let fold = fold(&params);
+        Self { params, fold }
     }
 
-    /// `k1 k2 p1 p2 k3 k4 k5 k6`, zeros where fewer were given.
-    pub fn params(&self) -> &[f64; 8] {
+    fn params(&self) -> &[f64] {
         &self.params
     }
 
+    fn project(&self, point: &Point3<f64>) -> Option<Point2<f64>> {
+        self.distort(&on_plane(point)?)
+    }
+
+    fn unproject(&self, image: &Point2<f64>) -> Option<Vector3<f64>> {
+        Some(self.undistort(image)?.coords.push(1.0))
+    }
+}
+
+impl BrownConrady {
     /// Where a point of the plane z = 1 is imaged, in focal lengths from the principal point;
     /// `None` past the fold.
     pub fn distort(&self, point: &Point2<f64>) -> Option<Point2<f64>> {

@@ -7,8 +7,8 @@ use std::f64::consts::PI;
 
 use nalgebra::{Point2, Point3, Vector3};
 
+use super::projection::{ProjectionModel, padded};
 use super::radial;
-use crate::{Error, Result};
 
 /// Kannala-Brandt fisheye with 4 coefficients.
 ///
@@ -22,39 +22,27 @@ pub struct KannalaBrandt {
     fold: f64,
 }
 
-impl KannalaBrandt {
-    /// `params`: `k1 k2 k3 k4`.
-    ///
-    /// # Errors
-    /// [`Error::Distortion`] for another number of coefficients, or one that is not finite.
-    pub fn new(params: &[f64]) -> Result<Self> {
-        let params: [f64; 4] = params.try_into().map_err(|_| {
-            Error::Distortion(format!(
-                "kannala_brandt takes 4 coefficients (k1 k2 k3 k4), got {}",
-                params.len()
-            ))
-        })?;
-        if let Some(bad) = params.iter().find(|p| !p.is_finite()) {
-            return Err(Error::Distortion(format!(
-                "kannala_brandt coefficients must be finite, got {bad}"
-            )));
-        }
+impl ProjectionModel for KannalaBrandt {
+    const FAMILY: &'static str = "fisheye";
+    const NAME: &'static str = "kannala_brandt";
+    const PARAMS: &'static [&'static str] = &["k1", "k2", "k3", "k4"];
+    const COUNTS: &'static [usize] = &[4];
+
+    fn from_finite(params: &[f64]) -> Self {
+        let params = padded(params);
         let [k1, k2, k3, k4] = params;
         let slope = [1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3, 9.0 * k4]; // in θ²
         let fold = radial::sign_changes(&slope, PI * PI)
             .first()
             .map_or(PI, |s| s.sqrt());
-        Ok(Self { params, fold })
+        Self { params, fold }
     }
 
-    /// `k1 k2 k3 k4`.
-    pub fn params(&self) -> &[f64; 4] {
+    fn params(&self) -> &[f64] {
         &self.params
     }
 
-    /// Where a point of the camera frame is imaged, in focal lengths from the principal point;
-    /// `None` past the fold.
-    pub fn project(&self, point: &Point3<f64>) -> Option<Point2<f64>> {
+    fn project(&self, point: &Point3<f64>) -> Option<Point2<f64>> {
         let across = point.x.hypot(point.y);
         if across == 0.0 {
             return (point.z > 0.0).then(Point2::origin);
@@ -66,8 +54,7 @@ impl KannalaBrandt {
         })
     }
 
-    /// Direction of the ray that is imaged there, of unit length; `None` past the fold.
-    pub fn unproject(&self, image: &Point2<f64>) -> Option<Vector3<f64>> {
+    fn unproject(&self, image: &Point2<f64>) -> Option<Vector3<f64>> {
         let radius = image.x.hypot(image.y);
         if radius == 0.0 {
             return Some(Vector3::z());
@@ -80,7 +67,9 @@ impl KannalaBrandt {
             cos,
         ))
     }
+}
 
+impl KannalaBrandt {
     /// Radius and its derivative by the angle.
     fn profile(&self, angle: f64) -> (f64, f64) {
         let [k1, k2, k3, k4] = self.params;

@@ -1,6 +1,9 @@
-//! Reading JSON objects key by key, with errors that name the place and the fix.
+//! Reading JSON objects key by key, with errors that name the place and the fix: serde names the
+//! place, but knows neither other formats' keys nor what to write for a missing one.
 
 use serde_json::{Map, Value};
+
+use crate::camera::projection::{distortions, families};
 
 /// A sentence about what is wrong.
 pub(super) type Checked<T> = Result<T, String>;
@@ -63,6 +66,15 @@ impl<'a> Fields<'a> {
         number(value).ok_or_else(|| self.wrong(key, "a finite number", value))
     }
 
+    /// False where the key is left out.
+    pub fn flag(&self, key: &str) -> Checked<bool> {
+        match self.optional(key) {
+            None => Ok(false),
+            Some(Value::Bool(flag)) => Ok(*flag),
+            Some(other) => Err(self.wrong(key, "true or false", other)),
+        }
+    }
+
     pub fn list(&self, key: &str) -> Checked<&'a [Value]> {
         let value = self.value(key);
         value
@@ -123,14 +135,14 @@ fn fix(key: &str, known: &[&str]) -> String {
     let spelling = known.iter().find(|other| other.eq_ignore_ascii_case(key));
     match (spelling, instead_of(key, known)) {
         (Some(other), _) => format!("it is spelled `{other}`"),
-        (_, Some(fix)) => fix.to_owned(),
+        (_, Some(fix)) => fix,
         _ => format!("the keys are {}", known.join(", ")),
     }
 }
 
 /// What to write in place of a key that other formats use.
-fn instead_of(key: &str, known: &[&str]) -> Option<&'static str> {
-    Some(match key.to_lowercase().as_str() {
+fn instead_of(key: &str, known: &[&str]) -> Option<String> {
+    let fix = match key.to_lowercase().as_str() {
         "q" | "quat" | "quaternion" | "r" | "rotation" | "orientation" | "rotvec" | "rvec"
             if known.contains(&"q_wxyz") =>
         {
@@ -150,8 +162,10 @@ fn instead_of(key: &str, known: &[&str]) -> Option<&'static str> {
             "give `fx`, `fy`, `cx` and `cy` in pixels"
         }
         "d" | "dist" | "dist_coeffs" | "distortion_coefficients" | "distortion_model" | "k1" => {
-            "give `distortion` as {\"model\": \"brown_conrady\" or \"kannala_brandt\", \
-             \"params\": [...]}"
+            return Some(format!(
+                "give `distortion` as {{\"model\": {:?}, \"params\": [...]}}",
+                distortions().join("\" or \"")
+            ));
         }
         "coeffs" | "coefficients" | "parameters" => "give the coefficients as `params`",
         "units" | "length_unit" | "scale" => "give the unit of length as `unit`: m, cm or mm",
@@ -160,12 +174,16 @@ fn instead_of(key: &str, known: &[&str]) -> Option<&'static str> {
         "ref" | "reference_camera" | "anchor" => "give the reference camera's id as `reference`",
         "camera" | "views" | "sensors" => "give the cameras as the list `cameras`",
         "type" | "camera_model" | "projection" => {
-            "give the projection as `model`: pinhole or fisheye"
+            return Some(format!(
+                "give the projection as `model`: {}",
+                families().join(" or ")
+            ));
         }
         "camera_frame" | "pixel_origin" => {
             "leave it out: frames are OpenCV's (x right, y down, z forward) and pixel (0, 0) is \
              the center of the top-left pixel"
         }
         _ => return None,
-    })
+    };
+    Some(fix.to_owned())
 }

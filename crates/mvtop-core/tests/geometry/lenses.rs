@@ -1,7 +1,7 @@
 use std::f64::consts::{FRAC_PI_4, PI};
 use std::path::Path;
 
-use mvtop_core::{Distortion, Lens};
+use mvtop_core::{Intrinsics, Projection};
 use nalgebra::{Point2, Point3};
 use proptest::prelude::*;
 use safetensors::SafeTensors;
@@ -9,18 +9,15 @@ use safetensors::SafeTensors;
 use super::{brown_conrady, kannala_brandt, lenses, pinhole};
 
 /// Focal length 1 px, principal point (0, 0).
-fn unit(distortion: Distortion) -> Lens {
-    Lens {
-        distortion,
-        ..pinhole(1.0, 0.0, 0.0)
-    }
+fn unit(projection: Projection) -> Intrinsics {
+    Intrinsics::new(1.0, 1.0, 0.0, 0.0, projection).unwrap()
 }
 
-fn project(lens: &Lens, x: f64, y: f64, z: f64) -> Option<[f64; 2]> {
+fn project(lens: &Intrinsics, x: f64, y: f64, z: f64) -> Option<[f64; 2]> {
     lens.project(&Point3::new(x, y, z)).map(|p| [p.x, p.y])
 }
 
-fn unproject(lens: &Lens, u: f64, v: f64) -> Option<[f64; 3]> {
+fn unproject(lens: &Intrinsics, u: f64, v: f64) -> Option<[f64; 3]> {
     lens.unproject(&Point2::new(u, v))
         .map(|ray| [ray.x, ray.y, ray.z])
 }
@@ -69,7 +66,7 @@ fn fisheyes_see_behind_the_image_plane_and_pinholes_do_not() {
         "all directions are alike there"
     );
     assert_eq!(unproject(&fisheye, PI + 0.01, 0.0), None);
-    for distortion in [Distortion::None, brown_conrady(&[0.1, 0.0, 0.0, 0.0])] {
+    for distortion in [Projection::Pinhole, brown_conrady(&[0.1, 0.0, 0.0, 0.0])] {
         let lens = unit(distortion);
         assert_eq!(project(&lens, 1.0, 0.0, -1.0), None);
         assert_eq!(project(&lens, 1.0, 0.0, 0.0), None);
@@ -95,6 +92,17 @@ fn nothing_is_imaged_past_the_fold() {
     assert_eq!(project(&lens, 1.01_f64.tan(), 0.0, 1.0), None);
     assert!(unproject(&lens, 0.666, 0.0).is_some());
     assert_eq!(unproject(&lens, 0.667, 0.0), None);
+}
+
+#[test]
+fn every_registered_projection_is_in_the_list() {
+    for &(family, distortion) in Projection::NAMES {
+        let listed = lenses().into_iter().any(|lens| {
+            let projection = lens.projection();
+            (projection.family(), projection.distortion()) == (family, Some(distortion))
+        });
+        assert!(listed, "{family} with {distortion}");
+    }
 }
 
 #[test]
@@ -138,18 +146,10 @@ fn every_lens_agrees_with_opencv() {
         "fisheye",
     ] {
         let params = numbers(name, "params");
-        let distortion = match name {
-            "fisheye" => kannala_brandt(&params),
-            _ => brown_conrady(&params),
-        };
-        let intrinsics = numbers(name, "intrinsics");
-        let lens = Lens {
-            fx: intrinsics[0],
-            fy: intrinsics[1],
-            cx: intrinsics[2],
-            cy: intrinsics[3],
-            distortion,
-        };
+        let (family, _) = name.split_once('_').unwrap_or((name, ""));
+        let projection = Projection::from_params(family, None, &params).unwrap();
+        let [fx, fy, cx, cy] = numbers(name, "intrinsics").try_into().unwrap();
+        let lens = Intrinsics::new(fx, fy, cx, cy, projection).unwrap();
         let (points, pixels) = (numbers(name, "points"), numbers(name, "pixels"));
         assert_eq!(points.len() / 3, 64);
         for (point, pixel) in points.chunks(3).zip(pixels.chunks(2)) {
@@ -174,7 +174,7 @@ fn every_lens_agrees_with_opencv() {
     }
 }
 
-fn any_distortion() -> impl Strategy<Value = Distortion> {
+fn any_distortion() -> impl Strategy<Value = Projection> {
     let k = -0.5..0.5f64;
     let p = -0.005..0.005f64;
     let rational = [
@@ -188,7 +188,7 @@ fn any_distortion() -> impl Strategy<Value = Distortion> {
         k,
     ];
     prop_oneof![
-        Just(Distortion::None),
+        Just(Projection::Pinhole),
         (
             rational,
             prop_oneof![Just(0), Just(4), Just(5), Just(8usize)]
@@ -206,10 +206,8 @@ fn a_point_far_outside_the_image_is_found_again_under_a_lens_with_a_pole() {
         -0.3494232821645114,
         -0.031174266543974614,
     );
-    let lens = Lens {
-        distortion: brown_conrady(&[k1, 0.0, 0.0, 0.0, 0.0, k4, 0.0, k6]),
-        ..pinhole(500.0, 320.0, 240.0)
-    };
+    let projection = brown_conrady(&[k1, 0.0, 0.0, 0.0, 0.0, k4, 0.0, k6]);
+    let lens = Intrinsics::new(500.0, 500.0, 320.0, 240.0, projection).unwrap();
     let point = Point3::new(0.0, -1.0164053241369115, 1.086220529326746);
     let pixel = lens.project(&point).expect("imaged");
     assert!((pixel.y + 681.28).abs() < 0.01, "{pixel}");
@@ -225,7 +223,7 @@ proptest! {
         y in -1.5..1.5f64,
         z in -0.5..1.5f64,
     ) {
-        let lens = Lens { distortion, ..pinhole(500.0, 320.0, 240.0) };
+        let lens = Intrinsics::new(500.0, 500.0, 320.0, 240.0, distortion).unwrap();
         let point = Point3::new(x, y, z);
         if let Some(pixel) = lens.project(&point) {
             let ray = lens.unproject(&pixel);
@@ -242,20 +240,23 @@ proptest! {
         intrinsics in prop::array::uniform4(any::<f64>()),
         point in prop::array::uniform3(any::<f64>()),
     ) {
-        use mvtop_core::camera::{BrownConrady, KannalaBrandt};
         let [fx, fy, cx, cy] = intrinsics;
-        let distortions = [
-            Some(Distortion::None),
-            BrownConrady::new(&params).ok().map(Distortion::BrownConrady),
-            KannalaBrandt::new(&params[..4]).ok().map(Distortion::KannalaBrandt),
+        let projections = [
+            Ok(Projection::Pinhole),
+            Projection::from_params("pinhole", None, &params),
+            Projection::from_params("fisheye", None, &params[..4]),
         ];
-        for distortion in distortions.into_iter().flatten() {
-            let lens = Lens { fx, fy, cx, cy, distortion };
-            if let Some(pixel) = lens.project(&Point3::from(point)) {
-                prop_assert!(pixel.iter().all(|c| c.is_finite()));
-            }
-            if let Some(ray) = lens.unproject(&Point2::new(point[0], point[1])) {
-                prop_assert!((ray.norm() - 1.0).abs() < 1e-9);
+        for projection in projections.into_iter().flatten() {
+            // Any numbers as they are, and a usable camera for any coefficients.
+            let lenses = [[fx, fy, cx, cy], [500.0, 510.0, 320.0, 240.0]]
+                .map(|[fx, fy, cx, cy]| Intrinsics::new(fx, fy, cx, cy, projection.clone()));
+            for lens in lenses.into_iter().flatten() {
+                if let Some(pixel) = lens.project(&Point3::from(point)) {
+                    prop_assert!(pixel.iter().all(|c| c.is_finite()));
+                }
+                if let Some(ray) = lens.unproject(&Point2::new(point[0], point[1])) {
+                    prop_assert!((ray.norm() - 1.0).abs() < 1e-9);
+                }
             }
         }
     }

@@ -1,29 +1,30 @@
 //! Rigs, lenses, images, lines of sight and poses.
 
 mod bad_rigs;
+mod cameras;
 mod closeups;
 mod images;
 mod lenses;
 mod poses;
 mod rays;
 mod rigs;
+mod transforms;
 
-use mvtop_core::camera::{BrownConrady, KannalaBrandt};
-use mvtop_core::{Camera, Distortion, Lens};
+use mvtop_core::{Camera, Intrinsics, Projection};
 use nalgebra::Isometry3;
 
-fn brown_conrady(params: &[f64]) -> Distortion {
-    Distortion::BrownConrady(BrownConrady::new(params).unwrap())
+fn brown_conrady(params: &[f64]) -> Projection {
+    Projection::from_params("pinhole", Some("brown_conrady"), params).unwrap()
 }
 
-fn kannala_brandt(params: &[f64]) -> Distortion {
-    Distortion::KannalaBrandt(KannalaBrandt::new(params).unwrap())
+fn kannala_brandt(params: &[f64]) -> Projection {
+    Projection::from_params("fisheye", Some("kannala_brandt"), params).unwrap()
 }
 
 /// One lens of each kind, for images of 640 x 480 px that they cover to the corners.
-fn lenses() -> Vec<Lens> {
+fn lenses() -> Vec<Intrinsics> {
     [
-        (600.0, Distortion::None),
+        (600.0, Projection::Pinhole),
         (600.0, brown_conrady(&[])),
         (700.0, brown_conrady(&[-0.21, 0.07, 1.1e-3, -6e-4])),
         (
@@ -37,32 +38,16 @@ fn lenses() -> Vec<Lens> {
         (278.0, kannala_brandt(&[-0.006, 0.016, -0.024, 0.0155])),
         (150.0, kannala_brandt(&[0.0; 4])), // its corners look behind the camera
     ]
-    .map(|(focal, distortion)| Lens {
-        fx: focal,
-        fy: 1.01 * focal,
-        cx: 318.2,
-        cy: 243.9,
-        distortion,
+    .map(|(focal, projection)| {
+        Intrinsics::new(focal, 1.01 * focal, 318.2, 243.9, projection).unwrap()
     })
     .to_vec()
 }
 
-fn camera(lens: Lens, width: u32, height: u32) -> Camera {
-    Camera {
-        id: "left".into(),
-        width,
-        height,
-        lens,
-        world_from_cam: Isometry3::identity(),
-    }
+fn camera(intrinsics: Intrinsics, width: u32, height: u32) -> Camera {
+    Camera::new("left", [width, height], intrinsics, Isometry3::identity()).unwrap()
 }
 
-fn pinhole(focal: f64, cx: f64, cy: f64) -> Lens {
-    Lens {
-        fx: focal,
-        fy: focal,
-        cx,
-        cy,
-        distortion: Distortion::None,
-    }
+fn pinhole(focal: f64, cx: f64, cy: f64) -> Intrinsics {
+    Intrinsics::new(focal, focal, cx, cy, Projection::Pinhole).unwrap()
 }

@@ -1,5 +1,6 @@
+use mvtop_core::Intrinsics;
 use mvtop_core::image::Letterbox;
-use mvtop_core::rays::{LosEncoding, box_rays, camera_rays, encode};
+use mvtop_core::rays::{BoxRays, LosEncoding, camera_rays, encode};
 use nalgebra::{Isometry3, Point2, Point3, Rotation3, UnitQuaternion, Vector3, matrix};
 use ndarray::{Array2, ArrayView1, array};
 use proptest::prelude::*;
@@ -81,7 +82,7 @@ fn every_lens_images_each_ray_at_its_cell() {
         let rays = camera_rays(&camera, &letterbox, &[16]);
         for (cell, ray) in rays.rows().into_iter().enumerate() {
             let point = Point3::new(ray[0], ray[1], ray[2]).cast::<f64>();
-            let pixel = camera.lens.project(&point).expect("a pixel");
+            let pixel = camera.intrinsics().project(&point).expect("a pixel");
             // Cells of 32 image pixels.
             let center = |i: usize| i as f64 * 32.0 + 15.5;
             let expected = Point2::new(center(cell % 20), center(cell / 20));
@@ -105,8 +106,8 @@ fn padding_and_cells_without_a_ray_are_zero() {
         assert!((norm - expected).abs() < 1e-6, "cell {cell}: {norm}");
     }
     // An equidistant fisheye of 50 px per radian sees nothing past 50π = 157 px from its center.
-    let mut lens = lenses().pop().unwrap();
-    (lens.fx, lens.fy) = (50.0, 50.0);
+    let equidistant = super::kannala_brandt(&[0.0; 4]);
+    let lens = Intrinsics::new(50.0, 50.0, 318.2, 243.9, equidistant).unwrap();
     let fisheye = camera(lens, 640, 480);
     let rays = camera_rays(&fisheye, &Letterbox::new(640, 480, 640, 480), &[8]);
     assert!(rays.row(0).iter().all(|&x| x == 0.0));
@@ -120,12 +121,12 @@ fn padding_and_cells_without_a_ray_are_zero() {
 #[test]
 fn box_by_hand() {
     let camera = camera(pinhole(100.0, 0.0, 0.0), 640, 480);
-    let bounds = [-10.0, -20.0, 10.0, 20.0];
-    let line = box_rays(&camera, bounds, &facing()).unwrap();
+    let rays = BoxRays::new(&camera, [-10.0, -20.0, 10.0, 20.0].into()).unwrap();
+    let line = rays.encode(&facing());
     let (x, y) = (1.0 / 1.01_f32.sqrt(), 2.0 / 1.04_f32.sqrt());
     let expected = [0.0, 0.0, 2.0, 0.0, 0.0, -1.0, -x, 0.0, 0.0, 0.0, y, 0.0];
     assert_close(array![line].row(0), &expected);
-    assert_eq!(box_rays(&camera, [f64::NAN; 4], &facing()), None);
+    assert_eq!(BoxRays::new(&camera, [f64::NAN; 4].into()), None);
 }
 
 fn any_pose() -> impl Strategy<Value = Isometry3<f64>> {
@@ -147,23 +148,23 @@ proptest! {
     ) {
         let letterbox = Letterbox::new(640, 480, 640, 480);
         for lens in lenses() {
-            let mut cameras = [camera(lens.clone(), 640, 480), camera(lens, 640, 480)];
-            (cameras[0].world_from_cam, cameras[1].world_from_cam) = (reference, other);
+            let camera = camera(lens, 640, 480);
+            let cameras = [reference, other].map(|pose| camera.moved_to(pose).unwrap());
             let lines = |cameras: &[mvtop_core::Camera; 2]| -> (Array2<f32>, _) {
                 let ref_from_cam =
-                    cameras[0].world_from_cam.inverse() * cameras[1].world_from_cam;
+                    cameras[0].world_from_cam().inverse() * cameras[1].world_from_cam();
                 let rays = camera_rays(&cameras[1], &letterbox, &[32]);
-                let bounds = [100.0, 50.0, 300.0, 260.0];
+                let box_rays = BoxRays::new(&cameras[1], [100.0, 50.0, 300.0, 260.0].into());
                 (
                     encode(rays.view(), &ref_from_cam, LosEncoding::PluckerOrigin),
-                    box_rays(&cameras[1], bounds, &ref_from_cam).unwrap(),
+                    box_rays.unwrap().encode(&ref_from_cam),
                 )
             };
             let before = lines(&cameras);
-            for camera in &mut cameras {
-                camera.world_from_cam = new_from_old_world * camera.world_from_cam;
-            }
-            let after = lines(&cameras);
+            let moved = cameras.map(|camera| {
+                camera.moved_to(new_from_old_world * camera.world_from_cam()).unwrap()
+            });
+            let after = lines(&moved);
             prop_assert!((before.0 - after.0).iter().all(|x| x.abs() < 1e-5));
             prop_assert!(before.1.iter().zip(after.1).all(|(a, b)| (a - b).abs() < 1e-5));
         }

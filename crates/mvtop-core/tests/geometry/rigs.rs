@@ -1,4 +1,6 @@
-use mvtop_core::{Distortion, Rig};
+use std::io;
+
+use mvtop_core::{ErrorKind, Projection, Rig};
 use nalgebra::{Isometry3, Point3, Vector3};
 use proptest::prelude::*;
 use serde_json::{Value, json};
@@ -8,35 +10,43 @@ use super::bad_rigs::{BAD, GOOD};
 #[test]
 fn a_good_rig_is_read_as_written() {
     let rig = Rig::from_json(GOOD).unwrap();
-    assert_eq!((rig.reference, rig.cameras.len()), (1, 2));
+    assert_eq!((rig.reference(), rig.cameras().len()), (1, 2));
     assert_eq!(
         (rig.index_of("left"), rig.index_of("right")),
         (Some(0), None)
     );
 
-    let [left, wide] = &rig.cameras[..] else {
+    let [left, wide] = rig.cameras() else {
         panic!("two cameras")
     };
     assert_eq!(
-        (left.id.as_str(), left.width, left.height),
+        (left.id(), left.width(), left.height()),
         ("left", 1280, 720)
     );
-    let lens = &left.lens;
+    let lens = left.intrinsics();
     assert_eq!(
-        [lens.fx, lens.fy, lens.cx, lens.cy],
+        [lens.fx(), lens.fy(), lens.cx(), lens.cy()],
         [863.73, 863.22, 637.52, 385.53]
     );
-    assert!(matches!(&lens.distortion, Distortion::BrownConrady(d) if d.params()[3] == 0.00057));
-    assert!(
-        matches!(&wide.lens.distortion, Distortion::KannalaBrandt(d) if d.params()[3] == 0.0155)
+    let bent = lens.projection();
+    assert_eq!(
+        (bent.family(), bent.distortion()),
+        ("pinhole", Some("brown_conrady"))
     );
+    assert_eq!(bent.params()[3], 0.00057);
+    let fisheye = wide.intrinsics().projection();
+    assert_eq!(
+        (fisheye.family(), fisheye.distortion()),
+        ("fisheye", Some("kannala_brandt"))
+    );
+    assert_eq!(fisheye.params()[3], 0.0155);
 
     // cos² - sin² of the half turn's angle: 0.6² - 0.8² = -0.28, 2 · 0.6 · 0.8 = 0.96.
     let expected = Point3::new(0.1 + 0.96, 0.0, 0.8 - 0.28);
-    assert!((left.world_from_cam * Point3::new(0.0, 0.0, 1.0) - expected).norm() < 1e-12);
+    assert!((left.world_from_cam() * Point3::new(0.0, 0.0, 1.0) - expected).norm() < 1e-12);
     // The camera sees the world's (1, 2, 3) at (-2 + 0.25, 1, 3.5).
     let seen = Point3::new(-1.75, 1.0, 3.5);
-    assert!((wide.world_from_cam * seen - Point3::new(1.0, 2.0, 3.0)).norm() < 1e-12);
+    assert!((wide.world_from_cam() * seen - Point3::new(1.0, 2.0, 3.0)).norm() < 1e-12);
 }
 
 #[test]
@@ -48,10 +58,14 @@ fn optional_keys_have_defaults() {
     }
     value["cameras"][0].as_object_mut().unwrap().remove("model");
     let rig = Rig::from_json(&value.to_string()).unwrap();
-    assert_eq!(rig.reference, 0);
-    assert_eq!(rig.cameras[0].lens.distortion, Distortion::None);
-    assert!(matches!(&rig.cameras[1].lens.distortion,
-            Distortion::KannalaBrandt(d) if *d.params() == [0.0; 4]));
+    assert_eq!(rig.reference(), 0);
+    let projection = |camera: usize| rig.cameras()[camera].intrinsics().projection();
+    assert_eq!(*projection(0), Projection::Pinhole);
+    assert_eq!(
+        *projection(1),
+        Projection::from_params("fisheye", None, &[]).unwrap()
+    );
+    assert_eq!(projection(1).params(), [0.0; 4]);
 }
 
 #[test]
@@ -82,7 +96,8 @@ fn one_pose_may_be_written_in_six_ways() {
             let camera = value["cameras"][1].as_object_mut().unwrap();
             camera.remove("T_cam_world");
             camera.insert(key.into(), form.clone());
-            let read = Rig::from_json(&value.to_string()).unwrap().cameras[1].world_from_cam;
+            let rig = Rig::from_json(&value.to_string()).unwrap();
+            let read = rig.cameras()[1].world_from_cam();
             let off = (read.to_homogeneous() - pose.to_homogeneous()).norm();
             assert!(off < 1e-12, "{key}: {form} is off by {off}");
         }
@@ -96,7 +111,7 @@ fn every_unit_is_converted_to_metres() {
             .replace("\"unit\": \"m\"", &format!("\"unit\": \"{unit}\""))
             .replace("[0.1, 0, 0.8]", &format!("[0, 0, {written}]"));
         let rig = Rig::from_json(&text).unwrap();
-        let depth = rig.cameras[0].world_from_cam.translation.z;
+        let depth = rig.cameras()[0].world_from_cam().translation.z;
         assert!((depth - 0.5).abs() < 1e-12, "{unit}: {depth}");
     }
 }
@@ -107,9 +122,8 @@ fn a_rounded_rotation_is_made_exact() {
         "[0, -1, 0, 0.25], [1, 0, 0, 0]",
         "[0, -1, 0, 0.25], [1.0004, 0, 0, 0]",
     );
-    let rotation = Rig::from_json(&text).unwrap().cameras[1]
-        .world_from_cam
-        .rotation;
+    let rig = Rig::from_json(&text).unwrap();
+    let rotation = rig.cameras()[1].world_from_cam().rotation;
     let matrix = rotation.to_rotation_matrix().into_inner();
     assert!((matrix.transpose() * matrix - nalgebra::Matrix3::identity()).norm() < 1e-12);
 }
@@ -157,6 +171,27 @@ fn loading_names_the_file() {
 }
 
 #[test]
+fn causes_can_be_matched_on() {
+    use std::error::Error;
+    let folder = tempfile::tempdir().unwrap();
+    let error = Rig::load(&folder.path().join("none.json")).unwrap_err();
+    assert_eq!(error.kind(), ErrorKind::Io);
+    let cause = error
+        .source()
+        .and_then(|cause| cause.downcast_ref::<io::Error>());
+    assert_eq!(cause.unwrap().kind(), io::ErrorKind::NotFound);
+    let error = Rig::from_json("{\n\"format\"").unwrap_err();
+    assert_eq!(error.kind(), ErrorKind::Rig);
+    let cause = error
+        .source()
+        .and_then(|cause| cause.downcast_ref::<serde_json::Error>());
+    assert_eq!(cause.unwrap().line(), 2);
+    // A rig that is JSON has no other cause than itself.
+    let error = Rig::from_json("{}").unwrap_err();
+    assert!(error.kind() == ErrorKind::Rig && error.source().is_none());
+}
+
+#[test]
 fn the_documented_example_is_a_rig() {
     let docs = include_str!("../../../../docs/rig.md");
     let example = docs
@@ -164,7 +199,7 @@ fn the_documented_example_is_a_rig() {
         .nth(1)
         .and_then(|rest| rest.split("```").next())
         .unwrap();
-    assert_eq!(Rig::from_json(example).unwrap().cameras.len(), 2);
+    assert_eq!(Rig::from_json(example).unwrap().cameras().len(), 2);
 }
 
 fn assert_one_sentence(error: &str) {
@@ -174,14 +209,19 @@ fn assert_one_sentence(error: &str) {
     );
 }
 
-fn assert_survives_writing(rig: &Rig) {
+pub fn assert_survives_writing(rig: &Rig) {
     let again = Rig::from_json(&rig.to_json()).unwrap();
-    assert_eq!(again.reference, rig.reference);
-    for (a, b) in rig.cameras.iter().zip(&again.cameras) {
-        assert_eq!((&a.id, a.width, a.height), (&b.id, b.width, b.height));
-        assert_eq!(a.lens, b.lens);
-        let off = a.world_from_cam.to_homogeneous() - b.world_from_cam.to_homogeneous();
-        assert!(off.norm() < 1e-9 * (1.0 + a.world_from_cam.translation.vector.norm()));
+    assert_eq!(again.reference(), rig.reference());
+    assert_eq!(again.cameras().len(), rig.cameras().len());
+    for (a, b) in rig.cameras().iter().zip(again.cameras()) {
+        assert_eq!(
+            (a.id(), a.width(), a.height()),
+            (b.id(), b.width(), b.height())
+        );
+        assert_eq!(a.intrinsics(), b.intrinsics());
+        let (a, b) = (a.world_from_cam(), b.world_from_cam());
+        let off = a.to_homogeneous() - b.to_homogeneous();
+        assert!(off.norm() < 1e-9 * (1.0 + a.translation.vector.norm()));
     }
 }
 

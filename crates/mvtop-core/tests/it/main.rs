@@ -4,3 +4,4 @@ mod estimator;
 mod fixtures;
 mod onnx;
 mod parity;
+mod pipeline;

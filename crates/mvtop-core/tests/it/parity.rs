@@ -1,21 +1,15 @@
 //! Every stage against the fixture that the PyTorch side wrote
 //! (`training/mvtop_train/export/fixtures/stages.py`).
 
-use crate::fixtures::{Fixture, fixture_path, rigid, sample_rig};
-use mvtop_core::image::{self, Letterbox};
-use mvtop_core::onnx::{Network, Runtime, SessionOptions, Tensor};
-use mvtop_core::rays::{self, LosEncoding};
+use crate::fixtures::{Fixture, gap, rigid};
+use image::RgbImage;
+use mvtop_core::closeup::CloseUp;
+use mvtop_core::rays::{self, BoxRays, LosEncoding};
 use mvtop_core::sampling::{Dims, Gradients, LevelShapes, Sampling, deformable_sampling};
-use mvtop_core::{Distortion, Lens, bundle::Bundle, pose};
-use nalgebra::{Point2, UnitQuaternion};
-use ndarray::{Array1, Array2, Array3, Array4, ArrayD, Axis, Ix2, Ix3, Ix4, s};
+use mvtop_core::{Camera, Intrinsics, Projection, pose};
+use nalgebra::{Isometry3, Point2, UnitQuaternion};
+use ndarray::{ArrayD, Axis, Ix2, Ix4, s};
 use rstest::rstest;
-
-/// Largest absolute difference of two arrays of one shape.
-fn gap(a: ArrayD<f64>, b: ArrayD<f64>) -> f64 {
-    assert_eq!(a.shape(), b.shape());
-    (a - b).iter().fold(0.0, |m, x| m.max(x.abs()))
-}
 
 #[test]
 fn sampling_and_its_gradients() {
@@ -86,20 +80,23 @@ fn rays_in_all_encodings_and_of_boxes() {
     );
     for view in 0..3 {
         let k = k.index_axis(Axis(0), view);
-        let lens = Lens {
-            fx: k[[0, 0]],
-            fy: k[[1, 1]],
-            cx: k[[0, 2]],
-            cy: k[[1, 2]],
-            distortion: Distortion::None,
-        };
+        let intrinsics = Intrinsics::new(
+            k[[0, 0]],
+            k[[1, 1]],
+            k[[0, 2]],
+            k[[1, 2]],
+            Projection::Pinhole,
+        )
+        .unwrap();
         let camera_rays = fixture.f64("camera_rays").index_axis_move(Axis(0), view);
         for (ray, pixel) in camera_rays
             .axis_iter(Axis(0))
             .zip(pixels.axis_iter(Axis(0)))
         {
             if ray.iter().any(|&x| x != 0.0) {
-                let ours = lens.unproject(&Point2::new(pixel[0], pixel[1])).unwrap();
+                let ours = intrinsics
+                    .unproject(&Point2::new(pixel[0], pixel[1]))
+                    .unwrap();
                 assert!((0..3).all(|i| (ours[i] - ray[i]).abs() < 1e-12));
             }
         }
@@ -120,16 +117,12 @@ fn rays_in_all_encodings_and_of_boxes() {
             let gap = gap(ours.mapv(f64::from).into_dyn(), theirs);
             assert!(gap < 1e-6, "{name}: {gap:.1e}"); // float32 at the output
         }
-        let camera = mvtop_core::Camera {
-            id: "camera".into(),
-            width: 64,
-            height: 48,
-            lens,
-            world_from_cam: ref_from_cam,
-        };
+        let camera = mvtop_core::Camera::new("camera", [64, 48], intrinsics, ref_from_cam).unwrap();
         for query in 0..2 {
-            let bounds = std::array::from_fn(|i| boxes[[view, query, i]]);
-            let ours = rays::box_rays(&camera, bounds, &ref_from_cam).unwrap();
+            let bbox: [f64; 4] = std::array::from_fn(|i| boxes[[view, query, i]]);
+            let ours = BoxRays::new(&camera, bbox.into())
+                .unwrap()
+                .encode(&ref_from_cam);
             let theirs = fixture.f64("box_rays");
             let theirs = theirs.slice(s![view, query, ..]);
             assert!((0..12).all(|i| (f64::from(ours[i]) - theirs[i]).abs() < 1e-6));
@@ -142,11 +135,6 @@ fn poses_and_their_errors() {
     let fixture = Fixture::load("pose.safetensors");
     let (six, rotation) = (fixture.f64("six"), fixture.f64("rotation"));
     let translation = fixture.f64("translation");
-    let points: Vec<_> = fixture
-        .f64("points")
-        .axis_iter(Axis(0))
-        .map(|p| nalgebra::Point3::new(p[0], p[1], p[2]))
-        .collect();
     let count = six.shape()[0];
     let isometry = |i: usize| {
         let r = pose::rotation_from_6d(std::array::from_fn(|j| six[[i, j]])).unwrap();
@@ -169,125 +157,52 @@ fn poses_and_their_errors() {
         let angle = pose::rotation_error_deg(&a.rotation, &b.rotation);
         // The fixture's arccos loses half of its digits near 0 and 180 degrees.
         assert!((angle - fixture.f64("angle_deg")[[i]]).abs() < 1e-5);
-        let add = pose::add(&points, &a, &b).unwrap();
-        assert!((add - fixture.f64("add")[[i]]).abs() < 1e-12);
     }
 }
 
-fn network(bundle: &str, graph: &str) -> Network {
-    let path = fixture_path(bundle).join(graph);
-    Runtime::locate(None)
-        .unwrap()
-        .session(&path, &SessionOptions::default())
-        .unwrap()
-}
-
 #[rstest]
-#[case(1)]
-#[case(2)]
-#[case(3)]
-#[case(4)]
-fn images_and_lines_of_sight_of_a_sample(#[case] views: usize) {
-    let fixture = Fixture::load("network.safetensors");
-    let bundle = Bundle::load(&fixture_path("tiny")).unwrap();
-    let rig = sample_rig();
-    let theirs = |name: &str| fixture.f64(&format!("{name}.{views}"));
-    let (images, rays_) = (theirs("images"), theirs("camera_rays"));
-    let (lines, box_rays) = (theirs("rays"), theirs("box_rays"));
-    let ref_from_world = rig.cameras[0].world_from_cam.inverse();
-    for (view, camera) in rig.cameras[..views].iter().enumerate() {
-        let path = fixture_path("tiny/sample").join(format!("{}.png", camera.id));
-        let pixels = image::load(&path, camera).unwrap();
-        let input = &bundle.input;
-        let letterbox = Letterbox::new(camera.width, camera.height, input.width, input.height);
-        let ours = image::to_tensor(&pixels, &letterbox, input.mean, input.std).unwrap();
-        let image_gap = gap(
-            ours.mapv(f64::from).into_dyn(),
-            images.index_axis(Axis(0), view).to_owned(),
-        );
-        assert!(image_gap < 1e-6, "image of view {view}: {image_gap:.1e}");
+#[case("pinhole", "pinhole")]
+#[case("brown_conrady", "pinhole")]
+#[case("kannala_brandt", "fisheye")]
+fn closeups_through_every_kind_of_lens(#[case] name: &str, #[case] family: &str) {
+    let fixture = Fixture::load("closeup.safetensors");
+    let of = |key: &str| fixture.f64(&format!("{name}.{key}"));
+    let image = fixture.f64("image");
+    let [height, width] = [0, 1].map(|axis| image.shape()[axis] as u32);
+    let bytes = image.iter().map(|&x| x as u8).collect();
+    let image = RgbImage::from_raw(width, height, bytes).unwrap();
+    let (k, params) = (of("k"), of("params"));
+    let distortion = (params.len() > 0).then_some(name);
+    let projection =
+        Projection::from_params(family, distortion, params.as_slice().unwrap()).unwrap();
+    let [fx, fy, cx, cy] = [(0, 0), (1, 1), (0, 2), (1, 2)].map(|(row, column)| k[[row, column]]);
+    let intrinsics = Intrinsics::new(fx, fy, cx, cy, projection).unwrap();
+    let real = Camera::new("real", [width, height], intrinsics, Isometry3::identity()).unwrap();
 
-        let camera_rays = rays::camera_rays(camera, &letterbox, &bundle.strides);
-        let expected = rays_.index_axis(Axis(0), view).to_owned();
-        assert!(gap(camera_rays.mapv(f64::from).into_dyn(), expected) < 1e-6);
-        let ref_from_cam = ref_from_world * camera.world_from_cam;
-        let ours = rays::encode(camera_rays.view(), &ref_from_cam, bundle.los_encoding);
-        let expected = lines.index_axis(Axis(0), view).to_owned();
-        assert!(gap(ours.mapv(f64::from).into_dyn(), expected) < 1e-6);
-
-        let bounds = crate::fixtures::sample_boxes()[&camera.id];
-        let ours = rays::box_rays(camera, bounds, &ref_from_cam).unwrap();
-        for (i, &x) in ours.iter().enumerate() {
-            assert!((f64::from(x) - box_rays[[view, 0, i]]).abs() < 1e-6);
+    let (boxes, pictures, on_image) = (of("boxes"), of("pictures"), of("on_image"));
+    let size = pictures.shape()[1];
+    for (i, bbox) in boxes.axis_iter(Axis(0)).enumerate() {
+        let bbox = [0, 1, 2, 3].map(|side| bbox[side]);
+        let closeup = CloseUp::new(&real, bbox.into(), size as u32).unwrap();
+        assert!((closeup.camera.intrinsics().fx() - of("focals")[i]).abs() < 1e-9);
+        for (side, ours) in <[f64; 4]>::from(closeup.bbox).into_iter().enumerate() {
+            assert!((ours - of("close_boxes")[[i, side]]).abs() < 1e-9);
         }
+        let close_from_cam = closeup.camera.world_from_cam().rotation.inverse();
+        let rotation = close_from_cam.to_rotation_matrix();
+        for (row, column) in (0..9).map(|n| (n / 3, n % 3)) {
+            let theirs = of("close_from_cam")[[i, row, column]];
+            assert!((rotation[(row, column)] - theirs).abs() < 1e-12);
+        }
+        let ours = closeup.picture(&real, &image, [0.0; 3], [1.0; 3]);
+        for ((channel, v, u), &ours) in ours.indexed_iter() {
+            let theirs = pictures[[i, v, u, channel]] / 255.0 * on_image[[i, v, u]];
+            assert!((f64::from(ours) - theirs).abs() < 1e-6, "{i}: {u} {v}"); // float32
+        }
+        assert!(ours.iter().any(|&x| x > 0.1));
     }
-}
-
-#[rstest]
-fn graphs_give_what_pytorch_gives(
-    #[values("tiny", "tiny/portable")] bundle: &str,
-    #[values(1, 2, 3, 4)] views: usize,
-) {
-    let fixture = Fixture::load("network.safetensors");
-    let input = |name: &str| fixture.f32(&format!("{name}.{views}"));
-    let close = |ours: ArrayD<f32>, name: &str, tolerance: f64| {
-        let gap = gap(
-            ours.mapv(f64::from),
-            fixture.f64(&format!("{name}.{views}")),
-        );
-        assert!(
-            gap < tolerance,
-            "{bundle}, {views} views, {name}: {gap:.1e}"
-        );
-    };
-    let (images, camera_rays) = (input("images"), input("camera_rays"));
-    let mut out = network(bundle, "features.onnx")
-        .run(&[
-            ("images", images.view().into()),
-            ("camera_rays", camera_rays.view().into()),
-        ])
-        .unwrap();
-    // Sums of some hundred float32 products in another order.
-    close(
-        out.take::<Ix3>("memory").unwrap().into_dyn(),
-        "memory",
-        1e-4,
+    assert!(
+        on_image.iter().any(|&x| x == 0.0),
+        "one reaches beyond the image"
     );
-    let scores: Array4<f32> = out.take("det_scores").unwrap();
-    close(scores.into_dyn(), "det_scores", 1e-4);
-    let boxes: Array4<f32> = out.take("det_boxes").unwrap();
-    close(boxes.into_dyn(), "det_boxes", 1e-3); // pixels
-
-    let names = [
-        "memory",
-        "rays",
-        "centers",
-        "half_sizes",
-        "box_rays",
-        "valid",
-    ];
-    let arrays = names.map(input);
-    let class_index = Array1::<i64>::zeros(1);
-    let mut inputs: Vec<(&str, Tensor)> = names
-        .iter()
-        .zip(&arrays)
-        .map(|(&name, x)| (name, x.view().into()))
-        .collect();
-    inputs.push(("class_index", class_index.view().into()));
-    let mut out = network(bundle, "decoder.onnx").run(&inputs).unwrap();
-    let rotation: Array2<f32> = out.take("rotation_6d").unwrap();
-    close(rotation.into_dyn(), "rotation_6d", 1e-4);
-    let translation: Array2<f32> = out.take("translation").unwrap();
-    close(translation.into_dyn(), "translation", 1e-4);
-    let sigma: Array2<f32> = out.take("sigma").unwrap();
-    close(sigma.into_dyn(), "sigma", 1e-2); // degrees
-}
-
-#[test]
-fn fixtures_hold_numbers_that_differ_between_views() {
-    // A parity test on constant outputs would pass for any network.
-    let fixture = Fixture::load("network.safetensors");
-    let one: Array3<f64> = fixture.f64("rotation.1").into_dimensionality().unwrap();
-    let four: Array3<f64> = fixture.f64("rotation.4").into_dimensionality().unwrap();
-    assert!(gap(one.into_dyn(), four.into_dyn()) > 1e-3);
 }

@@ -5,7 +5,7 @@ use ndarray::Array2;
 use rayon::prelude::*;
 
 use crate::{Error, Result};
-use mvtop_core::camera::{Distortion, Lens};
+use mvtop_core::camera::Intrinsics;
 
 /// `[height, width]`: z coordinate in the camera frame of what each pixel shows, 0 for nothing.
 pub type DepthImage = Array2<f32>;
@@ -49,7 +49,7 @@ struct Triangle {
 
 /// What the rays of an image's pixels are.
 struct Pixels {
-    lens: Lens,
+    intrinsics: Intrinsics,
     offset: f64,
     width: usize,
     height: usize,
@@ -82,10 +82,12 @@ impl Mesh {
         })
     }
 
+    /// In the object's frame.
     pub fn vertices(&self) -> &[Point3<f64>] {
         &self.vertices
     }
 
+    /// Three vertices' indices each.
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
@@ -93,25 +95,25 @@ impl Mesh {
     /// The mesh's depth image, in the unit of its vertices and of the pose.
     ///
     /// # Errors
-    /// [`Error::Input`] for a lens with distortion, which bends edges: undistort first.
+    /// [`Error::Input`] for a camera with distortion, which bends edges: undistort first.
     ///
     /// Source: Olano and Greer, "Triangle Scan Conversion using 2D Homogeneous Coordinates", 1997.
     pub fn depth(
         &self,
         cam_from_obj: &Isometry3<f64>,
-        lens: &Lens,
+        intrinsics: &Intrinsics,
         [width, height]: [u32; 2],
         center: PixelCenter,
     ) -> Result<DepthImage> {
-        if lens.distortion != Distortion::None {
+        if !intrinsics.is_pinhole() {
             return Err(Error::Input(
-                "depth image: expected a lens without distortion, got one with; undistort the \
-                 image and give the lens that remains"
+                "depth image: expected an ideal pinhole, got a camera with distortion; undistort the \
+                 image and give the intrinsics that remain"
                     .into(),
             ));
         }
         let pixels = Pixels {
-            lens: lens.clone(),
+            intrinsics: intrinsics.clone(),
             offset: match center {
                 PixelCenter::Integer => 0.0,
                 PixelCenter::Half => 0.5,
@@ -160,9 +162,9 @@ impl Triangle {
             return None;
         }
         let (columns, rows) = if corners.iter().all(|p| p.z > 0.0) {
-            let lens = &pixels.lens;
-            let u = corners.map(|p| lens.fx * p.x / p.z + lens.cx - pixels.offset);
-            let v = corners.map(|p| lens.fy * p.y / p.z + lens.cy - pixels.offset);
+            let intrinsics = &pixels.intrinsics;
+            let u = corners.map(|p| intrinsics.fx() * p.x / p.z + intrinsics.cx() - pixels.offset);
+            let v = corners.map(|p| intrinsics.fy() * p.y / p.z + intrinsics.cy() - pixels.offset);
             (range(u, pixels.width)?, range(v, pixels.height)?)
         } else {
             (
@@ -182,7 +184,7 @@ impl Triangle {
     /// - `band`: rows of the image from `top` on
     fn fill(&self, band: &mut [f32], top: usize, pixels: &Pixels) {
         let Pixels {
-            lens,
+            intrinsics,
             offset,
             width,
             ..
@@ -190,13 +192,13 @@ impl Triangle {
         let last = self.rows[1].min(top + band.len() / width - 1);
         let [left, right] = self.columns;
         for row in self.rows[0].max(top)..=last {
-            let y = (row as f64 + offset - lens.cy) / lens.fy;
+            let y = (row as f64 + offset - intrinsics.cy()) / intrinsics.fy();
             let in_row = self.edges.map(|edge| edge.y * y + edge.z);
             let sum_in_row = self.sum.y * y + self.sum.z;
             let first = (row - top) * width;
             let shown = &mut band[first + left..=first + right];
             for (column, nearest) in (left..).zip(shown) {
-                let x = (column as f64 + offset - lens.cx) / lens.fx;
+                let x = (column as f64 + offset - intrinsics.cx()) / intrinsics.fx();
                 let meets = (0..3).all(|i| self.edges[i].x * x + in_row[i] >= 0.0);
                 // On the other side of the camera the edges have the sum's sign, too.
                 let sum = self.sum.x * x + sum_in_row;
@@ -221,19 +223,11 @@ fn range(coordinates: [f64; 3], size: usize) -> Option<[usize; 2]> {
     (first <= last).then_some([first as usize, last as usize])
 }
 
-/// Distances from the camera's center, of a depth image: `depth_im_to_dist_im` of bop_toolkit.
-///
-/// - returns: `[height, width]`, 0 where the depth is
-pub fn distances(depth: &DepthImage, lens: &Lens) -> Array2<f64> {
-    Array2::from_shape_fn(depth.dim(), |(row, column)| {
-        distance(f64::from(depth[(row, column)]), lens, row, column)
-    })
-}
-
-/// Distance from the camera's center of a point that is `depth` before the camera.
-pub(super) fn distance(depth: f64, lens: &Lens, row: usize, column: usize) -> f64 {
-    let x = (column as f64 - lens.cx) / lens.fx * depth;
-    let y = (row as f64 - lens.cy) / lens.fy * depth;
+/// Distance from the camera's center of a point that is `depth` before the camera: an entry of
+/// `depth_im_to_dist_im` of bop_toolkit.
+pub(super) fn distance(depth: f64, intrinsics: &Intrinsics, row: usize, column: usize) -> f64 {
+    let x = (column as f64 - intrinsics.cx()) / intrinsics.fx() * depth;
+    let y = (row as f64 - intrinsics.cy()) / intrinsics.fy() * depth;
     (x * x + y * y + depth * depth).sqrt()
 }
 

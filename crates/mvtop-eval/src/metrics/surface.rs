@@ -8,7 +8,7 @@ use super::Symmetries;
 use super::kernel::{Affine, Columns, PinholePair, max_squared, max_squared_px, sum_of_lengths};
 use super::nearest::Tree;
 use crate::{Error, Result};
-use mvtop_core::camera::{Distortion, Lens};
+use mvtop_core::camera::Intrinsics;
 
 /// Points on an object's surface, in its frame, made ready for measuring many poses.
 ///
@@ -68,7 +68,12 @@ impl Surface {
     /// Source: Hinterstoisser et al., "Model Based Training, Detection and Pose Estimation of
     /// Texture-Less 3D Objects in Heavily Cluttered Scenes", 2012; `add` of bop_toolkit.
     pub fn add(&self, truth: &Isometry3<f64>, estimate: &Isometry3<f64>) -> f64 {
-        sum_of_lengths(&self.points, &Affine::difference(truth, estimate)) / self.count()
+        self.mean_length(&Affine::difference(truth, estimate))
+    }
+
+    /// Mean length of what the points become; of the difference of two poses, that is ADD.
+    pub(crate) fn mean_length(&self, map: &Affine) -> f64 {
+        sum_of_lengths(&self.points, map) / self.count()
     }
 
     /// ADD-S (also ADI): average distance of the points under the true pose to the nearest point
@@ -125,7 +130,7 @@ impl Surface {
     /// is least, px.
     ///
     /// - `truth`, `estimate`: object frame to camera frame
-    /// - `lens`: BOP's is a pinhole; others are taken as they are
+    /// - `intrinsics`: BOP's is a pinhole; others are taken as they are
     /// - returns: infinite where the lens cannot image a point, as behind the camera
     ///
     /// Source: as [`Surface::mssd`]; `mspd` of bop_toolkit.
@@ -134,7 +139,7 @@ impl Surface {
         truth: &Isometry3<f64>,
         estimate: &Isometry3<f64>,
         symmetries: &Symmetries,
-        lens: &Lens,
+        intrinsics: &Intrinsics,
     ) -> f64 {
         let least_of = |squared: &dyn Fn(&Isometry3<f64>, f64) -> f64| {
             let motions = symmetries.motions().iter();
@@ -144,19 +149,19 @@ impl Surface {
                 })
                 .sqrt()
         };
-        if lens.distortion == Distortion::None {
+        if intrinsics.is_pinhole() {
             let estimate = Affine::new(estimate);
             return least_of(&|truth, least| {
                 let pair = PinholePair {
                     truth: Affine::new(truth),
                     estimate,
-                    fx: lens.fx,
-                    fy: lens.fy,
+                    fx: intrinsics.fx(),
+                    fy: intrinsics.fy(),
                 };
                 max_squared_px(&self.points, &pair, least)
             });
         }
-        let project = |pose: &Isometry3<f64>, i| lens.project(&(pose * self.point(i)));
+        let project = |pose: &Isometry3<f64>, i| intrinsics.project(&(pose * self.point(i)));
         let count = self.points.x.len();
         let pixels: Option<Vec<_>> = (0..count).map(|i| project(estimate, i)).collect();
         let Some(pixels) = pixels else {

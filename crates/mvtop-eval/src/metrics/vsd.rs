@@ -2,7 +2,7 @@
 
 use super::depth::{DepthImage, distance};
 use crate::{Error, Result};
-use mvtop_core::camera::Lens;
+use mvtop_core::camera::Intrinsics;
 
 /// BOP's misalignment tolerances, as shares of the object's diameter.
 pub const VSD_TAUS: [f64; 10] = [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5];
@@ -27,6 +27,7 @@ pub struct VsdOptions {
     pub taus: Vec<f64>,
     /// Divides distances where given, as BOP does.
     pub diameter: Option<f64>,
+    /// Of a pixel that both poses show.
     pub cost: MatchingCost,
 }
 
@@ -39,7 +40,7 @@ pub struct VsdOptions {
 ///
 /// - `estimate`, `truth`: depth images of the object, see [`super::Mesh::depth`]
 /// - `measured`: depth image of the scene, 0 where nothing was measured
-/// - `lens`: a pinhole; its distortion is not used
+/// - `intrinsics`: a pinhole; its distortion is not used
 ///
 /// # Errors
 /// [`Error::Input`] where the images' sizes differ.
@@ -50,7 +51,7 @@ pub fn vsd(
     estimate: &DepthImage,
     truth: &DepthImage,
     measured: &DepthImage,
-    lens: &Lens,
+    intrinsics: &Intrinsics,
     options: &VsdOptions,
 ) -> Result<Vec<f64>> {
     if estimate.dim() != truth.dim() || measured.dim() != truth.dim() {
@@ -77,7 +78,7 @@ pub fn vsd(
             if true_depth <= 0.0 && estimated <= 0.0 {
                 continue;
             }
-            let distance = |depth: f32| distance(f64::from(depth), lens, row, column);
+            let distance = |depth: f32| distance(f64::from(depth), intrinsics, row, column);
             let (of_truth, of_estimate) = (distance(true_depth), distance(estimated));
             let scene = distance(measured);
             // In single precision like the toolkit's, so that the same pixels count as visible.

@@ -3,19 +3,12 @@
 mod bop;
 mod metrics;
 
-use mvtop_core::camera::BrownConrady;
-use mvtop_core::{Distortion, Lens};
+use mvtop_core::{Intrinsics, Projection};
 
-fn brown_conrady(params: &[f64]) -> Distortion {
-    Distortion::BrownConrady(BrownConrady::new(params).unwrap())
+fn brown_conrady(params: &[f64]) -> Projection {
+    Projection::from_params("pinhole", Some("brown_conrady"), params).unwrap()
 }
 
-fn pinhole(focal: f64, cx: f64, cy: f64) -> Lens {
-    Lens {
-        fx: focal,
-        fy: focal,
-        cx,
-        cy,
-        distortion: Distortion::None,
-    }
+fn pinhole(focal: f64, cx: f64, cy: f64) -> Intrinsics {
+    Intrinsics::new(focal, focal, cx, cy, Projection::Pinhole).unwrap()
 }

@@ -1,6 +1,6 @@
 //! Metrics against what the BOP toolkit gives (`export/fixtures/metrics.py`), and cases worked by hand.
 
-use mvtop_core::{Distortion, Lens};
+use mvtop_core::{Intrinsics, Projection};
 use mvtop_eval::metrics::{
     BOP_MAX_STEP, ContinuousSymmetry, MatchingCost, Surface, Symmetries, VsdOptions,
     rotation_error_deg, translation_error, vsd,
@@ -21,8 +21,12 @@ struct Fixture(Vec<u8>);
 
 impl Fixture {
     fn load() -> Self {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/metrics.safetensors");
-        Self(std::fs::read(path).unwrap())
+        Self::of("metrics.safetensors")
+    }
+
+    fn of(name: &str) -> Self {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures");
+        Self(std::fs::read(path.join(name)).unwrap())
     }
 
     fn numbers(&self, name: &str) -> Vec<f64> {
@@ -45,17 +49,11 @@ impl Fixture {
         self.numbers(name).chunks_exact(16).map(motion).collect()
     }
 
-    fn lens(&self, name: &str) -> Lens {
+    fn intrinsics(&self, name: &str) -> Intrinsics {
         let [fx, fy, cx, cy] = self.numbers(name)[..] else {
             panic!("{name}")
         };
-        Lens {
-            fx,
-            fy,
-            cx,
-            cy,
-            distortion: Distortion::None,
-        }
+        Intrinsics::new(fx, fy, cx, cy, Projection::Pinhole).unwrap()
     }
 
     fn symmetries(&self, case: &str) -> Symmetries {
@@ -108,7 +106,7 @@ fn errors_are_those_of_the_toolkit() {
     for case in CASES {
         let surface = Surface::new(&fixture.points(&format!("{case}.points"))).unwrap();
         let symmetries = fixture.symmetries(case);
-        let lens = fixture.lens(&format!("{case}.lens"));
+        let intrinsics = fixture.intrinsics(&format!("{case}.lens"));
         let truths = fixture.motions(&format!("{case}.truth"));
         let estimates = fixture.motions(&format!("{case}.estimate"));
         let none = Symmetries::default();
@@ -117,7 +115,7 @@ fn errors_are_those_of_the_toolkit() {
             ("add", &|t, e| surface.add(t, e)),
             ("adi", &|t, e| surface.add_s(t, e)),
             ("mssd", &|t, e| surface.mssd(t, e, &symmetries)),
-            ("mspd", &|t, e| surface.mspd(t, e, &symmetries, &lens)),
+            ("mspd", &|t, e| surface.mspd(t, e, &symmetries, &intrinsics)),
             ("re", &|t, e| rotation_error_deg(t, e, &none)),
             ("te", &|t, e| translation_error(t, e, &none)),
             ("re_symmetric", &|t, e| {
@@ -140,6 +138,41 @@ fn errors_are_those_of_the_toolkit() {
 }
 
 #[test]
+fn add_is_that_of_the_training() {
+    let fixture = Fixture::of("pose.safetensors");
+    let surface = Surface::new(&fixture.points("points")).unwrap();
+    let rotations = fixture.numbers("rotation");
+    let poses: Vec<Isometry3<f64>> = rotations
+        .chunks_exact(9)
+        .zip(fixture.points("translation"))
+        .map(|(r, t)| {
+            motion(&[
+                r[0], r[1], r[2], t.x, r[3], r[4], r[5], t.y, r[6], r[7], r[8], t.z,
+            ])
+        })
+        .collect();
+    let expected = fixture.numbers("add");
+    assert!(!expected.is_empty());
+    for (i, expected) in expected.iter().enumerate() {
+        let before = &poses[(i + poses.len() - 1) % poses.len()];
+        let add = surface.add(&poses[i], before);
+        assert!((add - expected).abs() < 1e-12, "{i}: {add} {expected}");
+    }
+}
+
+#[test]
+fn add_by_hand() {
+    let points = [[1., 0., 0.], [0., 2., 0.], [0., 0., 0.]];
+    let surface = Surface::new(&points.map(Point3::from)).unwrap();
+    let truth = Isometry3::identity();
+    let moved = Isometry3::translation(0.0, 3.0, 4.0);
+    assert_eq!(surface.add(&truth, &moved), 5.0);
+    // Half a turn about z moves the points by 2, 4 and 0.
+    let turned = Isometry3::rotation(Vector3::z() * PI);
+    assert!((surface.add(&truth, &turned) - 2.0).abs() < 1e-12);
+}
+
+#[test]
 fn vsd_is_that_of_the_toolkit() {
     let fixture = Fixture::load();
     let file = SafeTensors::deserialize(&fixture.0).unwrap();
@@ -159,7 +192,7 @@ fn vsd_is_that_of_the_toolkit() {
             .collect()
     };
     let [estimates, truths, measured] = ["vsd.estimate", "vsd.truth", "vsd.measured"].map(images);
-    let lens = fixture.lens("vsd.lens");
+    let intrinsics = fixture.intrinsics("vsd.lens");
     let taus = fixture.numbers("vsd.taus");
     let diameter = fixture.numbers("vsd.diameter")[0];
     let step = VsdOptions {
@@ -181,7 +214,14 @@ fn vsd_is_that_of_the_toolkit() {
         let expected = fixture.numbers(&format!("vsd.{name}"));
         assert_eq!(expected.len(), truths.len() * taus.len());
         for (i, expected) in expected.chunks_exact(taus.len()).enumerate() {
-            let ours = vsd(&estimates[i], &truths[i], &measured[i], &lens, &options).unwrap();
+            let ours = vsd(
+                &estimates[i],
+                &truths[i],
+                &measured[i],
+                &intrinsics,
+                &options,
+            )
+            .unwrap();
             for (ours, theirs) in ours.iter().zip(expected) {
                 assert!((ours - theirs).abs() < 1e-6, "{name} {i}: {ours} {theirs}");
             }
@@ -197,27 +237,27 @@ fn vsd_of_one_row_by_hand() {
     let estimate = row([1000., 1030., 0., 1000., 0.]);
     let measured = row([1000., 0., 1000., 500., 800.]);
     // So long a lens that distances are depths.
-    let lens = pinhole(1e6, 2.0, 0.0);
+    let intrinsics = pinhole(1e6, 2.0, 0.0);
     let mut options = VsdOptions {
         delta: 15.0,
         taus: vec![0.1, 0.2],
         diameter: Some(200.0),
         cost: MatchingCost::Step,
     };
-    let step = vsd(&estimate, &truth, &measured, &lens, &options).unwrap();
+    let step = vsd(&estimate, &truth, &measured, &intrinsics, &options).unwrap();
     // Off by 0.15 diameters in one of three visible pixels, and one that only the truth covers.
     assert_eq!(step, [2.0 / 3.0, 1.0 / 3.0]);
     options.cost = MatchingCost::TruncatedLinear;
-    let linear = vsd(&estimate, &truth, &measured, &lens, &options).unwrap();
+    let linear = vsd(&estimate, &truth, &measured, &intrinsics, &options).unwrap();
     assert_eq!(linear[0], 2.0 / 3.0);
     assert!((linear[1] - 1.75 / 3.0).abs() < 1e-9, "{linear:?}");
     let nothing = row([0.0; 5]);
     assert_eq!(
-        vsd(&nothing, &nothing, &measured, &lens, &options).unwrap(),
+        vsd(&nothing, &nothing, &measured, &intrinsics, &options).unwrap(),
         [1.0, 1.0]
     );
     let other = Array2::zeros((2, 5));
-    let error = vsd(&estimate, &truth, &other, &lens, &options).unwrap_err();
+    let error = vsd(&estimate, &truth, &other, &intrinsics, &options).unwrap_err();
     assert!(error.to_string().contains("5x2 (measured)"), "{error}");
 }
 
@@ -242,11 +282,11 @@ fn a_square_turned_by_a_quarter_by_hand() {
     let half = Symmetries::new(&[turn(PI)], &[], BOP_MAX_STEP).unwrap();
     let quarters: Vec<_> = [1., 2., 3.].map(|n| turn(n * FRAC_PI_2)).to_vec();
     let quarters = Symmetries::new(&quarters, &[], BOP_MAX_STEP).unwrap();
-    let lens = pinhole(100.0, 0.0, 0.0);
+    let intrinsics = pinhole(100.0, 0.0, 0.0);
     for (symmetries, mssd) in [(&none, 2.0), (&half, 2.0), (&quarters, 0.0)] {
         assert!((surface.mssd(&truth, &quarter, symmetries) - mssd).abs() < 1e-7);
         // 2 m at 5 m and 100 px.
-        let mspd = surface.mspd(&truth, &quarter, symmetries, &lens);
+        let mspd = surface.mspd(&truth, &quarter, symmetries, &intrinsics);
         assert!((mspd - 20.0 * mssd).abs() < 1e-6, "{mspd}");
         let rotation = rotation_error_deg(&truth, &quarter, symmetries);
         assert!((rotation - 45.0 * mssd).abs() < 1e-5, "{rotation}");
@@ -272,17 +312,25 @@ fn mspd_goes_through_the_true_lens_and_not_behind_the_camera() {
     );
     let none = Symmetries::default();
     let plain = pinhole(500.0, 320.0, 240.0);
-    let mut bent = plain.clone();
-    // Without coefficients the general way must give what the pinhole's gives.
-    bent.distortion = brown_conrady(&[]);
+    let bent = |k1| {
+        let projection = brown_conrady(&[k1, 0.0, 0.0, 0.0]);
+        Intrinsics::new(500.0, 500.0, 320.0, 240.0, projection).unwrap()
+    };
     let straight = surface.mspd(&truth, &estimate, &none, &plain);
-    assert!((surface.mspd(&truth, &estimate, &none, &bent) - straight).abs() < 1e-9);
-    bent.distortion = brown_conrady(&[-0.3, 0.0, 0.0, 0.0]);
+    // With next to no distortion the general way must give what the pinhole's gives.
+    assert!((surface.mspd(&truth, &estimate, &none, &bent(1e-16)) - straight).abs() < 1e-9);
+    let bent = bent(-0.3);
     assert!((surface.mspd(&truth, &estimate, &none, &bent) - straight).abs() > 0.1);
     let behind = Isometry3::translation(0., 0., -1.);
-    for lens in [&plain, &bent] {
-        assert_eq!(surface.mspd(&behind, &estimate, &none, lens), f64::INFINITY);
-        assert_eq!(surface.mspd(&truth, &behind, &none, lens), f64::INFINITY);
+    for intrinsics in [&plain, &bent] {
+        assert_eq!(
+            surface.mspd(&behind, &estimate, &none, intrinsics),
+            f64::INFINITY
+        );
+        assert_eq!(
+            surface.mspd(&truth, &behind, &none, intrinsics),
+            f64::INFINITY
+        );
     }
 }
 

@@ -1,18 +1,13 @@
 use super::*;
 use approx::assert_abs_diff_eq;
+use mvtop_core::Projection;
 use nalgebra::{Translation3, UnitQuaternion};
 use proptest::prelude::*;
 
 const SIZE: [u32; 2] = [64, 48];
 
-fn lens() -> Lens {
-    Lens {
-        fx: 50.0,
-        fy: 60.0,
-        cx: 31.0,
-        cy: 24.0,
-        distortion: Distortion::None,
-    }
+fn intrinsics() -> Intrinsics {
+    Intrinsics::new(50.0, 60.0, 31.0, 24.0, Projection::Pinhole).unwrap()
 }
 
 /// The square from (-half, -half) to (half, half) in the plane z = 0.
@@ -53,7 +48,7 @@ fn sphere(radius: f64) -> Mesh {
 }
 
 fn depth(mesh: &Mesh, pose: Isometry3<f64>, center: PixelCenter) -> DepthImage {
-    mesh.depth(&pose, &lens(), SIZE, center).unwrap()
+    mesh.depth(&pose, &intrinsics(), SIZE, center).unwrap()
 }
 
 #[test]
@@ -180,14 +175,10 @@ fn what_cannot_be_seen_leaves_the_image_empty() {
 #[test]
 fn distance_of_a_pixel_is_along_its_ray() {
     // x = 30 / 50, y = 0: 1.2, 0, 2 are sqrt(1.44 + 4) away.
-    let image = DepthImage::from_elem((48, 64), 2.0);
-    let distances = distances(&image, &lens());
-    assert_abs_diff_eq!(distances[(24, 31)], 2.0, epsilon = 1e-12);
-    assert_abs_diff_eq!(distances[(24, 61)], 5.44_f64.sqrt(), epsilon = 1e-12);
-    assert_eq!(
-        super::distances(&DepthImage::zeros((2, 2)), &lens()).sum(),
-        0.0
-    );
+    let distance = |depth, row, column| distance(depth, &intrinsics(), row, column);
+    assert_abs_diff_eq!(distance(2.0, 24, 31), 2.0, epsilon = 1e-12);
+    assert_abs_diff_eq!(distance(2.0, 24, 61), 5.44_f64.sqrt(), epsilon = 1e-12);
+    assert_eq!(distance(0.0, 1, 1), 0.0);
 }
 
 #[test]
@@ -196,13 +187,16 @@ fn meshes_and_lenses_that_cannot_be_are_refused() {
     assert!(error.to_string().contains("its 3 vertices, got [0, 1, 3]"));
     let error = Mesh::new(vec![Point3::new(0.0, f64::NAN, 0.0)], vec![]).unwrap_err();
     assert!(error.to_string().contains("vertex 0"));
-    let mut bent = lens();
-    bent.distortion = Distortion::BrownConrady(
-        mvtop_core::camera::BrownConrady::new(&[0.1, 0.0, 0.0, 0.0]).unwrap(),
-    );
+    let bent = |k1| {
+        let projection = Projection::from_params("pinhole", None, &[k1, 0.0, 0.0, 0.0, 0.0]);
+        Intrinsics::new(50.0, 60.0, 31.0, 24.0, projection.unwrap()).unwrap()
+    };
     let pose = Isometry3::translation(0., 0., 1.);
-    let error = square(1.0).depth(&pose, &bent, SIZE, PixelCenter::Integer);
+    let error = square(1.0).depth(&pose, &bent(0.1), SIZE, PixelCenter::Integer);
     assert!(error.unwrap_err().to_string().contains("undistort"));
+    // Five zeros, as OpenCV gives them, are no distortion.
+    let depth = |intrinsics| square(1.0).depth(&pose, &intrinsics, SIZE, PixelCenter::Integer);
+    assert_eq!(depth(bent(0.0)).unwrap(), depth(intrinsics()).unwrap());
 }
 
 proptest! {

@@ -1,0 +1,174 @@
+//! `eval bop`: a split of a data set in BOP's layout.
+
+mod journal;
+mod page;
+mod plan;
+mod results;
+mod score;
+
+use std::collections::HashSet;
+use std::path::Path;
+use std::time::Instant;
+
+use mvtop_core::Estimator;
+use mvtop_core::annotations::TruePose;
+use mvtop_core::prediction::ObjectPose;
+use mvtop_eval::bop::{Estimate, FrameId, Group, RESULTS_HEADER, load_depth};
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+
+use self::journal::{Journal, Line};
+use self::plan::{Plan, name};
+use self::results::Results;
+use self::score::Scored;
+use super::args::BopArgs;
+use super::outcome::Outcome;
+use crate::failure::{Failure, Result};
+use crate::matching::{matches, unmatched};
+use crate::{model_dir, progress, write};
+
+pub fn run(args: &BopArgs) -> Result<()> {
+    let (folder, page) = match (&args.out, &args.report) {
+        (Some(folder), _) => (folder, false),
+        (None, Some(folder)) => (folder, true),
+        (None, None) => return Err(Failure("give --out DIR or --report DIR".into())),
+    };
+    let network = &args.trial.network;
+    let bundle = model_dir::find(network.model.as_deref())?;
+    let estimator = Estimator::load(&bundle, &network.options())?;
+    let plan = Plan::new(args, &estimator)?;
+    let about = about(args, &bundle)?;
+    let (mut journal, mut lines) = Journal::open(folder, &about, args.force)?;
+
+    let done: HashSet<String> = lines.iter().map(|line| line.group.clone()).collect();
+    let bar = progress::bar(plan.groups.len() as u64, "{pos}/{len} groups");
+    bar.inc(done.len() as u64);
+    bar.reset_eta();
+    for group in &plan.groups {
+        if done.contains(&name(group)) {
+            continue;
+        }
+        let line = evaluate(&plan, group, args, &estimator)?;
+        journal.append(&line)?;
+        lines.push(line);
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+
+    let results = Results::new(&lines, args.trial.resolved_deg);
+    let summary = write::json(&results)?;
+    let split = &args.split;
+    let poses = format!("mvtop_{}-{}.csv", folder_name(&split.dataset), split.split);
+    write::whole(&folder.join(&poses), &csv(&lines))?;
+    write::whole(&folder.join("summary.json"), &format!("{summary}\n"))?;
+    if page {
+        let html = page::page(&about, &results, &lines, &plan)?;
+        write::whole(&folder.join("report.html"), &html)?;
+    }
+    if args.json {
+        return write::print(&summary);
+    }
+    let files = [&poses, "summary.json", "groups.jsonl", "report.html"];
+    let written = &files[..if page { 4 } else { 3 }];
+    write::print(&format!(
+        "{}\n\nin {}: {}",
+        results.text(&plan.classes),
+        folder.display(),
+        written.join(", ")
+    ))
+}
+
+/// What results depend on. Where files lie is no part of it, but for the names of the data set.
+fn about(args: &BopArgs, bundle: &Path) -> Result<Value> {
+    let hash = |path: &Path| {
+        let bytes = std::fs::read(path)
+            .map_err(|cause| Failure(format!("cannot read {}: {cause}", path.display())))?;
+        Ok::<_, Failure>(format!("{:x}", Sha256::digest(bytes)))
+    };
+    let (split, trial) = (&args.split, &args.trial);
+    Ok(json!({
+        "dataset": folder_name(&split.dataset),
+        "split": split.split,
+        "grouping": split.grouping.to_string(),
+        "sensor": split.sensor,
+        "views": trial.views,
+        "objects": split.objects,
+        "targets_sha256": split.targets.as_deref().map(hash).transpose()?,
+        // It holds the hashes of all other files of the bundle.
+        "model_sha256": hash(&bundle.join("model.json"))?,
+        "true_boxes": trial.true_boxes,
+        "min_views": trial.detection.min_views,
+        "box_noise": trial.box_noise,
+        "rig_noise_deg": trial.rig_noise_deg,
+        "rig_noise_mm": trial.rig_noise_mm,
+        "noise_seed": trial.noise_seed,
+        "vsd_delta_mm": args.vsd_delta_mm,
+    }))
+}
+
+fn folder_name(path: &Path) -> String {
+    let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let name = path.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
+}
+
+/// What a group gives.
+fn evaluate(plan: &Plan, group: &Group, args: &BopArgs, estimator: &Estimator) -> Result<Line> {
+    let sample = plan.load(group)?;
+    let start = Instant::now();
+    let mut prediction = sample.predict(estimator, &args.trial)?;
+    let time_s = start.elapsed().as_secs_f64();
+    // Objects that are not asked for are neither right nor wrong.
+    prediction.objects.retain(|found| {
+        plan.object(&found.class)
+            .is_some_and(|id| plan.wanted(group, id))
+    });
+    let matched = matches(&sample.truth, &prediction);
+    let depth = load_depth(&plan.scenes[&group.scene].frames[&group.views[0]])?;
+    let view = score::View {
+        camera: &sample.rig.cameras()[sample.rig.reference()],
+        depth: depth.as_ref(),
+        vsd_delta: args.vsd_delta_mm * 1e-3,
+    };
+    let scored = |(object, (known, &found)): (usize, (&TruePose, &Option<&ObjectPose>))| {
+        let model = &plan.models[&plan.object(&known.seen.class)?];
+        let truth = &known.world_from_obj;
+        let errors = found.map(|found| score::errors(truth, &found.world_from_obj, model));
+        let outcome = Outcome::new(&sample, object, &prediction, found, errors);
+        let scored = Scored::new(outcome, known, found, model, &view);
+        Some(scored.map_err(|problem| Failure(format!("{}: {problem}", sample.name))))
+    };
+    let known = sample.truth.iter().zip(&matched);
+    let FrameId { sensor, image } = group.views[0].clone();
+    Ok(Line {
+        group: sample.name.clone(),
+        scene: group.scene,
+        sensor,
+        image,
+        time_s,
+        extra: unmatched(&matched, &prediction),
+        estimates: prediction
+            .objects
+            .iter()
+            .filter_map(|found| {
+                let obj_id = plan.object(&found.class)?;
+                Some(Estimate::new(obj_id, found.score, &found.ref_from_obj))
+            })
+            .collect(),
+        objects: known
+            .enumerate()
+            .filter_map(scored)
+            .collect::<Result<_>>()?,
+    })
+}
+
+/// Results in BOP's format, for the reference images.
+fn csv(lines: &[Line]) -> String {
+    let mut text = String::from(RESULTS_HEADER);
+    for line in lines {
+        for estimate in &line.estimates {
+            text += &estimate.csv_line(line.scene, line.image, line.time_s);
+        }
+    }
+    text
+}

@@ -1,0 +1,373 @@
+//! What BOP's metrics say of one pose, and of many.
+
+use mvtop_core::Camera;
+use mvtop_core::annotations::TruePose;
+use mvtop_core::prediction::ObjectPose;
+use mvtop_eval::bop::Model;
+use mvtop_eval::metrics::{
+    DepthImage, MSPD_THRESHOLDS_PX, MSSD_THRESHOLDS, MatchingCost, PixelCenter, VSD_TAUS,
+    VSD_THRESHOLDS, VsdOptions, auc_exact, auc_poet, auc_posecnn, average_recall, recall,
+    rotation_error_deg, translation_error, vsd,
+};
+use mvtop_eval::statistics::median;
+use nalgebra::Isometry3;
+use serde::{Deserialize, Serialize};
+
+use crate::eval::outcome::{Errors, Outcome};
+use crate::failure::Result;
+
+/// Threshold up to which areas under curves go, as published.
+const AUC_MAX_M: f64 = 0.1;
+/// Share of the diameter that ADD may be off.
+const ADD_SHARE: f64 = 0.1;
+/// Width for which BOP's MSPD thresholds are made, px.
+const MSPD_WIDTH: f64 = 640.0;
+
+/// One object of the truth. Errors are null where it was not found; rotation and translation errors
+/// are the least over the object's symmetries.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Scored {
+    #[serde(flatten)]
+    pub outcome: Outcome,
+    pub obj_id: u32,
+    pub diameter_m: f64,
+    pub symmetric: bool,
+    pub add_s_m: Option<f64>,
+    pub mssd_m: Option<f64>,
+    /// In the reference image, as if that were 640 px wide.
+    pub mspd_px640: Option<f64>,
+    /// For BOP's ten tolerances, 1 where it was not found; null without a depth image or faces of
+    /// the model, or where the lens has distortion.
+    pub vsd: Option<Vec<f64>>,
+}
+
+/// What an error is measured against.
+pub struct View<'a> {
+    /// Of the reference image.
+    pub camera: &'a Camera,
+    /// Its depth image, metres.
+    pub depth: Option<&'a DepthImage>,
+    /// See [`VsdOptions::delta`], metres.
+    pub vsd_delta: f64,
+}
+
+/// One kind of error over many objects; objects that were not found count as wrong.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Areas {
+    /// Share below a tenth of the diameter.
+    pub recall_01d: Option<f64>,
+    pub auc_posecnn: Option<f64>,
+    pub auc_exact: Option<f64>,
+    /// Over found objects only, as PoET has it.
+    pub auc_poet_found: Option<f64>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Scores {
+    pub objects: usize,
+    pub found: usize,
+    pub rot_median_deg: Option<f64>,
+    pub trans_median_m: Option<f64>,
+    pub add: Areas,
+    pub add_s: Areas,
+    /// ADD-(S): ADD-S of objects that have symmetries in models_info.json, ADD of others.
+    pub add_or_add_s: Areas,
+    pub ar_mssd: Option<f64>,
+    pub ar_mspd: Option<f64>,
+    /// Over the objects in images with depth.
+    pub ar_vsd: Option<f64>,
+    /// BOP's average recall: the mean of the three, where there is VSD of all objects.
+    pub ar: Option<f64>,
+}
+
+/// Rotation and translation errors are the least over the object's symmetries.
+pub fn errors(truth: &Isometry3<f64>, pose: &Isometry3<f64>, model: &Model) -> Errors {
+    Errors {
+        rot_deg: rotation_error_deg(truth, pose, &model.symmetries),
+        trans_m: translation_error(truth, pose, &model.symmetries),
+        add_m: Some(model.surface.add(truth, pose)),
+    }
+}
+
+impl Scored {
+    /// - `outcome`: with the [`errors`] of `found`
+    pub fn new(
+        outcome: Outcome,
+        known: &TruePose,
+        found: Option<&ObjectPose>,
+        model: &Model,
+        view: &View,
+    ) -> Result<Self> {
+        let truth = &known.world_from_obj;
+        let camera = view.camera;
+        let cam_from_world = camera.world_from_cam().inverse();
+        let estimate = found.map(|found| &found.world_from_obj);
+        let Model {
+            surface,
+            symmetries,
+            ..
+        } = model;
+        let rendered = camera.intrinsics().is_pinhole()
+            // Models for evaluation may be points alone.
+            && !model.mesh.triangles().is_empty();
+        let vsd = match view.depth {
+            Some(depth) if rendered => Some(match estimate {
+                Some(pose) => view.vsd(
+                    depth,
+                    model,
+                    &(cam_from_world * truth),
+                    &(cam_from_world * pose),
+                )?,
+                None => vec![1.0; VSD_TAUS.len()],
+            }),
+            _ => None,
+        };
+        Ok(Self {
+            outcome,
+            obj_id: model.id,
+            diameter_m: model.diameter_m,
+            symmetric: symmetries.is_symmetric(),
+            add_s_m: estimate.map(|pose| surface.add_s(truth, pose)),
+            mssd_m: estimate.map(|pose| surface.mssd(truth, pose, symmetries)),
+            // JSON has no infinity; a pose behind the camera is as wrong as none.
+            mspd_px640: estimate
+                .map(|pose| {
+                    let (truth, pose) = (cam_from_world * truth, cam_from_world * pose);
+                    let px = surface.mspd(&truth, &pose, symmetries, camera.intrinsics());
+                    px * MSPD_WIDTH / f64::from(camera.width())
+                })
+                .filter(|px| px.is_finite()),
+            vsd,
+        })
+    }
+
+    pub fn add_or_add_s(&self) -> Option<f64> {
+        if self.symmetric {
+            self.add_s_m
+        } else {
+            self.outcome.add_m
+        }
+    }
+
+    /// ADD-(S) in diameters, infinite where it was not found.
+    pub fn badness(&self) -> f64 {
+        self.add_or_add_s().unwrap_or(f64::INFINITY) / self.diameter_m
+    }
+}
+
+impl View<'_> {
+    /// Like bop_toolkit: its renderers sample pixels half a pixel beside the measured ones.
+    fn vsd(
+        &self,
+        measured: &DepthImage,
+        model: &Model,
+        truth: &Isometry3<f64>,
+        estimate: &Isometry3<f64>,
+    ) -> Result<Vec<f64>> {
+        let camera = self.camera;
+        let size = [camera.width(), camera.height()];
+        let depth = |pose| {
+            let mesh = &model.mesh;
+            mesh.depth(pose, camera.intrinsics(), size, PixelCenter::Half)
+        };
+        let options = VsdOptions {
+            delta: self.vsd_delta,
+            taus: VSD_TAUS.to_vec(),
+            diameter: Some(model.diameter_m),
+            cost: MatchingCost::Step,
+        };
+        Ok(vsd(
+            &depth(estimate)?,
+            &depth(truth)?,
+            measured,
+            camera.intrinsics(),
+            &options,
+        )?)
+    }
+}
+
+impl Scores {
+    pub fn new(scored: &[&Scored]) -> Self {
+        let in_diameters = |error: &dyn Fn(&Scored) -> Option<f64>| -> Vec<f64> {
+            let share = |s: &&Scored| error(s).unwrap_or(f64::INFINITY) / s.diameter_m;
+            scored.iter().map(share).collect()
+        };
+        let areas = |error: &dyn Fn(&Scored) -> Option<f64>| {
+            let found: Vec<f64> = scored.iter().filter_map(|s| error(s)).collect();
+            let mut all = found.clone();
+            all.resize(scored.len(), f64::INFINITY);
+            Areas {
+                recall_01d: recall(&in_diameters(error), ADD_SHARE),
+                auc_posecnn: auc_posecnn(&all, AUC_MAX_M),
+                auc_exact: auc_exact(&all, AUC_MAX_M),
+                auc_poet_found: auc_poet(&found, AUC_MAX_M),
+            }
+        };
+        let median_of = |error: &dyn Fn(&Scored) -> Option<f64>| {
+            median(&scored.iter().filter_map(|s| error(s)).collect::<Vec<_>>())
+        };
+        let pixels: Vec<f64> = scored
+            .iter()
+            .map(|s| s.mspd_px640.unwrap_or(f64::INFINITY))
+            .collect();
+        let ar_mssd = average_recall(&in_diameters(&|s| s.mssd_m), &MSSD_THRESHOLDS);
+        let ar_mspd = average_recall(&pixels, &MSPD_THRESHOLDS_PX);
+        let vsd: Vec<f64> = scored
+            .iter()
+            .filter_map(|s| s.vsd.as_ref())
+            .flatten()
+            .copied()
+            .collect();
+        // As many errors for each object, so that the mean over all is that over tolerances, too.
+        let ar_vsd = average_recall(&vsd, &VSD_THRESHOLDS);
+        let ar = || Some((ar_mssd? + ar_mspd? + ar_vsd?) / 3.0);
+        Self {
+            objects: scored.len(),
+            found: scored.iter().filter(|s| s.outcome.found).count(),
+            rot_median_deg: median_of(&|s| s.outcome.rot_deg),
+            trans_median_m: median_of(&|s| s.outcome.trans_m),
+            add: areas(&|s| s.outcome.add_m),
+            add_s: areas(&|s| s.add_s_m),
+            add_or_add_s: areas(&Scored::add_or_add_s),
+            ar_mssd,
+            ar_mspd,
+            ar_vsd,
+            ar: ar().filter(|_| scored.iter().all(|s| s.vsd.is_some())),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mvtop_core::annotations::GivenBoxes;
+    use mvtop_core::prediction::{Sigma, Timings};
+    use mvtop_core::{Intrinsics, Projection};
+    use mvtop_eval::metrics::{Mesh, Surface, Symmetries};
+    use nalgebra::Point3;
+
+    /// A square plate of 0.2 m that faces the camera 1 m before it: 100 px wide.
+    fn plate() -> Model {
+        let corner = |x: f64, y: f64| Point3::new(0.1 * x, 0.1 * y, 0.0);
+        let corners = [(-1., -1.), (1., -1.), (1., 1.), (-1., 1.)].map(|(x, y)| corner(x, y));
+        let mesh = Mesh::new(corners.to_vec(), vec![[0, 1, 2], [0, 2, 3]]).unwrap();
+        Model {
+            id: 3,
+            name: None,
+            diameter_m: 0.1 * 8f64.sqrt(),
+            symmetries: Symmetries::default(),
+            surface: Surface::new(mesh.vertices()).unwrap(),
+            mesh,
+        }
+    }
+
+    fn camera() -> Camera {
+        Camera::new(
+            "cam",
+            [320, 240],
+            Intrinsics::new(500.0, 500.0, 160.0, 120.0, Projection::Pinhole).unwrap(),
+            Isometry3::rotation(nalgebra::Vector3::new(0.3, -0.2, 1.0)),
+        )
+        .unwrap()
+    }
+
+    /// - `shift`: of the estimate, camera frame, metres; not found without it
+    /// - `depth`: everywhere, metres
+    fn scored(shift: Option<[f64; 3]>, depth: Option<f32>) -> Scored {
+        let camera = camera();
+        let pose =
+            |[x, y, z]: [f64; 3]| camera.world_from_cam() * Isometry3::translation(x, y, 1.0 + z);
+        let found = shift.map(|shift| ObjectPose {
+            class: "plate".into(),
+            class_id: 3,
+            score: 1.0,
+            ref_from_obj: Isometry3::identity(),
+            world_from_obj: pose(shift),
+            sigma: Sigma {
+                rot_deg: 1.0,
+                t_m: 0.01,
+            },
+            cameras: Vec::new(),
+        });
+        let known = TruePose {
+            seen: GivenBoxes {
+                class: "plate".into(),
+                boxes: Default::default(),
+            },
+            world_from_obj: pose([0.0; 3]),
+        };
+        let plate = plate();
+        let errors = found
+            .as_ref()
+            .map(|found| errors(&known.world_from_obj, &found.world_from_obj, &plate));
+        let outcome = Outcome {
+            sample: "sample".into(),
+            object: 0,
+            class: "plate".into(),
+            views: 1,
+            found: found.is_some(),
+            rot_deg: errors.map(|errors| errors.rot_deg),
+            trans_m: errors.map(|errors| errors.trans_m),
+            add_m: errors.and_then(|errors| errors.add_m),
+            score: None,
+            sigma: None,
+            cameras: Vec::new(),
+            t_world_obj: None,
+            timings_ms: Timings::default(),
+        };
+        let depth = depth.map(|depth| DepthImage::from_elem((240, 320), depth));
+        let view = View {
+            camera: &camera,
+            depth: depth.as_ref(),
+            vsd_delta: 0.015,
+        };
+        Scored::new(outcome, &known, found.as_ref(), &plate, &view).unwrap()
+    }
+
+    #[test]
+    fn errors_of_a_shifted_plate_are_those_worked_by_hand() {
+        // 22 mm to the right: 11 of 100 px are shown by one pose only, on either side, so that 22
+        // of 111 differ, whatever the tolerance.
+        let off = scored(Some([0.022, 0.0, 0.0]), Some(0.0));
+        assert!(off.outcome.rot_deg.unwrap() < 1e-6);
+        assert!((off.outcome.trans_m.unwrap() - 0.022).abs() < 1e-12);
+        assert!((off.outcome.add_m.unwrap() - 0.022).abs() < 1e-12);
+        assert!((off.mssd_m.unwrap() - 0.022).abs() < 1e-12);
+        assert!((off.mspd_px640.unwrap() - 22.0).abs() < 1e-9);
+        for error in off.vsd.as_ref().unwrap() {
+            assert!((error - 22.0 / 111.0).abs() < 1e-9, "{error}");
+        }
+        let scores = Scores::new(&[&off]);
+        // 0.0778 diameters: below 0.1, 0.15, ..., 0.5.
+        assert_eq!(scores.ar_mssd, Some(0.9));
+        // 22 px: below 25, 30, ..., 50.
+        assert_eq!(scores.ar_mspd, Some(0.6));
+        // 0.198: below 0.2, 0.25, ..., 0.5.
+        assert_eq!(scores.ar_vsd, Some(0.7));
+        assert!((scores.ar.unwrap() - (0.9 + 0.6 + 0.7) / 3.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn hidden_plates_and_those_not_found_count_as_wrong() {
+        let hidden = scored(Some([0.0; 3]), Some(0.9));
+        assert_eq!(hidden.vsd, Some(vec![1.0; 10]));
+        let missed = scored(None, Some(1.0));
+        assert_eq!(missed.vsd, Some(vec![1.0; 10]));
+        let right = scored(Some([0.0; 3]), Some(1.0));
+        assert_eq!(right.vsd, Some(vec![0.0; 10]));
+        let scores = Scores::new(&[&hidden, &missed, &right]);
+        assert!((scores.ar_vsd.unwrap() - 1.0 / 3.0).abs() < 1e-12);
+        assert!((scores.ar_mssd.unwrap() - 2.0 / 3.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn without_depth_there_is_no_vsd() {
+        let without = scored(Some([0.0; 3]), None);
+        assert_eq!(without.vsd, None);
+        let scores = Scores::new(&[&without]);
+        assert_eq!((scores.ar_vsd, scores.ar), (None, None));
+        let with = scored(Some([0.0; 3]), Some(1.0));
+        let scores = Scores::new(&[&without, &with]);
+        assert_eq!((scores.ar_vsd, scores.ar), (Some(1.0), None));
+    }
+}

@@ -1,0 +1,277 @@
+//! `infer`.
+
+use std::path::Path;
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::{matrix, mvtop, off, refusal, root, sample, stdout};
+
+const IDS: [&str; 4] = ["cam0", "cam1", "cam2", "cam3"];
+
+fn image_of(id: &str) -> String {
+    format!("{id}={}", sample(&format!("{id}.png")))
+}
+
+fn infer(ids: &[&str], more: &[&str]) -> Value {
+    let (rig, boxes) = (sample("rig.json"), sample("truth.json"));
+    let images: Vec<String> = ids.iter().map(|id| image_of(id)).collect();
+    let mut args = vec!["infer", "--rig", &rig, "--boxes", &boxes, "--json"];
+    args.extend(images.iter().map(String::as_str));
+    args.extend(more);
+    serde_json::from_str(&stdout(&mvtop(&args))).unwrap()
+}
+
+fn assert_close(a: &[f64], b: &[f64], tolerance: f64) {
+    assert_eq!(a.len(), b.len());
+    let off = a
+        .iter()
+        .zip(b)
+        .map(|(a, b)| (a - b).abs())
+        .fold(0.0, f64::max);
+    assert!(off <= tolerance, "{a:?} and {b:?} are {off:.1e} apart");
+}
+
+#[test]
+fn images_that_do_not_fit_the_rig_are_refused_before_anything_is_loaded() {
+    let rig = sample("rig.json");
+    // No library, no model: whatever is wrong with them must not come first.
+    let infer = |images: &[&str]| {
+        let fixed = [
+            "infer",
+            "--rig",
+            &rig,
+            "--ort-lib",
+            "none.so",
+            "--model",
+            "none",
+        ];
+        refusal(&mvtop(&[&fixed, images].concat()))
+    };
+    let error = infer(&["a.png", "b.png"]);
+    assert!(
+        error.contains("expected 4 images") && error.contains("ID=PATH"),
+        "{error}"
+    );
+    let error = infer(&["top=a.png"]);
+    assert!(
+        error.contains("no camera `top`") && error.contains("cam0, cam1"),
+        "{error}"
+    );
+    let error = infer(&["cam0=a.png", "b.png"]);
+    assert!(
+        error.contains("some images are given as ID=PATH"),
+        "{error}"
+    );
+    let error = infer(&["cam0=none.png"]);
+    assert!(error.contains("cannot read none.png"), "{error}");
+    let error = infer(&[&format!("cam0={rig}")]);
+    assert!(error.contains("none of PNG, JPEG, TIFF and BMP"), "{error}");
+    let error = infer(&["cam0=examples/mvball/cam0.png"]);
+    assert!(
+        error.contains("`cam0`: expected 160x120 px as in the rig, got 640x480"),
+        "{error}"
+    );
+}
+
+#[test]
+fn files_that_are_missing_or_wrong_are_named() {
+    let image = image_of("cam0");
+    let error = refusal(&mvtop(&["infer", "--rig", "none.json", &image]));
+    assert!(error.contains("cannot read none.json"), "{error}");
+    let error = refusal(&mvtop(&["infer", "--rig", &sample("truth.json"), &image]));
+    assert!(error.contains("truth.json"), "{error}");
+
+    let rig = sample("rig.json");
+    let with = |option: &str, value: &str| {
+        refusal(&mvtop(&["infer", "--rig", &rig, &image, option, value]))
+    };
+    let error = with("--model", "fixtures");
+    assert!(
+        error.contains("model.json") && error.contains("model bundle"),
+        "{error}"
+    );
+    let error = with("--ort-lib", "/no/such/libonnxruntime.so");
+    assert!(
+        error.contains("/no/such/libonnxruntime.so: cannot be loaded"),
+        "{error}"
+    );
+    let error = with("--boxes", &rig);
+    assert!(error.contains("rig.json: expected {\"objects\""), "{error}");
+    let error = with("--truth", "none.json");
+    assert!(error.contains("cannot read none.json"), "{error}");
+    let error = with("--reference", "top");
+    assert!(error.contains("no camera `top`"), "{error}");
+    let error = with("--provider", "cuda");
+    assert!(error.contains("`cuda`"), "{error}");
+}
+
+#[test]
+fn prediction_is_complete() {
+    let json = infer(&IDS, &[]);
+    assert_eq!(json["schema_version"], 1);
+    assert_eq!(json["reference"], "cam0");
+    assert_eq!(json["provider"], "cpu");
+    assert!(json["timings_ms"]["total"].as_f64().unwrap() > 0.0);
+    let object = &json["objects"][0];
+    assert_eq!(
+        (&object["class"], &object["class_id"]),
+        (&"mvball".into(), &1.into())
+    );
+    assert!(object["sigma"]["rot_deg"].as_f64().unwrap() > 0.0);
+    assert!(object["sigma"]["t_m"].as_f64().unwrap() > 0.0);
+
+    let cameras = object["cameras"].as_array().unwrap();
+    let ids: Vec<&str> = cameras
+        .iter()
+        .map(|camera| camera["id"].as_str().unwrap())
+        .collect();
+    assert_eq!(ids, IDS);
+    assert!(cameras.iter().all(|camera| camera["detected"] == true));
+    assert_eq!(matrix(&cameras[0]["T_cam_obj"]).len(), 16);
+    assert_close(
+        &matrix(&cameras[0]["T_cam_obj"]),
+        &matrix(&object["T_ref_obj"]),
+        1e-12,
+    );
+    let t: Vec<f64> = object["t_m"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|x| x.as_f64().unwrap())
+        .collect();
+    let reference = matrix(&object["T_ref_obj"]);
+    assert_close(&t, &[reference[3], reference[7], reference[11]], 0.0);
+}
+
+#[test]
+fn order_of_the_images_does_not_matter_and_every_number_of_views_works() {
+    for views in 1..=4 {
+        let forward = infer(&IDS[..views], &[]);
+        let mut reversed = IDS[..views].to_vec();
+        reversed.reverse();
+        let backward = infer(&reversed, &[]);
+        assert_eq!(forward["objects"], backward["objects"]);
+        assert_eq!(
+            forward["objects"][0]["cameras"].as_array().unwrap().len(),
+            views
+        );
+    }
+}
+
+#[test]
+fn reference_chooses_the_frame() {
+    let json = infer(&IDS[..3], &["--reference", "cam2"]);
+    assert_eq!(json["reference"], "cam2");
+    let object = &json["objects"][0];
+    assert_close(
+        &matrix(&object["cameras"][2]["T_cam_obj"]),
+        &matrix(&object["T_ref_obj"]),
+        1e-12,
+    );
+    // A camera without an image only lends its frame.
+    let json = infer(&IDS[..2], &["--reference", "cam3"]);
+    assert_eq!(json["reference"], "cam3");
+    assert_eq!(json["objects"][0]["cameras"].as_array().unwrap().len(), 2);
+}
+
+#[test]
+fn table_shows_the_pose_beside_the_truth() {
+    let (rig, truth) = (sample("rig.json"), sample("truth.json"));
+    let images = IDS.map(|id| sample(&format!("{id}.png")));
+    let mut args = vec!["infer", "--rig", &rig, "--boxes", &truth, "--truth", &truth];
+    args.extend(images.iter().map(String::as_str));
+    let text = stdout(&mvtop(&args));
+    for part in [
+        "frame of camera `cam0`",
+        "q_wxyz",
+        "cam0 cam1 cam2 cam3",
+        "known",
+        "total",
+    ] {
+        assert!(text.contains(part), "{part} is missing in:\n{text}");
+    }
+}
+
+#[test]
+fn overlays_are_drawn_and_never_replace_files_unasked() {
+    let folder = TempDir::new().unwrap();
+    let out = folder.path().join("pictures");
+    let out = out.to_str().unwrap();
+    infer(&IDS[..2], &["--overlay", out]);
+    let picture = |name: &str| image::open(Path::new(out).join(name)).unwrap().into_rgb8();
+    for id in &IDS[..2] {
+        let drawn = picture(&format!("{id}.png"));
+        let plain = image::open(sample(&format!("{id}.png")))
+            .unwrap()
+            .into_rgb8();
+        assert_eq!(drawn.dimensions(), plain.dimensions());
+        assert_ne!(drawn, plain);
+    }
+    assert_eq!(picture("all_views.png").height(), 480);
+
+    // The truth is drawn as well where it is known.
+    let (rig, image, truth) = (sample("rig.json"), image_of("cam0"), sample("truth.json"));
+    let mut pictures = Vec::new();
+    for (folder, more) in [("plain", &[][..]), ("known", &["--truth", &truth][..])] {
+        let dir = Path::new(out).join(folder);
+        let dir = dir.to_str().unwrap();
+        let args = [
+            "infer",
+            "--rig",
+            &rig,
+            &image,
+            "--boxes",
+            &truth,
+            "--overlay",
+            dir,
+        ];
+        stdout(&mvtop(&[&args[..], more].concat()));
+        pictures.push(picture(&format!("{folder}/cam0.png")));
+    }
+    assert_ne!(pictures[0], pictures[1]);
+
+    let again = ["infer", "--rig", &rig, &image, "--overlay", out];
+    assert!(refusal(&mvtop(&again)).contains("exists already; give --force"));
+    stdout(&mvtop(&[&again[..], &["--force"]].concat()));
+
+    // Not even --force draws over the images that are looked at.
+    let copy = folder.path().join("cam0.png");
+    std::fs::copy(sample("cam0.png"), &copy).unwrap();
+    let (image, dir) = (
+        format!("cam0={}", copy.display()),
+        folder.path().display().to_string(),
+    );
+    let onto = ["infer", "--rig", &rig, &image, "--overlay", &dir, "--force"];
+    assert!(refusal(&mvtop(&onto)).contains("is one of the images"));
+    assert_eq!(
+        std::fs::read(&copy).unwrap(),
+        std::fs::read(sample("cam0.png")).unwrap()
+    );
+}
+
+#[test]
+fn shipped_model_finds_the_ball_of_the_example_and_how_it_is_turned() {
+    let example = |file: &str| format!("examples/mvball/{file}");
+    let rig = example("rig.json");
+    let images = ["cam0.png", "cam1.png"].map(example);
+    let output = mvtop(&[
+        "infer",
+        "--rig",
+        &rig,
+        &images[0],
+        &images[1],
+        "--model",
+        "models/mvball",
+        "--json",
+    ]);
+    let json: Value = serde_json::from_str(&stdout(&output)).unwrap();
+    let truth = std::fs::read(root().join(example("truth.json"))).unwrap();
+    let truth: Value = serde_json::from_slice(&truth).unwrap();
+    assert_eq!(json["objects"].as_array().unwrap().len(), 1);
+    let (deg, m) = off(&json["objects"][0], &truth["objects"][0]);
+    // It is 1.6 degrees and 1.2 mm off. Boxes know nothing of rotation, and where their lines of
+    // sight meet is more than 5 mm off.
+    assert!(deg < 4.0, "{deg} degrees");
+    assert!(m < 0.003, "{m} m");
+}

@@ -1,0 +1,145 @@
+//! From points of the camera frame to pixels and back.
+
+use nalgebra::{Point2, Point3, Unit, Vector3};
+
+use super::Projection;
+use crate::{Error, Result};
+
+/// Focal lengths, principal point and projection, in OpenCV's conventions.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Intrinsics {
+    fx: f64,
+    fy: f64,
+    cx: f64,
+    cy: f64,
+    projection: Projection,
+}
+
+impl Intrinsics {
+    /// - `fx`, `fy`: focal lengths, px
+    /// - `cx`, `cy`: principal point, px
+    /// - `projection`: one without distortion becomes [`Projection::Pinhole`]
+    ///
+    /// # Errors
+    /// [`Error::Camera`] for a number that is not finite, or a focal length that is not above 0.
+    pub fn new(fx: f64, fy: f64, cx: f64, cy: f64, projection: Projection) -> Result<Self> {
+        for (key, number) in [("fx", fx), ("fy", fy), ("cx", cx), ("cy", cy)] {
+            if !number.is_finite() {
+                return Err(Error::Camera(format!(
+                    "`{key}` must be a finite number, got {number}"
+                )));
+            }
+        }
+        for (key, focal) in [("fx", fx), ("fy", fy)] {
+            if focal <= 0.0 {
+                return Err(Error::Camera(format!(
+                    "the focal length `{key}` must be above 0 px, got {focal}"
+                )));
+            }
+        }
+        Ok(Self {
+            fx,
+            fy,
+            cx,
+            cy,
+            projection: projection.simplest(),
+        })
+    }
+
+    /// Focal length along x, px.
+    pub fn fx(&self) -> f64 {
+        self.fx
+    }
+
+    /// Focal length along y, px.
+    pub fn fy(&self) -> f64 {
+        self.fy
+    }
+
+    /// Principal point's x, px.
+    pub fn cx(&self) -> f64 {
+        self.cx
+    }
+
+    /// Principal point's y, px.
+    pub fn cy(&self) -> f64 {
+        self.cy
+    }
+
+    /// Between rays and the image plane of unit focal length.
+    pub fn projection(&self) -> &Projection {
+        &self.projection
+    }
+
+    /// Whether straight lines stay straight: no distortion, no fisheye.
+    pub fn is_pinhole(&self) -> bool {
+        self.projection == Projection::Pinhole
+    }
+
+    /// Pixel at which a point of the camera frame (any unit of length) is imaged.
+    ///
+    /// `None` for a point that cannot be imaged: behind the camera (pinholes), or past the angle at
+    /// which the distortion would fold the image back onto itself.
+    ///
+    /// ```
+    /// use mvtop_core::{Intrinsics, Projection};
+    /// use nalgebra::Point3;
+    ///
+    /// let fisheye = Projection::from_params("fisheye", None, &[-0.006, 0.016, -0.024, 0.0155])?;
+    /// let intrinsics = Intrinsics::new(278.0, 278.0, 315.5, 244.5, fisheye)?;
+    /// let pixel = intrinsics.project(&Point3::new(1.0, 0.0, 0.0)).expect("fisheyes see sidewards");
+    /// let ray = intrinsics.unproject(&pixel).expect("the way back");
+    /// assert!((ray.x - 1.0).abs() < 1e-9);
+    /// # Ok::<(), mvtop_core::Error>(())
+    /// ```
+    pub fn project(&self, point: &Point3<f64>) -> Option<Point2<f64>> {
+        let image = self.projection.project(point)?;
+        finite(Point2::new(
+            self.fx * image.x + self.cx,
+            self.fy * image.y + self.cy,
+        ))
+    }
+
+    /// Direction, in the camera frame, of the ray that is imaged at a pixel.
+    ///
+    /// The exact inverse of [`Intrinsics::project`], by Newton's method run until it settles; `None`
+    /// where it does not, or where no ray within the projection's range meets the pixel.
+    pub fn unproject(&self, pixel: &Point2<f64>) -> Option<Unit<Vector3<f64>>> {
+        let image = finite(Point2::new(
+            (pixel.x - self.cx) / self.fx,
+            (pixel.y - self.cy) / self.fy,
+        ))?;
+        let ray = self.projection.unproject(&image)?;
+        // The norm of a ray that overflowed is no longer 1.
+        Unit::try_new(ray, 0.0).filter(|ray| (ray.norm() - 1.0).abs() < 1e-9)
+    }
+
+    /// What hints at a mistake, given the size of the images.
+    pub(super) fn check_size(&self, width: u32, height: u32) -> Result<(), String> {
+        let axes = [
+            (["fx", "cx", "width"], self.fx, self.cx, f64::from(width)),
+            (["fy", "cy", "height"], self.fy, self.cy, f64::from(height)),
+        ];
+        for ([f, _, _], focal, _, side) in axes {
+            if focal < side / 100.0 {
+                return Err(format!(
+                    "the focal length `{f}` of {focal} px is too short for an image of {side} px; \
+                     give it in pixels, not in mm or as a share of the image"
+                ));
+            }
+        }
+        for ([_, c, of], _, center, side) in axes {
+            if !(-side..=2.0 * side).contains(&center) {
+                return Err(format!(
+                    "the principal point `{c}` of {center} px lies more than one image size \
+                     outside the image of `{of}` {side} px"
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+pub(super) fn finite(point: Point2<f64>) -> Option<Point2<f64>> {
+    (point.x.is_finite() && point.y.is_finite()).then_some(point)
+}

@@ -1,0 +1,188 @@
+//! The pose annotations of a split in BOP layout: `scene_gt.json` of its scenes.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use mvtop_core::pose::rotation_error_deg;
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use rayon::prelude::*;
+
+use crate::bop::load_annotations;
+use crate::{Error, Result};
+
+/// One annotation of one object: its pose `cam_from_obj`, and where it stands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PoseRecord {
+    /// Index into [`Split::scenes`].
+    pub scene: u32,
+    /// Image id.
+    pub image: u32,
+    /// Place in the image's list of annotations.
+    pub annotation: u32,
+    /// Of `cam_from_obj`.
+    pub rotation: Matrix3<f64>,
+    /// Of `cam_from_obj`, millimetres.
+    pub translation_mm: Vector3<f64>,
+}
+
+impl PoseRecord {
+    /// Angle between two poses' rotations, degrees.
+    pub fn rotation_error_deg(&self, other: &Self) -> f64 {
+        let [a, b] = [self, other].map(|pose| {
+            UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(pose.rotation))
+        });
+        rotation_error_deg(&a, &b)
+    }
+
+    /// Distance of two poses' translations, millimetres.
+    pub fn translation_error_mm(&self, other: &Self) -> f64 {
+        (self.translation_mm - other.translation_mm).norm()
+    }
+}
+
+/// All poses of a split.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Split {
+    /// Names of the scene folders; `folder/sensor` where each sensor has its own annotations.
+    pub scenes: Vec<String>,
+    /// By object id, in the order of scenes, images and annotations.
+    pub objects: BTreeMap<u32, Vec<PoseRecord>>,
+}
+
+impl Split {
+    /// Number of poses, of all objects.
+    pub fn poses(&self) -> usize {
+        self.objects.values().map(Vec::len).sum()
+    }
+}
+
+/// The files that a split's annotations are in.
+#[derive(Debug, Clone)]
+pub struct Files {
+    scenes: Vec<(String, PathBuf)>,
+    /// Size of all files together.
+    pub bytes: u64,
+}
+
+impl Files {
+    /// `scene_gt.json`, or `scene_gt_<sensor>.json`, of each scene in a split's folder, or of the
+    /// folder itself where it is a scene.
+    ///
+    /// # Errors
+    /// [`Error::Read`] where a folder cannot be read, [`Error::Data`] where there is no such file.
+    pub fn find(folder: &Path) -> Result<Self> {
+        // Canonical, so that a file which two splits share is recognised.
+        let folder = fs::canonicalize(folder).map_err(read_error(folder))?;
+        let mut scenes = annotations(&folder)?;
+        if scenes.is_empty() {
+            for path in listed(&folder)? {
+                if path.is_dir() {
+                    scenes.extend(annotations(&path)?);
+                }
+            }
+        }
+        if scenes.is_empty() {
+            return Err(Error::Data(format!(
+                "{}: expected a split, that is a folder of scene folders with scene_gt.json, or \
+                 one such scene, got a folder with none; give the folder of the split, such as \
+                 DATASET/test",
+                folder.display()
+            )));
+        }
+        let sizes = scenes
+            .iter()
+            .map(|(_, path)| Ok(fs::metadata(path).map_err(read_error(path))?.len()));
+        let bytes = sizes.sum::<Result<u64>>()?;
+        Ok(Self { scenes, bytes })
+    }
+
+    /// A file that both have.
+    pub fn shared_with(&self, other: &Self) -> Option<&Path> {
+        let shared = |path: &&PathBuf| other.scenes.iter().any(|(_, theirs)| theirs == *path);
+        let mut paths = self.scenes.iter().map(|(_, path)| path);
+        paths.find(shared).map(PathBuf::as_path)
+    }
+
+    /// Reads all files; `done` is told the size of each one read.
+    ///
+    /// # Errors
+    /// [`Error::Read`] where a file cannot be read, [`Error::Data`] where it does not hold poses.
+    pub fn read(&self, done: impl Fn(u64) + Sync) -> Result<Split> {
+        let read: Vec<Vec<(u32, PoseRecord)>> = self
+            .scenes
+            .par_iter()
+            .enumerate()
+            .map(|(scene, (_, path))| {
+                let poses = poses(path, scene as u32)?;
+                done(fs::metadata(path).map_or(0, |about| about.len()));
+                Ok(poses)
+            })
+            .collect::<Result<_>>()?;
+        let mut split = Split {
+            scenes: self.scenes.iter().map(|(name, _)| name.clone()).collect(),
+            objects: BTreeMap::new(),
+        };
+        for (object, pose) in read.into_iter().flatten() {
+            split.objects.entry(object).or_default().push(pose);
+        }
+        Ok(split)
+    }
+}
+
+/// The files with annotations of one scene, each with its name.
+fn annotations(scene: &Path) -> Result<Vec<(String, PathBuf)>> {
+    let folder = scene.file_name().unwrap_or_default().to_string_lossy();
+    let named = |path: PathBuf| {
+        let stem = path.file_name()?.to_str()?.strip_suffix(".json")?;
+        let sensor = stem.strip_prefix("scene_gt")?;
+        match sensor.strip_prefix('_') {
+            None if sensor.is_empty() => Some((folder.to_string(), path)),
+            // `scene_gt_info.json` and `scene_gt_info_<sensor>.json` hold boxes.
+            Some(sensor) if sensor.split('_').next() != Some("info") => {
+                Some((format!("{folder}/{sensor}"), path))
+            }
+            _ => None,
+        }
+    };
+    Ok(listed(scene)?.into_iter().filter_map(named).collect())
+}
+
+/// What is in a folder, sorted.
+fn listed(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries = fs::read_dir(folder).and_then(|entries| {
+        entries
+            .map(|entry| Ok(entry?.path()))
+            .collect::<io::Result<Vec<_>>>()
+    });
+    let mut paths = entries.map_err(read_error(folder))?;
+    paths.sort();
+    Ok(paths)
+}
+
+/// Object and pose of each annotation in a file.
+fn poses(path: &Path, scene: u32) -> Result<Vec<(u32, PoseRecord)>> {
+    let mut poses = Vec::new();
+    for (image, annotations) in load_annotations(path)? {
+        for (i, annotation) in annotations.iter().enumerate() {
+            let (rotation, translation_mm) = annotation.pose((path, image, i))?;
+            let pose = PoseRecord {
+                scene,
+                image,
+                annotation: i as u32,
+                rotation: rotation.into_inner(),
+                translation_mm,
+            };
+            poses.push((annotation.obj_id, pose));
+        }
+    }
+    Ok(poses)
+}
+
+fn read_error(path: &Path) -> impl Fn(io::Error) -> Error + '_ {
+    |cause| Error::Read {
+        path: path.to_owned(),
+        cause,
+    }
+}

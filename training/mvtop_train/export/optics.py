@@ -1,0 +1,112 @@
+"""Cameras and pictures of virtual ones, in float64 by OpenCV's formulas: what Rust's must equal.
+
+Slow and plain. The training has its own close-ups (`data/closeup.py`), of pinholes and in whole
+numbers; here a camera has any lens, and a picture is as exact as its image.
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+
+from ..data import rig
+from ..data.closeup import FILL, MAX_TAPS
+
+UNTIL = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-15)  # OpenCV stops early
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Frames and pixels as in docs/rig.md."""
+
+    id: str
+    width: int
+    height: int
+    k: np.ndarray  # [3, 3], px
+    world_from_cam: np.ndarray  # [4, 4], m
+    params: tuple[float, ...] = ()  # OpenCV's distortion coefficients
+    fisheye: bool = False
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Pixels [..., 2] of points [..., 3] of the camera's frame."""
+        project = cv2.fisheye.projectPoints if self.fisheye else cv2.projectPoints
+        flat, none = np.ascontiguousarray(points).reshape(-1, 1, 3), np.zeros((3, 1))
+        pixels, _ = project(flat, none, none, self.k, np.array(self.params))
+        return pixels.reshape(*points.shape[:-1], 2)
+
+    def unproject(self, pixels: np.ndarray) -> np.ndarray:
+        """Unit rays [..., 3] through pixels [..., 2]."""
+        undistort = cv2.fisheye.undistortPoints if self.fisheye else cv2.undistortPoints
+        flat = np.ascontiguousarray(pixels, np.float64).reshape(-1, 1, 2)
+        xy = undistort(flat, self.k, np.array(self.params), criteria=UNTIL)
+        rays = np.concatenate([xy, np.ones_like(xy[..., :1])], -1).reshape(*pixels.shape[:-1], 3)
+        return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+
+    def shows(self, pixels: np.ndarray) -> np.ndarray:
+        """Whether pixels [..., 2] lie on the image [...]."""
+        return ((pixels >= -0.5) & (pixels <= [self.width - 0.5, self.height - 0.5])).all(-1)
+
+
+def load_rig(path: Path) -> list[Camera]:
+    """The cameras of a rig file with their lenses."""
+    entries = json.loads(Path(path).read_text())["cameras"]
+    return [
+        Camera(
+            c.id, c.width, c.height, c.k, np.linalg.inv(c.cam_from_rig),
+            tuple(entry.get("distortion", {}).get("params", ())), entry.get("model") == "fisheye",
+        )
+        for c, entry in zip(rig.load(path), entries, strict=True)
+    ]  # fmt: skip
+
+
+def rays_of_box(camera: Camera, box) -> np.ndarray:
+    """Unit rays [5, 3] of a box: its middle, and its left, right, upper and lower side's."""
+    x0, y0, x1, y1 = box
+    xc, yc = (x0 + x1) / 2, (y0 + y1) / 2
+    return camera.unproject(np.array([[xc, yc], [x0, yc], [x1, yc], [xc, y0], [xc, y1]]))
+
+
+def closeup_of(real: Camera, box, size: int) -> tuple[Camera, np.ndarray, int]:
+    """The virtual camera of a box [4] px, the box in its picture, and samples per pixel's side."""
+    rays = rays_of_box(real, box)
+    axis = np.cross(rays[0], [0, 0, 1])
+    angle = np.arctan2(np.linalg.norm(axis), rays[0, 2])
+    turn, _ = cv2.Rodrigues(axis / max(np.linalg.norm(axis), 1e-300) * angle)
+    sides = rays[1:] @ turn.T
+    bounds = (sides / sides[:, 2:])[[0, 2, 1, 3], [0, 1, 0, 1]]  # x0 y0 x1 y1, one unit ahead
+    focal, middle = FILL * size / 2 / np.abs(bounds).max(), (size - 1) / 2
+    k = np.array([[focal, 0, middle], [0, focal, middle], [0, 0, 1]])
+    pose = real.world_from_cam.copy()
+    pose[:3, :3] = pose[:3, :3] @ turn.T
+    taps = np.ceil(max(box[2] - box[0], box[3] - box[1]) / (FILL * size))
+    virtual = Camera(real.id, size, size, k, pose)
+    return virtual, bounds * focal + middle, int(np.clip(taps, 1, MAX_TAPS))
+
+
+def seen_by(real: Camera, virtual: Camera, pixels: np.ndarray) -> np.ndarray:
+    """Pixels [..., 2] of `real` at which it sees what `virtual`, at the same place, has at its."""
+    real_from_virtual = real.world_from_cam[:3, :3].T @ virtual.world_from_cam[:3, :3]
+    return real.project(virtual.unproject(pixels) @ real_from_virtual.T)
+
+
+def picture_of(virtual: Camera, real: Camera, rgb: np.ndarray, taps: int):
+    """What `virtual` would have taken, of what `real` took (`rgb` [H, W, 3]).
+
+    A pixel is the mean of `taps` x `taps` bilinear samples; beyond the image its edge goes on.
+
+    returns  [height, width, 3], as `rgb`; [height, width], whether a pixel's center lies on it
+    """
+    pixels = np.stack(np.meshgrid(np.arange(virtual.width), np.arange(virtual.height)), -1)
+    source = torch.from_numpy(np.ascontiguousarray(rgb)).double().movedim(-1, 0)[None]
+    last = np.array([real.width - 1, real.height - 1])
+    offsets, total = (np.arange(taps) + 0.5) / taps - 0.5, 0
+    for offset in np.stack(np.meshgrid(offsets, offsets), -1).reshape(-1, 2):
+        grid = torch.from_numpy(seen_by(real, virtual, pixels + offset) / last * 2 - 1)[None]
+        total = total + torch.nn.functional.grid_sample(
+            source, grid, padding_mode="border", align_corners=True
+        )
+    on_image = real.shows(seen_by(real, virtual, pixels))
+    return (total[0] / taps**2).movedim(0, -1).numpy(), on_image

@@ -1,0 +1,95 @@
+"""The Rust pipeline's reference: against the training's close-ups, and on the shipped model."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from mvtop_train.data import closeup
+from mvtop_train.data.views import warp
+from mvtop_train.export import optics, reference
+from mvtop_train.export.bundle import fold_batch_norm
+from mvtop_train.training.checkpoint import load_weights
+
+ROOT = Path(__file__).parents[2]
+K = np.array([[610.0, 0, 322], [0, 590, 236], [0, 0, 1]])
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_training_s_closeups_are_the_reference_s(seed):
+    rng = np.random.default_rng(seed)
+    middle, extent = rng.uniform([40, 40], [600, 440]), rng.uniform(10, 200, 2)
+    box = np.concatenate([middle - extent / 2, middle + extent / 2])
+    v, u = np.meshgrid(np.arange(480), np.arange(640), indexing="ij")
+    rgb = np.stack([u % 256, v % 256, 127 + 100 * np.sin(u / 17 + v / 15)], -1).astype(np.uint8)
+    rgb[:, :, :2] = np.minimum(rgb[:, :, :2], 255 - rgb[:, :, :2])  # without steps
+    close = closeup.camera_of(K, box, 96)
+    picture, on_image = warp(rgb, close.view_from_image(K), 96, close.taps)
+
+    real = optics.Camera("real", 640, 480, K, np.eye(4))
+    virtual, bounds, taps = optics.closeup_of(real, box, 96)
+    assert taps == close.taps
+    np.testing.assert_allclose(close.k, virtual.k, rtol=1e-10)
+    np.testing.assert_allclose(close.box, bounds, atol=1e-9)
+    np.testing.assert_allclose(close.view_from_cam, virtual.world_from_cam[:3, :3].T, atol=1e-12)
+    expected, shown = optics.picture_of(virtual, real, rgb, taps)
+    np.testing.assert_array_equal(on_image, shown)
+    # OpenCV's bilinear weights are multiples of 1/32, and it rounds.
+    np.testing.assert_allclose(picture[shown], expected[shown], atol=3)
+
+
+def test_the_chordal_mean_by_hand():
+    def turned(degrees):
+        cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        pose = np.eye(4)
+        pose[:2, :2] = [[cos, -sin], [sin, cos]]
+        pose[:3, 3] = degrees
+        return pose
+
+    mean = reference.mean_pose([turned(20), turned(50), turned(80)])
+    np.testing.assert_allclose(mean, turned(50), atol=1e-12)
+
+
+def shipped():
+    """The network as the shipped bundle has it: its large weights in half precision."""
+    model, _, _ = load_weights(ROOT / "models/mvball.weights.pt")
+    model = fold_batch_norm(model)
+    for weights in model.parameters():
+        if weights.numel() >= 1024:
+            weights.data = weights.data.half().float()
+    return model
+
+
+def test_the_shipped_model_poses_the_shipped_example_as_pytorch_does():
+    folder = ROOT / "examples/mvball"
+    cameras, images, boxes, world_from_obj = reference.load_sample(folder)
+    expected = reference.predict(shipped(), cameras, images, boxes)
+    command = [
+        ROOT / "target/release/mvtop-cli", "infer", "--rig", folder / "rig.json",
+        *(folder / f"{camera.id}.png" for camera in cameras),
+        "--boxes", folder / "truth.json", "--model", ROOT / "models/mvball", "--json",
+    ]  # fmt: skip
+    # Where the program looks for ONNX Runtime.
+    environment = {**os.environ, "VIRTUAL_ENV": sys.prefix}
+    result = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    (ours,) = json.loads(result.stdout)["objects"]
+
+    def errors(a, b):
+        chord = torch.linalg.norm(torch.tensor(a[:3, :3] - b[:3, :3])).item()
+        turned = 2 * np.degrees(np.arcsin(chord / np.sqrt(8)))
+        return turned, np.linalg.norm(a[:3, 3] - b[:3, 3])
+
+    pose = np.array(ours["T_world_obj"])
+    degrees, metres = errors(pose, expected["world_from_obj"])
+    assert degrees < 1e-3 and metres < 1e-6
+    sigma = [ours["sigma"]["rot_deg"], ours["sigma"]["t_m"]]
+    np.testing.assert_allclose(sigma, expected["sigma"], rtol=1e-4)
+    # The boxes alone tell no rotation.
+    degrees, metres = errors(pose, world_from_obj)
+    assert degrees < 4 and metres < 2.5e-3
