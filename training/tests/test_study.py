@@ -133,6 +133,11 @@ def test_a_canonical_view_shows_points_where_its_camera_says(tmp_path):
         assert np.linalg.norm(middle[:2] / middle[2] - 79.5) < 8  # jitter of the box
 
 
+@pytest.fixture(autouse=True)
+def small_batches(monkeypatch):
+    monkeypatch.setattr(variants, "IMAGES", 8)
+
+
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
     """Weights of a network, and features of three scenes of four images."""
