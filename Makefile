@@ -86,7 +86,7 @@ eval: $(MVTOP)  ## held-out scenes: SPLIT=hard|easy SEED=n PAIRS=n VIEWS=n
 	scripts/need-gl.sh
 	$(PY) -m mvtop_train.synthesis.samples --out $(SAMPLES) --split $(SPLIT) --seed $(SEED) \
 	  --count $(PAIRS) --views $(VIEWS)
-	$(MVTOP) eval --samples $(SAMPLES) --model $(MODEL)
+	$(MVTOP) eval samples $(SAMPLES) --model $(MODEL)
 
 tables: .venv/tables.done $(MVTOP)  ## errors over views and noise, tables and curves: SEED=n PAIRS=n; resumes
 	scripts/need-gl.sh

@@ -250,10 +250,10 @@ def test_transforms_of_a_rig_by_hand(tmp_path):
         {"T_world_cam": {"t": [1, 0, 0], "q_wxyz": [half, 0, 0, half]}},
         {"T_world_cam": {"t": [1, 0, 0], "q_xyzw": [0, 0, half, half]}},
     ]
-    cameras = [{"id": str(n), **lens, **way} for n, way in enumerate(ways)]
     path = tmp_path / "rig.json"
-    path.write_text(json.dumps(rig_file(unit="m", cameras=cameras)))
-    for camera in rig.load(path):
+    for way in ways:
+        path.write_text(json.dumps(rig_file(unit="m", cameras=[{"id": "a", **lens, **way}])))
+        (camera,) = rig.load(path)
         np.testing.assert_allclose(camera.cam_from_rig, cam_world, atol=1e-12)
 
 
@@ -270,12 +270,18 @@ def test_a_smaller_width_is_the_same_camera():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda r: r.pop("format"), 'expected "format": "mvtop-rig"'),
-        (lambda r: r.update(unit="inch"), "got 'inch'"),
-        (lambda r: r.update(cameras=[]), "expected at least one camera, got none"),
-        (lambda r: r["cameras"][0].pop("fx"), "camera 'front': expected 'fx', got none"),
-        (lambda r: r["cameras"][1].pop("T_world_cam"), "expected one of T_world_cam and"),
-        (lambda r: r["cameras"][1]["T_world_cam"][0].__setitem__(0, 2), "expected a rotation"),
+        (lambda r: r.pop("format"), '`format` is missing; write "format": "mvtop-rig"'),
+        (lambda r: r.update(unit="inch"), 'got "inch"'),
+        (lambda r: r.update(cameras=[]), "`cameras` must list 1 to 1000 cameras, got 0"),
+        (lambda r: r["cameras"][0].pop("fx"), "camera `front`: the key `fx` is missing"),
+        (
+            lambda r: r["cameras"][1].pop("T_world_cam"),
+            "camera `side`: its place is missing, give either",
+        ),
+        (
+            lambda r: r["cameras"][1]["T_world_cam"][0].__setitem__(0, 2),
+            "camera `side`, `T_world_cam`: the upper left 3x3 part is not a rotation",
+        ),
     ],
 )
 def test_bad_rigs_are_one_sentence(tmp_path, change, message):

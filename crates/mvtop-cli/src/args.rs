@@ -5,13 +5,13 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 use mvtop_core::Options;
 use mvtop_core::onnx::{Provider, SessionOptions};
-use mvtop_eval::bop::Grouping;
 
 use crate::audit::args::Audit;
+use crate::eval::args::Eval;
 
 /// 6-DoF poses of objects seen by several calibrated cameras.
 #[derive(Parser)]
-#[command(name = "mvtop-cli", version, about)]
+#[command(name = "mvtop-cli", version, about, max_term_width = 100)]
 pub struct Cli {
     #[command(subcommand)]
     pub command: Command,
@@ -21,13 +21,14 @@ pub struct Cli {
 pub enum Command {
     /// Find the objects in the images of a rig, and their poses
     Infer(Infer),
-    /// Compare predictions with the truth over a folder of samples
+    /// Compare predictions with the truth
+    #[command(subcommand)]
     Eval(Eval),
     /// Check a data set
     #[command(subcommand)]
     Audit(Audit),
     /// Say what was found of ONNX Runtime and the model, and what to do
-    Doctor(Network),
+    Doctor(NetworkArgs),
 }
 
 #[derive(Args)]
@@ -59,7 +60,7 @@ pub struct Infer {
     #[command(flatten)]
     pub detection: Detection,
 
-    /// Print JSON instead of a table
+    /// Print JSON instead of text
     #[arg(long, conflicts_with = "truth")]
     pub json: bool,
 
@@ -77,137 +78,7 @@ pub struct Infer {
     pub force: bool,
 
     #[command(flatten)]
-    pub network: Network,
-}
-
-#[derive(Args)]
-#[command(after_help = "\
-A sample is a folder with rig.json, truth.json and one image for each camera, <ID>.png or .jpg.
-The last line on stdout is one line of JSON; docs/output.md says what it holds, and what --out
-and the noise are exactly.
-
-Examples:
-  Detected boxes, all views; one line of JSON per object of the truth to look into:
-    mvtop-cli eval --samples out/eval --out results.jsonl
-  One view of the same samples:
-    mvtop-cli eval --samples out/eval --views 1
-  A calibration that is off by 0.5 degrees and 5 mm:
-    mvtop-cli eval --samples out/eval --rig-noise-deg 0.5 --rig-noise-mm 5
-  True boxes, each side off by 5 % of the box's size:
-    mvtop-cli eval --samples out/eval --true-boxes --box-noise 0.05
-  A split of a data set in BOP's layout, two frames of a scene at a time (docs/bop.md); the same
-  command goes on after an interruption:
-    mvtop-cli eval --dataset ycbv --split test --views 2 --report out/ycbv
-  All cameras of a frame:
-    mvtop-cli eval --dataset ipd --split val --grouping frame --report out/ipd")]
-pub struct Eval {
-    /// Folder of sample folders
-    #[arg(long, value_name = "DIR", required_unless_present = "dataset")]
-    pub samples: Option<PathBuf>,
-
-    #[command(flatten)]
-    pub split: Split,
-
-    /// Use the true boxes instead of detecting objects
-    #[arg(long, conflicts_with = "min_views")]
-    pub true_boxes: bool,
-
-    #[command(flatten)]
-    pub detection: Detection,
-
-    /// Use only the reference camera and those that follow it, this many [default: all]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    pub views: Option<u32>,
-
-    /// Move each side of the true boxes at random: standard deviation, as a share of the box's size
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = not_negative)]
-    #[arg(requires = "true_boxes")]
-    pub box_noise: f64,
-
-    /// Turn every camera but the reference by this angle about a random axis through its center
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = not_negative)]
-    pub rig_noise_deg: f64,
-
-    /// Move the center of every camera but the reference by this distance in a random direction
-    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = not_negative)]
-    pub rig_noise_mm: f64,
-
-    /// Which random axes and directions: the same seed gives the same ones, scaled, for any noise
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub noise_seed: u64,
-
-    /// Largest rotation error of a pose that counts as resolved
-    #[arg(long, value_name = "DEG", default_value_t = 15.0, value_parser = not_negative)]
-    pub resolved_deg: f64,
-
-    /// Write one line of JSON for each object of the truth to this file
-    #[arg(
-        long,
-        value_name = "FILE.jsonl",
-        group = "written",
-        conflicts_with = "dataset"
-    )]
-    pub out: Option<PathBuf>,
-
-    /// Overwrite the file if it exists; with --report, begin anew
-    #[arg(long, requires = "written")]
-    pub force: bool,
-
-    #[command(flatten)]
-    pub network: Network,
-}
-
-/// A split of a data set in BOP's layout, and how to go through it.
-#[derive(Args)]
-pub struct Split {
-    /// Folder of a data set in BOP's layout, instead of --samples
-    #[arg(
-        long,
-        value_name = "DIR",
-        conflicts_with = "samples",
-        requires = "report"
-    )]
-    pub dataset: Option<PathBuf>,
-
-    /// Folder of the data set that holds the scenes
-    #[arg(
-        long,
-        value_name = "NAME",
-        default_value = "test",
-        requires = "dataset"
-    )]
-    pub split: String,
-
-    /// What is seen together: frames of a `scene`, or the cameras of a `frame`
-    #[arg(long, value_name = "WHAT", default_value_t, requires = "dataset")]
-    pub grouping: Grouping,
-
-    /// Camera files whose images are references: CAM of scene_camera_CAM.json [default: the first]
-    #[arg(long, value_name = "CAM", requires = "dataset")]
-    pub sensor: Option<String>,
-
-    /// BOP's test targets, a multi-view list, or pairs.json [default: every image]
-    #[arg(long, value_name = "FILE", requires = "dataset")]
-    pub targets: Option<PathBuf>,
-
-    /// How far a surface may lie behind the measured one and still count as seen, for VSD (only of
-    /// data sets with depth images); BOP's, but for ITODD 5
-    #[arg(long, value_name = "MM", default_value_t = 15.0, value_parser = not_negative)]
-    #[arg(requires = "dataset")]
-    pub vsd_delta_mm: f64,
-
-    /// Ids of the objects to evaluate [default: those the model knows]
-    #[arg(
-        long,
-        value_name = "ID,...",
-        value_delimiter = ',',
-        requires = "dataset"
-    )]
-    pub objects: Option<Vec<u32>>,
-
-    /// Folder for the results: CSV in BOP's format, JSON, and a page with plots
-    #[arg(long, value_name = "DIR", group = "written", requires = "dataset")]
-    pub report: Option<PathBuf>,
+    pub network: NetworkArgs,
 }
 
 #[derive(Args)]
@@ -219,7 +90,8 @@ pub struct Detection {
 }
 
 #[derive(Args)]
-pub struct Network {
+#[command(next_help_heading = "Network")]
+pub struct NetworkArgs {
     /// Model bundle [default: $MVTOP_MODEL, else models/mvball here or above the executable]
     #[arg(long, value_name = "DIR")]
     pub model: Option<PathBuf>,
@@ -237,15 +109,7 @@ pub struct Network {
     pub threads: usize,
 }
 
-/// A number that noise can have as its size.
-fn not_negative(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(number) if number.is_finite() && number >= 0.0 => Ok(number),
-        _ => Err("expected a number of 0 or more".into()),
-    }
-}
-
-impl Network {
+impl NetworkArgs {
     pub fn options(&self) -> Options {
         Options {
             ort_lib: self.ort_lib.clone(),
@@ -254,5 +118,19 @@ impl Network {
                 threads: self.threads,
             },
         }
+    }
+}
+
+pub fn not_negative(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if number.is_finite() && number >= 0.0 => Ok(number),
+        _ => Err("expected a number of 0 or more".into()),
+    }
+}
+
+pub fn positive(text: &str) -> Result<f64, String> {
+    match not_negative(text) {
+        Ok(number) if number > 0.0 => Ok(number),
+        _ => Err("expected a number above 0".into()),
     }
 }

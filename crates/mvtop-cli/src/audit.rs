@@ -1,25 +1,28 @@
 //! `audit leakage`: how many poses of one split recur in another.
 
 pub mod args;
-mod picture;
+mod page;
 mod report;
 
 use std::path::Path;
 
-use indicatif::{ProgressBar, ProgressStyle};
 use mvtop_eval::leakage::{Files, Leakage, Settings, Split, common_objects, leakage, load_models};
 
 use self::args::Audit;
-use crate::failure::{Failure, Result, may_write, print};
+use crate::failure::{Failure, Result};
+use crate::{progress, write};
 
-pub fn run(audit: &Audit) -> Result<()> {
-    let Audit::Leakage(args) = audit;
-    let outputs = [&args.json, &args.picture, &args.pairs];
-    for path in outputs.into_iter().flatten() {
-        may_write(path, args.force)?;
+pub fn run(command: &Audit) -> Result<()> {
+    let Audit::Leakage(args) = command;
+    let data = ["leakage.json", "pairs.csv"];
+    let page = ["report.html", "histogram.svg"];
+    if let Some(folder) = args.out.as_ref().or(args.report.as_ref()) {
+        for name in data.iter().chain(&page) {
+            write::may_write(&folder.join(name), args.force)?;
+        }
     }
     let (a, b) = read(&args.a, &args.b)?;
-    let models = match &args.models {
+    let models = match &args.meshes {
         Some(folder) => {
             let common = common_objects(&a, &b)?;
             Some(load_models(folder, common.into_iter())?)
@@ -44,16 +47,24 @@ pub fn run(audit: &Audit) -> Result<()> {
         within_mm: args.within_mm,
         limit,
     };
-    if let Some(path) = &args.json {
-        write(path, &report::json(&result)?)?;
+    let json = report::json(&result)?;
+    if let Some(folder) = args.out.as_ref().or(args.report.as_ref()) {
+        write::folder(folder)?;
+        for (name, text) in data.into_iter().zip([&json, &report::csv(&result)?]) {
+            write::whole(&folder.join(name), text)?;
+        }
     }
-    if let Some(path) = &args.picture {
-        write(path, &picture::svg(&result))?;
+    if let Some(folder) = &args.report {
+        let histogram = page::histogram(&result)?;
+        let html = page::page(&result, &histogram)?;
+        for (name, text) in page.into_iter().zip([&html, &histogram]) {
+            write::whole(&folder.join(name), text)?;
+        }
     }
-    if let Some(path) = &args.pairs {
-        write(path, &report::csv(&result))?;
+    if args.json {
+        return write::print(json.trim_end());
     }
-    print(&report::table(&result))
+    write::print(&report::table(&result))
 }
 
 /// What poses with the same translation are compared by.
@@ -84,21 +95,10 @@ fn read(a: &Path, b: &Path) -> Result<(Split, Split)> {
             path.display()
         )));
     }
-    let style = ProgressStyle::with_template("{bar:40} {bytes}/{total_bytes} read, {eta} left")
-        .unwrap_or_else(|_| ProgressStyle::default_bar());
-    let bar = ProgressBar::new(files_a.bytes + files_b.bytes).with_style(style);
+    let bar = progress::bar(files_a.bytes + files_b.bytes, "{bytes}/{total_bytes} read");
     let splits = files_a
         .read(|bytes| bar.inc(bytes))
         .and_then(|a| Ok((a, files_b.read(|bytes| bar.inc(bytes))?)));
     bar.finish_and_clear();
     Ok(splits?)
-}
-
-/// The file appears when it is whole.
-fn write(path: &Path, text: &str) -> Result<()> {
-    let mut partial = path.as_os_str().to_owned();
-    partial.push(".partial");
-    std::fs::write(&partial, text)
-        .and_then(|()| std::fs::rename(&partial, path))
-        .map_err(|cause| Failure(format!("cannot write {}: {cause}", path.display())))
 }

@@ -6,11 +6,12 @@ use mvtop_core::bundle::Bundle;
 use mvtop_core::onnx::{Provider, Runtime};
 use mvtop_core::{Error, Estimator};
 
-use crate::args::Network;
-use crate::failure::{Failure, Result, print};
+use crate::args::NetworkArgs;
+use crate::failure::{Failure, Result};
 use crate::model_dir;
+use crate::write::print;
 
-pub fn run(args: &Network) -> Result<()> {
+pub fn run(args: &NetworkArgs) -> Result<()> {
     print(&format!("mvtop-cli {}\n", env!("CARGO_PKG_VERSION")))?;
     let runtime = Runtime::locate(args.ort_lib.as_deref());
     print(&format!("{}\n", on_runtime(&runtime)))?;

@@ -8,8 +8,9 @@ use mvtop_core::report::Report;
 use mvtop_core::{Estimator, PredictOptions, Prediction, Rig, ViewImage, annotations, overlay};
 
 use crate::args::Infer;
-use crate::failure::{Failure, Result, may_write, print};
-use crate::{model_dir, table};
+use crate::failure::{Failure, Result};
+use crate::write::{may_write, pretty_json, print};
+use crate::{model_dir, table, write};
 
 /// File name of all views side by side.
 const SHEET: &str = "all_views.png";
@@ -55,9 +56,7 @@ pub fn run(args: &Infer) -> Result<()> {
         None => Vec::new(),
     };
     if args.json {
-        let report = serde_json::to_string_pretty(&Report::new(&prediction, &rig))
-            .map_err(|cause| Failure(format!("cannot write JSON: {cause}")))?;
-        return print(&report);
+        return print(&pretty_json(&Report::new(&prediction, &rig))?);
     }
     print(&table::objects(&prediction, &rig))?;
     if let Some(truth) = &truth {
@@ -127,7 +126,7 @@ impl Pictures {
         let mut taken = BTreeSet::from([SHEET.to_owned()]);
         let mut files = Vec::new();
         for (camera, _) in images {
-            let mut name = file_name(&rig.cameras()[*camera].id());
+            let mut name = file_name(rig.cameras()[*camera].id());
             if !taken.insert(name.clone()) {
                 name = format!("{camera}_{name}");
                 taken.insert(name.clone());
@@ -165,8 +164,7 @@ impl Pictures {
         images: &[ViewImage],
         truth: &[TruePose],
     ) -> Result<Vec<PathBuf>> {
-        std::fs::create_dir_all(&self.dir)
-            .map_err(|cause| Failure(format!("cannot make {}: {cause}", self.dir.display())))?;
+        write::folder(&self.dir)?;
         let bundle = estimator.bundle();
         let mut drawn = overlay::draw_prediction(prediction, &bundle.classes, rig, images);
         for known in truth {

@@ -10,8 +10,11 @@ mod failure;
 mod infer;
 mod matching;
 mod model_dir;
-mod svg;
+mod old_spelling;
+mod plot;
+mod progress;
 mod table;
+mod write;
 
 use std::ffi::OsString;
 
@@ -21,9 +24,14 @@ use args::{Cli, Command};
 
 /// Runs the command that `args` name, the first being the program's own name; returns the exit code.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
-    let cli = match Cli::try_parse_from(args) {
+    let args: Vec<OsString> = args.into_iter().collect();
+    let cli = match Cli::try_parse_from(&args) {
         Ok(cli) => cli,
         Err(answer) => {
+            if let Some(today) = old_spelling::today(&args).filter(|_| answer.use_stderr()) {
+                eprintln!("error: this was an earlier spelling; today, type: {today}");
+                return 2;
+            }
             // Help and version come here as well. There is nowhere left to say that printing failed.
             let _ = answer.print();
             return if answer.use_stderr() { 2 } else { 0 };

@@ -10,7 +10,7 @@ use crate::matching::matches;
 
 /// The objects, one row each, then the timings.
 pub fn objects(prediction: &Prediction, rig: &Rig) -> String {
-    let reference = &rig.cameras()[prediction.reference].id();
+    let reference = rig.cameras()[prediction.reference].id();
     let mut lines = Vec::new();
     if prediction.objects.is_empty() {
         lines.push("no object detected".to_owned());

@@ -95,7 +95,8 @@ def test_rigs_from_arrays_from_cameras_and_from_text_are_the_same(rng):
 
 
 def test_coefficients_of_zero_are_no_distortion():
-    plain, zeros = mvtop.Camera(K, (64, 48)), mvtop.Camera(K, (64, 48), distortion=np.zeros(5))
+    plain = mvtop.Camera(K, (640, 480))
+    zeros = mvtop.Camera(K, (640, 480), distortion=np.zeros(5))
     assert zeros.distortion.size == 0
     triangle = mvtop.metrics.Mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]])
     ahead = np.eye(4)
@@ -248,9 +249,15 @@ LEVELS = [(4, 6), (2, 3)]
 
 
 def sampling_inputs(rng):
-    """Value, locations and weights, float32."""
-    arrays = rng.normal(size=(2, 30, 3, 5)), rng.uniform(-0.2, 1.2, size=(2, 7, 3, 2, 4, 2))
-    return [array.astype(np.float32) for array in (*arrays, rng.uniform(size=(2, 7, 3, 2, 4)))]
+    """Value, locations and weights, float32; locations well between the centers of cells."""
+    cells = rng.integers(-1, 3, size=(2, 7, 3, 2, 4, 2)) + rng.uniform(0.1, 0.9, (2, 7, 3, 2, 4, 2))
+    sizes = np.array(LEVELS)[:, None, ::-1]  # width, height
+    inputs = (
+        rng.normal(size=(2, 30, 3, 5)),
+        (cells + 0.5) / sizes,
+        rng.uniform(size=(2, 7, 3, 2, 4)),
+    )
+    return [array.astype(np.float32) for array in inputs]
 
 
 def test_sampling_writes_into_the_arrays_that_it_is_given(rng):
@@ -265,13 +272,12 @@ def test_sampling_writes_into_the_arrays_that_it_is_given(rng):
 
 
 def test_gradients_of_sampling_are_slopes(rng):
-    """Along a random direction in all inputs, against a central difference of float64 sums."""
+    """The steepest of each input's, against a central difference."""
     inputs = sampling_inputs(rng)
     grad_out = rng.normal(size=(2, 7, 15)).astype(np.float32)
     grads = [np.full_like(array, np.nan) for array in inputs]
     mvtop.deformable_sampling_backward(*inputs, LEVELS, grad_out, *grads)
     for which, grad in enumerate(grads):
-        # One entry of each: reads are smooth but where a location crosses from cell to cell.
         index = np.unravel_index(np.abs(grad).argmax(), grad.shape)
         sums = []
         for step in (1e-3, -1e-3):

@@ -1,4 +1,4 @@
-"""Results of `mvtop-cli eval --out`: reading them, and what many of them amount to.
+"""Results of `mvtop-cli eval samples --out`: reading them, and what many of them amount to.
 
 One line is one object of the truth (docs/output.md). Where an object was not found, its numbers are
 NaN here; statistics of errors are over the found ones, as in the summary that `eval` prints.
@@ -33,7 +33,7 @@ class Results:
 
 
 def read(path: Path) -> Results:
-    """Reads a file of `eval --out`; `UserError` where it is none."""
+    """Reads a file of `eval samples --out`; `UserError` where it is none."""
     try:
         lines = [json.loads(line) for line in Path(path).read_text().splitlines()]
         number = {key: [line[key] for line in lines] for key in ("rot_deg", "trans_m", "add_m")}
@@ -42,7 +42,7 @@ def read(path: Path) -> Results:
     except (OSError, UnicodeDecodeError, ValueError, LookupError, TypeError) as error:
         raise UserError(
             f"{path}: expected JSON Lines, got {type(error).__name__}: {error}; "
-            "fix: mvtop-cli eval --samples DIR --out FILE.jsonl"
+            "fix: mvtop-cli eval samples DIR --out FILE.jsonl"
         ) from None
     sigmas = {
         "sigma_rot_deg": [s["rot_deg"] for s in sigma],

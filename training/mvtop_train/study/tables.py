@@ -115,7 +115,7 @@ def measure(args, wanted: list[Condition]) -> dict[Condition, results.Results]:
             print(f"[{i + 1}/{len(wanted)}] {condition.split} {condition.name}", flush=True)
             path.parent.mkdir(exist_ok=True)
             call([
-                args.cli, "eval", "--samples", str(samples), "--model", str(args.model),
+                args.cli, "eval", "samples", str(samples), "--model", str(args.model),
                 "--out", str(path), *condition.arguments,
             ])  # fmt: skip
         runs[condition] = results.read(path)

@@ -1,12 +1,11 @@
 //! The outcome as a table, as JSON and as CSV.
 
-use std::fmt::Write;
-
 use mvtop_eval::leakage::{Counts, Histogram, ObjectLeakage, Pose, Split, rotation_deg};
 use serde::Serialize;
 
 use super::{Audited, Measure};
 use crate::failure::{Failure, Result};
+use crate::write::pretty_json;
 
 impl Measure {
     /// `0.5 % of the diameter (ADD)`
@@ -25,20 +24,30 @@ impl Measure {
     }
 }
 
-/// Counts per object and in total, for people.
-pub fn table(result: &Audited) -> String {
-    let splits = [("a", &result.a), ("b", &result.b)];
-    let mut lines = Vec::new();
-    for ((letter, split), name) in splits.into_iter().zip(&result.names) {
+/// Names and sizes of both splits.
+pub fn splits(result: &Audited) -> [String; 2] {
+    let split = |letter, name: &str, split: &Split| {
         let (poses, scenes) = (split.poses(), split.scenes.len());
-        lines.push(format!("{letter}  {name}: {poses} poses, scenes: {scenes}"));
-    }
-    lines.push(format!(
+        format!("{letter}  {name}: {poses} poses, scenes: {scenes}")
+    };
+    let [a, b] = &result.names;
+    [split("a", a, &result.a), split("b", b, &result.b)]
+}
+
+/// What the columns count.
+pub fn criteria(result: &Audited) -> String {
+    format!(
         "recurring: same translation within {} mm, and a difference of at most {}; repeated: recurs \
          in its own split",
         result.within_mm,
         result.measure.of(result.limit)
-    ));
+    )
+}
+
+/// Counts per object and in total, for people.
+pub fn table(result: &Audited) -> String {
+    let mut lines = splits(result).to_vec();
+    lines.push(criteria(result));
     lines.push(String::new());
     let columns = "poses   same translation         recurring    repeated";
     lines.push(format!("object  a: {columns}   b: {columns}"));
@@ -127,46 +136,45 @@ pub fn json(result: &Audited) -> Result<String> {
         total: Total { a, b, histogram },
         objects: &result.leakage.objects,
     };
-    serde_json::to_string_pretty(&report)
-        .map(|text| text + "\n")
-        .map_err(|cause| Failure(format!("cannot write JSON: {cause}")))
+    Ok(pretty_json(&report)? + "\n")
 }
 
 /// One line for each recurring pose of split a.
-pub fn csv(result: &Audited) -> String {
-    let mut text = format!(
-        "object_id,a_scene,a_image,a_annotation,b_scene,b_image,b_annotation,translation_mm,\
-         rotation_deg{}\n",
-        match result.measure {
-            Measure::AddPercent => ",add_percent",
-            Measure::RotDeg => "",
-        }
-    );
+pub fn csv(result: &Audited) -> Result<String> {
+    let failed = |cause: String| Failure(format!("cannot write CSV: {cause}"));
+    let by_add = result.measure == Measure::AddPercent;
+    let mut csv = csv::Writer::from_writer(Vec::new());
+    let mut header = vec![
+        "object_id",
+        "a_scene",
+        "a_image",
+        "a_annotation",
+        "b_scene",
+        "b_image",
+        "b_annotation",
+        "translation_mm",
+        "rotation_deg",
+    ];
+    header.extend(by_add.then_some("add_percent"));
+    csv.write_record(&header)
+        .map_err(|cause| failed(cause.to_string()))?;
     let place = |split: &Split, pose: &Pose| {
-        let scene = quoted(&split.scenes[pose.scene as usize]);
-        format!("{scene},{},{}", pose.image, pose.annotation)
+        let scene = split.scenes[pose.scene as usize].clone();
+        [scene, pose.image.to_string(), pose.annotation.to_string()]
     };
     for pair in &result.leakage.pairs {
         let a = &result.a.objects[&pair.object_id][pair.a];
         let b = &result.b.objects[&pair.object_id][pair.b];
         let apart = (a.translation_mm - b.translation_mm).norm();
-        let (from, to) = (place(&result.a, a), place(&result.b, b));
-        let (id, angle) = (pair.object_id, rotation_deg(a, b));
-        // Writing to a string does not fail.
-        let _ = write!(text, "{id},{from},{to},{apart},{angle}");
-        if result.measure == Measure::AddPercent {
-            let _ = write!(text, ",{}", pair.difference);
-        }
-        text.push('\n');
+        let mut record = vec![pair.object_id.to_string()];
+        record.extend(place(&result.a, a).into_iter().chain(place(&result.b, b)));
+        record.extend([apart, rotation_deg(a, b)].map(|x| x.to_string()));
+        record.extend(by_add.then(|| pair.difference.to_string()));
+        csv.write_record(&record)
+            .map_err(|cause| failed(cause.to_string()))?;
     }
-    text
-}
-
-/// A CSV field; scenes are folders, which may be called anything.
-fn quoted(field: &str) -> String {
-    if field.contains(['"', ',', '\n', '\r']) {
-        format!("\"{}\"", field.replace('"', "\"\""))
-    } else {
-        field.to_owned()
-    }
+    let bytes = csv
+        .into_inner()
+        .map_err(|cause| failed(cause.to_string()))?;
+    String::from_utf8(bytes).map_err(|cause| failed(cause.to_string()))
 }

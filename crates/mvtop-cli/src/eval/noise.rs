@@ -1,14 +1,15 @@
 //! Disturbances that an evaluation adds to what is known exactly: calibration and true boxes.
 //!
-//! Each is drawn from SHA-256 of its own name instead of a generator's state, so that it depends on
-//! neither the order of samples nor the number of views, and grows in proportion to its size: a
-//! camera is turned about the same axis by 0.5 and by 2 degrees. `docs/output.md` gives the recipe.
-
-use std::f64::consts::TAU;
+//! Each is drawn from a generator of its own, seeded by its name, so that it depends on neither the
+//! order of samples nor the number of views, and grows in proportion to its size: a camera is turned
+//! about the same axis by 0.5 and by 2 degrees. `docs/output.md` gives the recipe.
 
 use mvtop_core::annotations::GivenBoxes;
 use mvtop_core::{BBox, Rig};
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
+use rand::SeedableRng;
+use rand::rngs::ChaCha20Rng;
+use rand_distr::{Distribution, StandardNormal, UnitSphere};
 use sha2::{Digest, Sha256};
 
 /// How much is added, and which draw of it.
@@ -36,10 +37,12 @@ impl Noise {
             if index == rig.reference() {
                 return *camera.world_from_cam();
             }
-            let [a, b, c, d] = self.uniform(&format!("{sample}/{}/rig", camera.id()));
+            let mut rng = self.generator(&format!("{sample}/{}/rig", camera.id()));
+            let mut direction = || Vector3::from(UnitSphere.sample(&mut rng));
+            let axis = Unit::new_normalize(direction());
             let cam_from_disturbed = Isometry3::from_parts(
-                Translation3::from(direction(c, d).into_inner() * (self.rig_mm / 1e3)),
-                UnitQuaternion::from_axis_angle(&direction(a, b), self.rig_deg.to_radians()),
+                Translation3::from(direction() * (self.rig_mm / 1e3)),
+                UnitQuaternion::from_axis_angle(&axis, self.rig_deg.to_radians()),
             );
             camera.world_from_cam() * cam_from_disturbed
         })
@@ -54,14 +57,17 @@ impl Noise {
             return;
         }
         seen.boxes.retain(|id, bbox| {
-            let [a, b, c, d] = self.uniform(&format!("{sample}/{id}/box{object}"));
-            let (horizontal, vertical) = (normal(a, b), normal(c, d));
-            let (width, height) = (bbox.width() * self.boxes, bbox.height() * self.boxes);
+            let mut rng = self.generator(&format!("{sample}/{id}/box{object}"));
+            let mut moved = |side: f64, size: f64| {
+                let off: f64 = StandardNormal.sample(&mut rng);
+                side + self.boxes * size * off
+            };
+            let (width, height) = (bbox.width(), bbox.height());
             *bbox = BBox {
-                x0: bbox.x0 + width * horizontal[0],
-                y0: bbox.y0 + height * vertical[0],
-                x1: bbox.x1 + width * horizontal[1],
-                y1: bbox.y1 + height * vertical[1],
+                x0: moved(bbox.x0, width),
+                y0: moved(bbox.y0, height),
+                x1: moved(bbox.x1, width),
+                y1: moved(bbox.y1, height),
             };
             let clipped = rig
                 .index_of(id)
@@ -71,35 +77,17 @@ impl Noise {
         });
     }
 
-    /// Four numbers from 0 to 1: the 64-bit words (little endian) of SHA-256 of `SEED/NAME`.
-    fn uniform(&self, name: &str) -> [f64; 4] {
-        let hash = Sha256::digest(format!("{}/{name}", self.seed));
-        std::array::from_fn(|i| {
-            let bytes = std::array::from_fn(|byte| hash[8 * i + byte]);
-            u64::from_le_bytes(bytes) as f64 / 2f64.powi(64)
-        })
+    /// ChaCha20 is the same on every machine and in every version of `rand`.
+    fn generator(&self, name: &str) -> ChaCha20Rng {
+        ChaCha20Rng::from_seed(Sha256::digest(format!("{}/{name}", self.seed)).into())
     }
-}
-
-/// Uniform on the sphere: its height is uniform, and so is its angle about z.
-fn direction(height: f64, turn: f64) -> Unit<Vector3<f64>> {
-    let z = 2.0 * height - 1.0;
-    let (sin, cos) = (TAU * turn).sin_cos();
-    let radius = (1.0 - z * z).max(0.0).sqrt();
-    Unit::new_normalize(Vector3::new(radius * cos, radius * sin, z))
-}
-
-/// Two standard normal numbers (Box and Muller 1958).
-fn normal(a: f64, b: f64) -> [f64; 2] {
-    let radius = (-2.0 * (1.0 - a).max(f64::MIN_POSITIVE).ln()).sqrt();
-    let (sin, cos) = (TAU * b).sin_cos();
-    [radius * cos, radius * sin]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use mvtop_core::pose::rotation_error_deg;
+    use rand::Rng;
     use std::collections::BTreeMap;
 
     fn rig() -> Rig {
@@ -197,27 +185,42 @@ mod tests {
 
     #[test]
     fn draw_is_the_documented_one() {
-        // python3: hashlib.sha256(b"7/000000/cam1/rig").digest(), struct.unpack("<4Q", ...), / 2**64
         let noise = Noise {
             seed: 7,
-            ..Noise::default()
+            ..rig_noise(1.0, 1000.0)
         };
-        let expected = [
-            0.48721892301287695,
-            0.4571008882228475,
-            0.2835332461265554,
-            0.7677293870904406,
+        // python3: key = hashlib.sha256(b"7/000000/cam0/rig").digest(), 16 bytes of the stream of
+        // algorithms.ChaCha20(key, bytes(16)) of the package cryptography, struct.unpack("<2Q", ...)
+        let mut rng = noise.generator("000000/cam0/rig");
+        let first = [rng.next_u64(), rng.next_u64()];
+        assert_eq!(first, [9963092875442148147, 3498282736940708117]);
+        // Marsaglia's method by hand from that stream: the axis first, then the direction.
+        let noisy = noise.disturb_rig(&rig(), "000000").unwrap();
+        let [exact, noisy] = [rig(), noisy].map(|rig| *rig.cameras()[0].world_from_cam());
+        let moved = exact.inv_mul(&noisy);
+        let near = |a: Vector3<f64>, b: [f64; 3]| (a - Vector3::from(b)).norm() < 1e-9;
+        let axis = [
+            0.12510076499292358,
+            -0.9682207309987203,
+            0.21656041804191528,
         ];
-        for (number, expected) in noise.uniform("000000/cam1/rig").iter().zip(expected) {
-            assert!((number - expected).abs() < 1e-15, "{number}");
+        let direction = [-0.7080490191747765, 0.4323594336606449, -0.5583295680601945];
+        assert!(
+            near(moved.rotation.scaled_axis(), axis.map(f64::to_radians)),
+            "{moved}"
+        );
+        assert!(near(moved.translation.vector, direction), "{moved}");
+        // Noise of boxes stays the same in later versions of the library.
+        let mut noisy = seen();
+        let noise = Noise {
+            boxes: 0.1,
+            ..noise
+        };
+        noise.disturb_boxes(&mut noisy, &rig(), "000000", 0);
+        let expected = [95.8798324619, 93.8724913729, 209.4264142183, 151.6786569353];
+        for (side, expected) in <[f64; 4]>::from(noisy.boxes["cam0"]).iter().zip(expected) {
+            assert!((side - expected).abs() < 1e-9, "{:?}", noisy.boxes);
         }
-        // Height 0 at a quarter turn is y; height 1 is z wherever it is turned.
-        assert!((direction(0.5, 0.25).into_inner() - Vector3::y()).norm() < 1e-12);
-        assert!((direction(1.0, 0.3).into_inner() - Vector3::z()).norm() < 1e-12);
-        // 1 - exp(-2) makes the radius 2; no turn leaves it on the first number.
-        let [x, y] = normal(1.0 - (-2f64).exp(), 0.0);
-        assert!((x - 2.0).abs() < 1e-12 && y.abs() < 1e-12);
-        assert!(normal(1.0, 0.0)[0].is_finite());
     }
 
     #[test]

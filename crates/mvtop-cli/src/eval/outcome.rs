@@ -1,11 +1,8 @@
 //! How far one predicted pose is off, and what the network expected: one line of `--out`.
 
-use mvtop_core::annotations::TruePose;
-use mvtop_core::pose::{add, rotation_error_deg, translation_error};
+use mvtop_core::Prediction;
 use mvtop_core::prediction::{ObjectPose, Sigma, Timings};
 use mvtop_core::report::rows;
-use mvtop_core::{Estimator, Prediction};
-use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
 use super::sample::Sample;
@@ -32,49 +29,43 @@ pub struct Outcome {
     pub timings_ms: Timings,
 }
 
-/// The objects of a sample's truth, each with what was predicted for it.
-///
-/// - `matched`: by true object
-pub fn outcomes(
-    sample: &Sample,
-    views: usize,
-    prediction: &Prediction,
-    matched: &[Option<&ObjectPose>],
-    estimator: &Estimator,
-) -> Vec<Outcome> {
-    let rig = &sample.rig;
-    let outcome = |(object, (known, &found)): (usize, (&TruePose, &Option<&ObjectPose>))| {
-        let error = |of: fn(&TruePose, &nalgebra::Isometry3<f64>) -> f64| {
-            found.map(|found| of(known, &found.world_from_obj))
-        };
-        let seen = found.iter().flat_map(|found| &found.cameras);
-        Outcome {
+/// How far a pose is off.
+#[derive(Debug, Clone, Copy)]
+pub struct Errors {
+    pub rot_deg: f64,
+    pub trans_m: f64,
+    /// `None` where the object has no points.
+    pub add_m: Option<f64>,
+}
+
+impl Outcome {
+    /// - `object`: its place in the sample's truth
+    /// - `found`: what was predicted for it, and its `errors`
+    pub fn new(
+        sample: &Sample,
+        object: usize,
+        prediction: &Prediction,
+        found: Option<&ObjectPose>,
+        errors: Option<Errors>,
+    ) -> Self {
+        let cameras = found.iter().flat_map(|found| &found.cameras);
+        Self {
             sample: sample.name.clone(),
             object,
-            class: known.seen.class.clone(),
-            views,
+            class: sample.truth[object].seen.class.clone(),
+            views: sample.images.len(),
             found: found.is_some(),
-            rot_deg: error(|known, pose| {
-                rotation_error_deg(&known.world_from_obj.rotation, &pose.rotation)
-            }),
-            trans_m: error(|known, pose| translation_error(&known.world_from_obj, pose)),
-            add_m: found.and_then(|found| {
-                let bundle = estimator.bundle();
-                let class = &bundle.classes[bundle.class_index(&found.class)?];
-                let points: Vec<Point3<f64>> =
-                    class.points.iter().map(|p| p.position.into()).collect();
-                add(&points, &known.world_from_obj, &found.world_from_obj)
-            }),
+            rot_deg: errors.map(|errors| errors.rot_deg),
+            trans_m: errors.map(|errors| errors.trans_m),
+            add_m: errors.and_then(|errors| errors.add_m),
             score: found.map(|found| found.score),
             sigma: found.map(|found| found.sigma),
-            cameras: seen
+            cameras: cameras
                 .filter(|seen| seen.bbox.is_some())
-                .map(|seen| rig.cameras()[seen.camera].id().to_owned())
+                .map(|seen| sample.rig.cameras()[seen.camera].id().to_owned())
                 .collect(),
             t_world_obj: found.map(|found| rows(&found.world_from_obj)),
             timings_ms: prediction.timings,
         }
-    };
-    let known = sample.truth.iter().zip(matched);
-    known.enumerate().map(outcome).collect()
+    }
 }

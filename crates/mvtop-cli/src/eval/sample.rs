@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use mvtop_core::annotations::{self, GivenBoxes, TruePose};
 use mvtop_core::{Estimator, PredictOptions, Prediction, Rig, ViewImage};
 
+use super::args::Trial;
 use super::noise::Noise;
-use crate::args::Eval;
 use crate::failure::{Failure, Result};
 
 pub struct Sample {
@@ -77,11 +77,12 @@ impl Sample {
         })
     }
 
-    pub fn predict(&self, estimator: &Estimator, args: &Eval, noise: &Noise) -> Result<Prediction> {
+    pub fn predict(&self, estimator: &Estimator, trial: &Trial) -> Result<Prediction> {
+        let noise = trial.noise();
         let options = PredictOptions {
             reference: None,
-            boxes: args.true_boxes.then(|| self.boxes(noise)),
-            min_views: args.detection.min_views as usize,
+            boxes: trial.true_boxes.then(|| self.boxes(&noise)),
+            min_views: trial.detection.min_views as usize,
         };
         let rig = noise.disturb_rig(&self.rig, &self.name)?;
         Ok(estimator.predict(&rig, &self.images, &options)?)

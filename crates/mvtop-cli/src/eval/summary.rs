@@ -1,4 +1,4 @@
-//! What many outcomes amount to: the last line of stdout.
+//! What many outcomes amount to.
 
 use mvtop_core::prediction::Sigma;
 use serde::Serialize;
@@ -104,6 +104,57 @@ impl Summary {
             sigma_rot_correlation: correlation(&expected),
             calibration: calibration(expected),
         }
+    }
+}
+
+impl Summary {
+    /// For people.
+    ///
+    /// - `of`: what was predicted at once, `samples`
+    /// - `objects`: number of objects of the truth
+    pub fn text(&self, of: &str, objects: usize) -> String {
+        let number = |x: Option<f64>, unit: f64, digits: usize| {
+            x.map_or("–".into(), |x| format!("{:.digits$}", x * unit))
+        };
+        let (deg, mm) = (|x| number(x, 1.0, 2), |x| number(x, 1e3, 1));
+        let percent = |x| number(x, 100.0, 1);
+        let row = |name, mean: &str, median: &str, expected: &str| {
+            let row = format!("{name:18}{mean:>8}{median:>10}{expected:>12}");
+            row.trim_end().to_owned()
+        };
+        let found = format!("found: {} of {objects} objects", self.found);
+        [
+            format!(
+                "{of}: {}, views: {}, {found}, false positives: {}\n",
+                self.pairs, self.views, self.extra
+            ),
+            row("error", "mean", "median", "expected"),
+            row(
+                "rotation, °",
+                &deg(self.rot_mean_deg),
+                &deg(self.rot_median_deg),
+                &deg(self.sigma_rot_mean_deg),
+            ),
+            row(
+                "translation, mm",
+                &mm(self.trans_mean_m),
+                "",
+                &mm(self.sigma_t_mean_m),
+            ),
+            row("ADD, mm", &mm(self.add_mean_m), "", ""),
+            format!(
+                "\nrotation within {}°: {} % of the found, over {WRONG_DEG}°: {} %",
+                self.resolved_deg,
+                percent(self.resolved_share),
+                percent(self.share_over_30_deg)
+            ),
+            format!(
+                "expected and actual rotation error: AUROC {}, correlation {}",
+                number(self.sigma_rot_auroc, 1.0, 3),
+                number(self.sigma_rot_correlation, 1.0, 2)
+            ),
+        ]
+        .join("\n")
     }
 }
 

@@ -1,4 +1,6 @@
-use mvtop_core::{Projection, Rig};
+use std::io;
+
+use mvtop_core::{ErrorKind, Projection, Rig};
 use nalgebra::{Isometry3, Point3, Vector3};
 use proptest::prelude::*;
 use serde_json::{Value, json};
@@ -166,6 +168,27 @@ fn loading_names_the_file() {
     );
     std::fs::write(&path, GOOD).unwrap();
     assert_eq!(Rig::load(&path).unwrap(), Rig::from_json(GOOD).unwrap());
+}
+
+#[test]
+fn causes_can_be_matched_on() {
+    use std::error::Error;
+    let folder = tempfile::tempdir().unwrap();
+    let error = Rig::load(&folder.path().join("none.json")).unwrap_err();
+    assert_eq!(error.kind(), ErrorKind::Io);
+    let cause = error
+        .source()
+        .and_then(|cause| cause.downcast_ref::<io::Error>());
+    assert_eq!(cause.unwrap().kind(), io::ErrorKind::NotFound);
+    let error = Rig::from_json("{\n\"format\"").unwrap_err();
+    assert_eq!(error.kind(), ErrorKind::Rig);
+    let cause = error
+        .source()
+        .and_then(|cause| cause.downcast_ref::<serde_json::Error>());
+    assert_eq!(cause.unwrap().line(), 2);
+    // A rig that is JSON has no other cause than itself.
+    let error = Rig::from_json("{}").unwrap_err();
+    assert!(error.kind() == ErrorKind::Rig && error.source().is_none());
 }
 
 #[test]

@@ -10,6 +10,7 @@ use serde_json::Value;
 
 use super::score::Scored;
 use crate::failure::{Failure, Result};
+use crate::write::{self, failed};
 
 /// What a group gave.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -47,15 +48,16 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Opens a report's folder, new or to go on with, and gives the lines that are whole.
+    /// Opens a folder of results, new or to go on with, and gives the lines that are whole.
     ///
     /// - `run`: all that results depend on; what was begun with another one is refused
     /// - `force`: begin anew
     pub fn open(dir: &Path, run: &Value, force: bool) -> Result<(Self, Vec<Line>)> {
         let (about, path) = (dir.join("run.json"), dir.join("groups.jsonl"));
-        std::fs::create_dir_all(dir).map_err(failed("create", dir))?;
+        write::folder(dir)?;
         if force {
-            for old in [&path, &about] {
+            let results = ["summary.json", "report.html"].map(|name| dir.join(name));
+            for old in results.iter().chain([&path, &about]) {
                 if old.exists() {
                     std::fs::remove_file(old).map_err(failed("remove", old))?;
                 }
@@ -66,20 +68,20 @@ impl Journal {
             let begun: Value = serde_json::from_str(&text).unwrap_or_default();
             if begun != *run {
                 return Err(Failure(format!(
-                    "{} is of another evaluation ({}); name another folder with --report, or begin \
-                     anew with --force",
+                    "{} is of another evaluation ({}); name another folder, or begin anew with \
+                     --force",
                     dir.display(),
                     difference(&begun, run)
                 )));
             }
         } else if path.exists() {
             return Err(Failure(format!(
-                "{} has results but no run.json to say of what; name another folder with --report, \
-                 or begin anew with --force",
+                "{} has results but no run.json to say of what; name another folder, or begin anew \
+                 with --force",
                 dir.display()
             )));
         } else {
-            write_whole(&about, &format!("{run:#}\n"))?;
+            write::whole(&about, &format!("{run:#}\n"))?;
         }
         let lines = whole_lines(&path)?;
         let file = OpenOptions::new()
@@ -91,7 +93,7 @@ impl Journal {
     }
 
     pub fn append(&mut self, line: &Line) -> Result<()> {
-        let text = serde_json::to_string(line).map_err(super::json_error)? + "\n";
+        let text = write::json(line)? + "\n";
         // In one piece; what a kill leaves of it is dropped when it is read again.
         self.file
             .write_all(text.as_bytes())
@@ -148,18 +150,4 @@ fn difference(begun: &Value, now: &Value) -> String {
         })
         .collect();
     shown.join(", ")
-}
-
-/// The file appears when it is whole.
-pub fn write_whole(path: &Path, text: &str) -> Result<()> {
-    let mut partial = path.as_os_str().to_owned();
-    partial.push(".partial");
-    std::fs::write(&partial, text)
-        .and_then(|()| std::fs::rename(&partial, path))
-        .map_err(failed("write", path))
-}
-
-fn failed(what: &str, path: &Path) -> impl Fn(std::io::Error) -> Failure {
-    let (what, path) = (what.to_owned(), path.display().to_string());
-    move |cause| Failure(format!("cannot {what} {path}: {cause}"))
 }

@@ -1,46 +1,47 @@
-//! `eval --dataset`: a split of a data set in BOP's layout.
+//! `eval bop`: a split of a data set in BOP's layout.
 
-use std::collections::{BTreeMap, HashSet};
+mod journal;
+mod page;
+mod plan;
+mod results;
+mod score;
+
+use std::collections::HashSet;
 use std::path::Path;
 use std::time::Instant;
 
 use mvtop_core::Estimator;
+use mvtop_core::annotations::TruePose;
 use mvtop_core::prediction::ObjectPose;
 use mvtop_eval::bop::{Group, ViewId, load_depth};
-use serde::Serialize;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
-use super::journal::{Estimate, Journal, Line, write_whole};
-use super::outcome::{Outcome, outcomes};
-use super::plan::{Plan, name};
-use super::score::{self, Scored, Scores};
-use super::summary::Summary;
-use super::{html, json_error, noise, progress};
-use crate::args::Eval;
-use crate::failure::{Failure, Result, print};
+use self::journal::{Estimate, Journal, Line};
+use self::plan::{Plan, name};
+use self::results::Results;
+use self::score::Scored;
+use super::args::BopArgs;
+use super::outcome::Outcome;
+use crate::failure::{Failure, Result};
 use crate::matching::{matches, unmatched};
-use crate::model_dir;
+use crate::{model_dir, progress, write};
 
-/// `summary.json`: what `eval --samples` says, and BOP's metrics.
-#[derive(Serialize)]
-pub struct Results {
-    #[serde(flatten)]
-    pub summary: Summary,
-    pub all: Scores,
-    /// By obj_id.
-    pub objects: BTreeMap<u32, Scores>,
-}
-
-pub fn run(args: &Eval, root: &Path, report: &Path) -> Result<()> {
-    let bundle = model_dir::find(args.network.model.as_deref())?;
-    let estimator = Estimator::load(&bundle, &args.network.options())?;
-    let plan = Plan::new(args, root, &estimator)?;
-    let about = about(args, root, &bundle)?;
-    let (mut journal, mut lines) = Journal::open(report, &about, args.force)?;
+pub fn run(args: &BopArgs) -> Result<()> {
+    let (folder, page) = match (&args.out, &args.report) {
+        (Some(folder), _) => (folder, false),
+        (None, Some(folder)) => (folder, true),
+        (None, None) => return Err(Failure("give --out DIR or --report DIR".into())),
+    };
+    let network = &args.trial.network;
+    let bundle = model_dir::find(network.model.as_deref())?;
+    let estimator = Estimator::load(&bundle, &network.options())?;
+    let plan = Plan::new(args, &estimator)?;
+    let about = about(args, &bundle)?;
+    let (mut journal, mut lines) = Journal::open(folder, &about, args.force)?;
 
     let done: HashSet<String> = lines.iter().map(|line| line.group.clone()).collect();
-    let bar = progress(plan.groups.len(), "groups");
+    let bar = progress::bar(plan.groups.len() as u64, "{pos}/{len} groups");
     bar.inc(done.len() as u64);
     bar.reset_eta();
     for group in &plan.groups {
@@ -54,42 +55,54 @@ pub fn run(args: &Eval, root: &Path, report: &Path) -> Result<()> {
     }
     bar.finish_and_clear();
 
-    let results = Results::new(&lines, args.resolved_deg);
-    let dataset = folder_name(root);
-    let results_csv = format!("mvtop_{dataset}-{}.csv", args.split.split);
-    write_whole(&report.join(results_csv), &csv(&lines))?;
-    let summary = serde_json::to_string(&results).map_err(json_error)?;
-    write_whole(&report.join("summary.json"), &format!("{summary}\n"))?;
-    let page = html::page(&about, &results, &lines, &plan)?;
-    write_whole(&report.join("report.html"), &page)?;
-    print(&summary)
+    let results = Results::new(&lines, args.trial.resolved_deg);
+    let summary = write::json(&results)?;
+    let split = &args.split;
+    let poses = format!("mvtop_{}-{}.csv", folder_name(&split.dataset), split.split);
+    write::whole(&folder.join(&poses), &csv(&lines))?;
+    write::whole(&folder.join("summary.json"), &format!("{summary}\n"))?;
+    if page {
+        let html = page::page(&about, &results, &lines, &plan)?;
+        write::whole(&folder.join("report.html"), &html)?;
+    }
+    if args.json {
+        return write::print(&summary);
+    }
+    let files = [&poses, "summary.json", "groups.jsonl", "report.html"];
+    let written = &files[..if page { 4 } else { 3 }];
+    write::print(&format!(
+        "{}\n\nin {}: {}",
+        results.text(&plan.classes),
+        folder.display(),
+        written.join(", ")
+    ))
 }
 
 /// What results depend on. Where files lie is no part of it, but for the names of the data set.
-fn about(args: &Eval, root: &Path, bundle: &Path) -> Result<Value> {
+fn about(args: &BopArgs, bundle: &Path) -> Result<Value> {
     let hash = |path: &Path| {
         let bytes = std::fs::read(path)
             .map_err(|cause| Failure(format!("cannot read {}: {cause}", path.display())))?;
         Ok::<_, Failure>(format!("{:x}", Sha256::digest(bytes)))
     };
-    let split = &args.split;
+    let (split, trial) = (&args.split, &args.trial);
     Ok(json!({
-        "dataset": folder_name(root),
+        "dataset": folder_name(&split.dataset),
         "split": split.split,
         "grouping": split.grouping.to_string(),
         "sensor": split.sensor,
-        "views": args.views,
+        "views": trial.views,
         "objects": split.objects,
         "targets_sha256": split.targets.as_deref().map(hash).transpose()?,
         // It holds the hashes of all other files of the bundle.
         "model_sha256": hash(&bundle.join("model.json"))?,
-        "true_boxes": args.true_boxes,
-        "min_views": args.detection.min_views,
-        "box_noise": args.box_noise,
-        "rig_noise_deg": args.rig_noise_deg,
-        "rig_noise_mm": args.rig_noise_mm,
-        "noise_seed": args.noise_seed,
-        "vsd_delta_mm": split.vsd_delta_mm,
+        "true_boxes": trial.true_boxes,
+        "min_views": trial.detection.min_views,
+        "box_noise": trial.box_noise,
+        "rig_noise_deg": trial.rig_noise_deg,
+        "rig_noise_mm": trial.rig_noise_mm,
+        "noise_seed": trial.noise_seed,
+        "vsd_delta_mm": args.vsd_delta_mm,
     }))
 }
 
@@ -100,10 +113,10 @@ fn folder_name(path: &Path) -> String {
 }
 
 /// What a group gives.
-fn evaluate(plan: &Plan, group: &Group, args: &Eval, estimator: &Estimator) -> Result<Line> {
+fn evaluate(plan: &Plan, group: &Group, args: &BopArgs, estimator: &Estimator) -> Result<Line> {
     let sample = plan.load(group)?;
     let start = Instant::now();
-    let mut prediction = sample.predict(estimator, args, &noise(args))?;
+    let mut prediction = sample.predict(estimator, &args.trial)?;
     let time_s = start.elapsed().as_secs_f64();
     // Objects that are not asked for are neither right nor wrong.
     prediction.objects.retain(|found| {
@@ -111,19 +124,21 @@ fn evaluate(plan: &Plan, group: &Group, args: &Eval, estimator: &Estimator) -> R
             .is_some_and(|id| plan.wanted(group, id))
     });
     let matched = matches(&sample.truth, &prediction);
-    let outcomes = outcomes(&sample, group.views.len(), &prediction, &matched, estimator);
     let depth = load_depth(&plan.scenes[&group.scene].views[&group.views[0]])?;
     let view = score::View {
         camera: &sample.rig.cameras()[sample.rig.reference()],
         depth: depth.as_ref(),
-        vsd_delta: args.split.vsd_delta_mm * 1e-3,
+        vsd_delta: args.vsd_delta_mm * 1e-3,
     };
-    let scored = |(i, outcome): (usize, Outcome)| {
-        let known = &sample.truth[i];
+    let scored = |(object, (known, &found)): (usize, (&TruePose, &Option<&ObjectPose>))| {
         let model = &plan.models[&plan.object(&known.seen.class)?];
-        let scored = Scored::new(outcome, known, matched[i], model, &view);
+        let truth = &known.world_from_obj;
+        let errors = found.map(|found| score::errors(truth, &found.world_from_obj, model));
+        let outcome = Outcome::new(&sample, object, &prediction, found, errors);
+        let scored = Scored::new(outcome, known, found, model, &view);
         Some(scored.map_err(|problem| Failure(format!("{}: {problem}", sample.name))))
     };
+    let known = sample.truth.iter().zip(&matched);
     let ViewId { sensor, image } = group.views[0].clone();
     Ok(Line {
         group: sample.name.clone(),
@@ -137,8 +152,7 @@ fn evaluate(plan: &Plan, group: &Group, args: &Eval, estimator: &Estimator) -> R
             .iter()
             .filter_map(|found| Some(estimate(plan.object(&found.class)?, found)))
             .collect(),
-        objects: outcomes
-            .into_iter()
+        objects: known
             .enumerate()
             .filter_map(scored)
             .collect::<Result<_>>()?,
@@ -180,29 +194,4 @@ fn csv(lines: &[Line]) -> String {
         }
     }
     text
-}
-
-impl Results {
-    fn new(lines: &[Line], resolved_deg: f64) -> Self {
-        let scored: Vec<&Scored> = lines.iter().flat_map(|line| &line.objects).collect();
-        let outcomes: Vec<Outcome> = scored.iter().map(|s| s.outcome.clone()).collect();
-        let views = outcomes
-            .iter()
-            .map(|outcome| outcome.views)
-            .max()
-            .unwrap_or(0);
-        let extra = lines.iter().map(|line| line.extra).sum();
-        let mut by_object: BTreeMap<u32, Vec<&Scored>> = BTreeMap::new();
-        for &scored in &scored {
-            by_object.entry(scored.obj_id).or_default().push(scored);
-        }
-        Self {
-            summary: Summary::new(views, lines.len(), extra, &outcomes, resolved_deg),
-            all: Scores::new(&scored),
-            objects: by_object
-                .into_iter()
-                .map(|(id, scored)| (id, Scores::new(&scored)))
-                .collect(),
-        }
-    }
 }

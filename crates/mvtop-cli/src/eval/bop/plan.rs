@@ -1,4 +1,4 @@
-//! What `eval --dataset` goes through: scenes, groups of views, and the objects in them.
+//! What `eval bop` goes through: scenes, groups of views, and the objects in them.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,8 +9,8 @@ use mvtop_eval::bop::{Group, Instance, Model, Scene, View, ViewId};
 use mvtop_eval::bop::{groups, load_models, load_targets, scene_ids};
 use nalgebra::Isometry3;
 
-use super::sample::Sample;
-use crate::args::Eval;
+use crate::eval::args::BopArgs;
+use crate::eval::sample::Sample;
 use crate::failure::{Failure, Result};
 
 /// Annotations of one object in two views are of the same one where its origins in the world are no
@@ -34,9 +34,9 @@ pub fn name(group: &Group) -> String {
 }
 
 impl Plan {
-    /// - `root`: folder of the data set
-    pub fn new(args: &Eval, root: &Path, estimator: &Estimator) -> Result<Self> {
+    pub fn new(args: &BopArgs, estimator: &Estimator) -> Result<Self> {
         let options = &args.split;
+        let root: &Path = &options.dataset;
         let classes: BTreeMap<u32, String> = estimator
             .bundle()
             .classes
@@ -85,7 +85,7 @@ impl Plan {
                 continue;
             }
             let scene = Scene::load(&folder, id)?;
-            let views = args.views.map(|views| views as usize);
+            let views = args.trial.views.map(|views| views as usize);
             let sensor = options.sensor.as_deref();
             let found = groups(&scene, options.grouping, views, sensor, of_scene.as_deref())?;
             let asked = found.into_iter().filter(|group| plan.asks(&scene, group));

@@ -12,7 +12,8 @@ use mvtop_eval::metrics::{
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
-use super::outcome::Outcome;
+use crate::eval::outcome::{Errors, Outcome};
+use crate::eval::summary::median;
 use crate::failure::Result;
 
 /// Threshold up to which areas under curves go, as published.
@@ -79,7 +80,17 @@ pub struct Scores {
     pub ar: Option<f64>,
 }
 
+/// Rotation and translation errors are the least over the object's symmetries.
+pub fn errors(truth: &Isometry3<f64>, pose: &Isometry3<f64>, model: &Model) -> Errors {
+    Errors {
+        rot_deg: rotation_error_deg(truth, pose, &model.symmetries),
+        trans_m: translation_error(truth, pose, &model.symmetries),
+        add_m: Some(model.surface.add(truth, pose)),
+    }
+}
+
 impl Scored {
+    /// - `outcome`: with the [`errors`] of `found`
     pub fn new(
         outcome: Outcome,
         known: &TruePose,
@@ -112,12 +123,7 @@ impl Scored {
             _ => None,
         };
         Ok(Self {
-            outcome: Outcome {
-                rot_deg: estimate.map(|pose| rotation_error_deg(truth, pose, symmetries)),
-                trans_m: estimate.map(|pose| translation_error(truth, pose, symmetries)),
-                add_m: estimate.map(|pose| surface.add(truth, pose)),
-                ..outcome
-            },
+            outcome,
             obj_id: model.id,
             diameter_m: model.diameter_m,
             symmetric: symmetries.is_symmetric(),
@@ -127,7 +133,7 @@ impl Scored {
             mspd_px640: estimate
                 .map(|pose| {
                     let (truth, pose) = (cam_from_world * truth, cam_from_world * pose);
-                    let px = surface.mspd(&truth, &pose, symmetries, &camera.intrinsics());
+                    let px = surface.mspd(&truth, &pose, symmetries, camera.intrinsics());
                     px * MSPD_WIDTH / f64::from(camera.width())
                 })
                 .filter(|px| px.is_finite()),
@@ -200,7 +206,7 @@ impl Scores {
         let median = |error: &dyn Fn(&Scored) -> Option<f64>| {
             let mut found: Vec<f64> = scored.iter().filter_map(|s| error(s)).collect();
             found.sort_by(f64::total_cmp);
-            super::summary::median(&found)
+            median(&found)
         };
         let pixels: Vec<f64> = scored
             .iter()
@@ -292,15 +298,19 @@ mod tests {
             },
             world_from_obj: pose([0.0; 3]),
         };
+        let plate = plate();
+        let errors = found
+            .as_ref()
+            .map(|found| errors(&known.world_from_obj, &found.world_from_obj, &plate));
         let outcome = Outcome {
             sample: "sample".into(),
             object: 0,
             class: "plate".into(),
             views: 1,
             found: found.is_some(),
-            rot_deg: None,
-            trans_m: None,
-            add_m: None,
+            rot_deg: errors.map(|errors| errors.rot_deg),
+            trans_m: errors.map(|errors| errors.trans_m),
+            add_m: errors.and_then(|errors| errors.add_m),
             score: None,
             sigma: None,
             cameras: Vec::new(),
@@ -313,7 +323,7 @@ mod tests {
             depth: depth.as_ref(),
             vsd_delta: 0.015,
         };
-        Scored::new(outcome, &known, found.as_ref(), &plate(), &view).unwrap()
+        Scored::new(outcome, &known, found.as_ref(), &plate, &view).unwrap()
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! `audit leakage` as a user runs it.
+//! `audit leakage`.
 
 use std::fs;
 use std::path::Path;
@@ -6,6 +6,8 @@ use std::process::{Command, Output};
 
 use serde_json::{Value, json};
 use tempfile::TempDir;
+
+use crate::stdout;
 
 const UPRIGHT: [i32; 9] = [1, 0, 0, 0, 1, 0, 0, 0, 1];
 const UPSIDE_DOWN: [i32; 9] = [1, 0, 0, 0, -1, 0, 0, 0, -1];
@@ -59,26 +61,12 @@ fn audit(folder: &TempDir, args: &[&str]) -> Output {
         .unwrap()
 }
 
-fn stdout(output: &Output) -> String {
-    let stderr = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{stderr}");
-    String::from_utf8(output.stdout.clone()).unwrap()
-}
-
 const SPLITS: [&str; 4] = ["--a", "test", "--b", "train"];
 
 #[test]
-fn table_json_pairs_and_picture_say_the_same() {
+fn table_json_pairs_and_page_say_the_same() {
     let folder = data();
-    let outputs = [
-        "--json",
-        "out.json",
-        "--pairs",
-        "pairs.csv",
-        "--picture",
-        "out.svg",
-    ];
-    let args = [&SPLITS[..], &["--models", "models"], &outputs].concat();
+    let args = [&SPLITS[..], &["--meshes", "models", "--report", "out"]].concat();
     let table = stdout(&audit(&folder, &args));
     let total = table
         .lines()
@@ -92,8 +80,8 @@ fn table_json_pairs_and_picture_say_the_same() {
     let of_b = ["5", "4", "80.00", "3", "60.00", "2"];
     assert_eq!(numbers, [&of_a[..], &of_b].concat());
 
-    let read = |name: &str| fs::read_to_string(folder.path().join(name)).unwrap();
-    let json: Value = serde_json::from_str(&read("out.json")).unwrap();
+    let read = |name: &str| fs::read_to_string(folder.path().join("out").join(name)).unwrap();
+    let json: Value = serde_json::from_str(&read("leakage.json")).unwrap();
     assert_eq!(json["measure"], "add_percent");
     let expected = json!({"poses": 5, "same_translation": 3, "recurring": 2, "repeated": 0});
     assert_eq!(json["total"]["a"], expected);
@@ -113,19 +101,30 @@ fn table_json_pairs_and_picture_say_the_same() {
         "{csv}"
     );
 
-    let svg = read("out.svg");
+    let svg = read("histogram.svg");
     assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
     assert!(svg.contains("60.0 %") && svg.contains("40.0 %"), "{svg}");
+    let page = read("report.html");
+    assert!(page.contains(svg.trim_end()), "{page}");
+    let cells = "<td>5</td><td>3 (60.00 %)</td><td>2 (40.00 %)</td><td>0</td>";
+    assert!(page.contains(&format!("<td>total</td>{cells}")), "{page}");
+
+    // Without a page, the same data.
+    let args = [&SPLITS[..], &["--meshes", "models", "--out", "data"]].concat();
+    assert_eq!(stdout(&audit(&folder, &args)), table);
+    let data = folder.path().join("data");
+    for name in ["leakage.json", "pairs.csv"] {
+        assert_eq!(fs::read_to_string(data.join(name)).unwrap(), read(name));
+    }
+    assert_eq!(fs::read_dir(data).unwrap().count(), 2);
 }
 
 #[test]
 fn rotations_are_compared_without_models_and_thresholds_are_the_users() {
     let folder = data();
     let total = |more: &[&str]| {
-        let args = [&SPLITS[..], &["--json", "out.json", "--force"], more].concat();
-        stdout(&audit(&folder, &args));
-        let text = fs::read(folder.path().join("out.json")).unwrap();
-        let json: Value = serde_json::from_slice(&text).unwrap();
+        let args = [&SPLITS[..], &["--json"], more].concat();
+        let json: Value = serde_json::from_str(&stdout(&audit(&folder, &args))).unwrap();
         assert_eq!(json["measure"], "rot_deg");
         let count = |key: &str| json["total"]["a"][key].as_u64().unwrap();
         (count("same_translation"), count("recurring"))
@@ -142,7 +141,7 @@ fn what_cannot_be_compared_is_refused_in_one_sentence_and_nothing_is_overwritten
     write(&folder.path().join("text/000000/scene_gt.json"), "poses");
     let other = json!({"0": [pose(9, UPRIGHT, [0.0; 3])]}).to_string();
     write(&folder.path().join("other/000000/scene_gt.json"), &other);
-    write(&folder.path().join("mine.csv"), "mine");
+    write(&folder.path().join("pairs.csv"), "mine");
     let cases: [(&[&str], &str); 7] = [
         (&["--a", "test", "--b", "none"], "cannot read none"),
         (&["--a", "test", "--b", "models"], "expected a split"),
@@ -156,11 +155,11 @@ fn what_cannot_be_compared_is_refused_in_one_sentence_and_nothing_is_overwritten
         ),
         (&["--a", "test", "--b", "test/000048"], "is in both splits"),
         (
-            &["--a", "test", "--b", "train", "--models", "test"],
+            &["--a", "test", "--b", "train", "--meshes", "test"],
             "models_info.json",
         ),
         (
-            &["--a", "test", "--b", "train", "--pairs", "mine.csv"],
+            &["--a", "test", "--b", "train", "--out", "."],
             "exists already",
         ),
     ];
@@ -175,7 +174,7 @@ fn what_cannot_be_compared_is_refused_in_one_sentence_and_nothing_is_overwritten
         assert!(stderr.contains(expected), "{stderr}");
     }
     assert_eq!(
-        fs::read_to_string(folder.path().join("mine.csv")).unwrap(),
+        fs::read_to_string(folder.path().join("pairs.csv")).unwrap(),
         "mine"
     );
 }

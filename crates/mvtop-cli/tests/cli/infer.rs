@@ -1,57 +1,18 @@
-//! The binary as a user runs it. Tests of real inference need ONNX Runtime: they fail without it.
+//! `infer`.
 
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::path::Path;
 
 use serde_json::Value;
 use tempfile::TempDir;
 
+use crate::{matrix, mvtop, off, refusal, root, sample, stdout};
+
 const IDS: [&str; 4] = ["cam0", "cam1", "cam2", "cam3"];
-
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
-
-fn sample(file: &str) -> String {
-    root()
-        .join("fixtures/tiny/sample")
-        .join(file)
-        .display()
-        .to_string()
-}
 
 fn image_of(id: &str) -> String {
     format!("{id}={}", sample(&format!("{id}.png")))
 }
 
-fn mvtop(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_mvtop-cli"))
-        .args(args)
-        .current_dir(root())
-        .env("MVTOP_MODEL", "fixtures/tiny")
-        .output()
-        .unwrap()
-}
-
-fn stdout(output: &Output) -> String {
-    let stderr = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{stderr}");
-    String::from_utf8(output.stdout.clone()).unwrap()
-}
-
-/// The one line on stderr of a command that must end with code 2.
-fn refusal(output: &Output) -> String {
-    let stderr = String::from_utf8(output.stderr.clone()).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{stderr}");
-    assert_eq!(stderr.lines().count(), 1, "{stderr}");
-    assert!(
-        stderr.starts_with("error: ") && !stderr.contains("panicked"),
-        "{stderr}"
-    );
-    stderr
-}
-
-/// `infer` on the sample's images of some cameras, with its true boxes, as JSON.
 fn infer(ids: &[&str], more: &[&str]) -> Value {
     let (rig, boxes) = (sample("rig.json"), sample("truth.json"));
     let images: Vec<String> = ids.iter().map(|id| image_of(id)).collect();
@@ -59,13 +20,6 @@ fn infer(ids: &[&str], more: &[&str]) -> Value {
     args.extend(images.iter().map(String::as_str));
     args.extend(more);
     serde_json::from_str(&stdout(&mvtop(&args))).unwrap()
-}
-
-fn matrix(value: &Value) -> Vec<f64> {
-    let rows = value.as_array().unwrap().iter();
-    rows.flat_map(|row| row.as_array().unwrap())
-        .map(|x| x.as_f64().unwrap())
-        .collect()
 }
 
 fn assert_close(a: &[f64], b: &[f64], tolerance: f64) {
@@ -76,70 +30,6 @@ fn assert_close(a: &[f64], b: &[f64], tolerance: f64) {
         .map(|(a, b)| (a - b).abs())
         .fold(0.0, f64::max);
     assert!(off <= tolerance, "{a:?} and {b:?} are {off:.1e} apart");
-}
-
-#[test]
-fn help_of_every_command_names_its_arguments() {
-    assert!(stdout(&mvtop(&["--help"])).contains("infer"));
-    let help = stdout(&mvtop(&["infer", "--help"]));
-    for argument in [
-        "--rig",
-        "--reference",
-        "--boxes",
-        "--json",
-        "--overlay",
-        "Examples",
-    ] {
-        assert!(help.contains(argument), "{argument} is missing in:\n{help}");
-    }
-    let help = stdout(&mvtop(&["eval", "--help"]));
-    for argument in [
-        "--true-boxes",
-        "--box-noise",
-        "--rig-noise-deg",
-        "--rig-noise-mm",
-        "--noise-seed",
-        "--resolved-deg",
-        "Examples",
-    ] {
-        assert!(help.contains(argument), "{argument} is missing in:\n{help}");
-    }
-    assert!(stdout(&mvtop(&["doctor", "--help"])).contains("--ort-lib"));
-}
-
-#[test]
-fn wrong_arguments_end_with_code_2() {
-    for args in [
-        &[][..],
-        &["guess"],
-        &["infer"],
-        &["infer", "--rig", "rig.json"],
-        &[
-            "infer",
-            "--rig",
-            "rig.json",
-            "a.png",
-            "--provider",
-            "abacus",
-        ],
-        &[
-            "infer",
-            "--rig",
-            "rig.json",
-            "a.png",
-            "--json",
-            "--truth",
-            "truth.json",
-        ],
-        &["eval", "--samples", "x", "--views", "0"],
-    ] {
-        let output = mvtop(args);
-        assert_eq!(output.status.code(), Some(2), "{args:?}");
-        assert!(
-            output.stdout.is_empty() && !output.stderr.is_empty(),
-            "{args:?}"
-        );
-    }
 }
 
 #[test]
@@ -217,36 +107,7 @@ fn files_that_are_missing_or_wrong_are_named() {
 }
 
 #[test]
-fn samples_that_are_missing_are_refused() {
-    let empty = TempDir::new().unwrap();
-    let dir = empty.path().display().to_string();
-    assert!(refusal(&mvtop(&["eval", "--samples", &dir])).contains("no sample in"));
-    assert!(refusal(&mvtop(&["eval", "--samples", "none"])).contains("cannot read none"));
-    let error = refusal(&mvtop(&[
-        "eval",
-        "--samples",
-        "fixtures/tiny",
-        "--views",
-        "5",
-    ]));
-    assert!(error.contains("expected at least 5 cameras"), "{error}");
-}
-
-#[test]
-fn doctor_says_what_was_found_or_what_to_do() {
-    let text = stdout(&mvtop(&["doctor"]));
-    for found in ["ONNX Runtime", "providers   cpu", "mvball", "all well"] {
-        assert!(text.contains(found), "{found} is missing in:\n{text}");
-    }
-    let output = mvtop(&["doctor", "--ort-lib", "none.so"]);
-    assert!(refusal(&output).contains("none.so"));
-    assert!(String::from_utf8_lossy(&output.stdout).contains("checksums  match"));
-    let error = refusal(&mvtop(&["doctor", "--model", "none"]));
-    assert!(error.contains("none"), "{error}");
-}
-
-#[test]
-fn prediction_is_near_the_truth_and_complete() {
+fn prediction_is_complete() {
     let json = infer(&IDS, &[]);
     assert_eq!(json["schema_version"], 1);
     assert_eq!(json["reference"], "cam0");
@@ -259,17 +120,6 @@ fn prediction_is_near_the_truth_and_complete() {
     );
     assert!(object["sigma"]["rot_deg"].as_f64().unwrap() > 0.0);
     assert!(object["sigma"]["t_m"].as_f64().unwrap() > 0.0);
-
-    let truth = std::fs::read_to_string(sample("truth.json")).unwrap();
-    let truth: Value = serde_json::from_str(&truth).unwrap();
-    let world = matrix(&object["T_world_obj"]);
-    let known = matrix(&truth["objects"][0]["T_world_obj"]);
-    let off = [3, 7, 11].map(|i| world[i] - known[i]);
-    // The tiny network is trained for a minute: it knows where, hardly how turned.
-    assert!(
-        off.iter().map(|x| x * x).sum::<f64>().sqrt() < 0.06,
-        "{off:?} m"
-    );
 
     let cameras = object["cameras"].as_array().unwrap();
     let ids: Vec<&str> = cameras
@@ -400,93 +250,28 @@ fn overlays_are_drawn_and_never_replace_files_unasked() {
     );
 }
 
-/// `eval` of the fixture's sample: the summary.
-fn eval(more: &[&str]) -> Value {
-    let args = [&["eval", "--samples", "fixtures/tiny"][..], more].concat();
-    let text = stdout(&mvtop(&args));
-    serde_json::from_str(text.lines().last().unwrap()).unwrap()
-}
-
 #[test]
-fn evaluation_ends_with_one_line_of_json() {
-    let folder = TempDir::new().unwrap();
-    let out = folder.path().join("results.jsonl").display().to_string();
-    let args = ["--true-boxes", "--views", "2", "--out", &out];
-    let summary = eval(&args);
-    assert_eq!(
-        (&summary["views"], &summary["pairs"]),
-        (&2.into(), &1.into())
-    );
-    assert_eq!(
-        (&summary["found"], &summary["extra"]),
-        (&1.into(), &0.into())
-    );
-    assert!(summary["trans_mean_m"].as_f64().unwrap() < 0.06);
-    assert!(summary["add_mean_m"].as_f64().unwrap() > 0.0);
-    assert_eq!(summary["rot_mean_deg"], summary["rot_median_deg"]);
-    assert_eq!(summary["resolved_deg"], 15.0);
-    assert!(
-        summary["sigma_rot_auroc"].is_null(),
-        "one pose is no two groups"
-    );
-
-    let text = std::fs::read_to_string(&out).unwrap();
-    assert_eq!(text.lines().count(), 1);
-    let line: Value = serde_json::from_str(&text).unwrap();
-    assert_eq!(
-        (&line["sample"], &line["found"]),
-        (&"sample".into(), &true.into())
-    );
-    assert_eq!((&line["views"], &line["object"]), (&2.into(), &0.into()));
-    assert_eq!(line["rot_deg"], summary["rot_mean_deg"]);
-    assert_eq!(line["trans_m"], summary["trans_mean_m"]);
-    assert_eq!(line["add_m"], summary["add_mean_m"]);
-    assert_eq!(line["sigma"]["rot_deg"], summary["sigma_rot_mean_deg"]);
-    assert_eq!(line["score"], 1.0);
-    assert_eq!(line["cameras"], serde_json::json!(["cam0", "cam1"]));
-    assert_eq!(matrix(&line["T_world_obj"]).len(), 16);
-    assert!(line["timings_ms"]["total"].as_f64().unwrap() > 0.0);
-
-    let again = [&["eval", "--samples", "fixtures/tiny"][..], &args].concat();
-    assert!(refusal(&mvtop(&again)).contains("exists already"));
-    eval(&[&args[..], &["--force"]].concat());
-}
-
-#[test]
-fn noise_changes_the_poses_the_same_way_each_time() {
-    let rot = |more: &[&str]| {
-        let args = [&["--true-boxes", "--views", "2"][..], more].concat();
-        eval(&args)["rot_mean_deg"].as_f64().unwrap()
-    };
-    let exact = rot(&[]);
-    assert_eq!(rot(&["--rig-noise-deg", "0", "--rig-noise-mm", "0"]), exact);
-    for noise in [
-        ["--rig-noise-deg", "5"],
-        ["--rig-noise-mm", "50"],
-        ["--box-noise", "0.1"],
-    ] {
-        let noisy = rot(&noise);
-        assert_ne!(noisy, exact, "{noise:?}");
-        assert_eq!(rot(&noise), noisy, "{noise:?}");
-        assert_ne!(rot(&[&noise[..], &["--noise-seed", "1"]].concat()), noisy);
-    }
-    // The reference camera's calibration is never touched.
-    let alone = |more: &[&str]| eval(&[&["--true-boxes", "--views", "1"][..], more].concat());
-    let noisy = alone(&["--rig-noise-deg", "5"]);
-    assert_eq!(noisy["rot_mean_deg"], alone(&[])["rot_mean_deg"]);
-}
-
-#[test]
-fn noise_that_cannot_be_is_refused() {
-    let refused = |more: &[&str]| {
-        let args = [&["eval", "--samples", "fixtures/tiny"][..], more].concat();
-        let output = mvtop(&args);
-        assert_eq!(output.status.code(), Some(2));
-        String::from_utf8(output.stderr).unwrap()
-    };
-    for size in ["-1", "nan", "inf", "much"] {
-        let error = refused(&[&format!("--rig-noise-mm={size}")]);
-        assert!(error.contains("expected a number of 0 or more"), "{error}");
-    }
-    assert!(refused(&["--box-noise", "0.1"]).contains("--true-boxes"));
+fn shipped_model_finds_the_ball_of_the_example_and_how_it_is_turned() {
+    let example = |file: &str| format!("examples/mvball/{file}");
+    let rig = example("rig.json");
+    let images = ["cam0.png", "cam1.png"].map(example);
+    let output = mvtop(&[
+        "infer",
+        "--rig",
+        &rig,
+        &images[0],
+        &images[1],
+        "--model",
+        "models/mvball",
+        "--json",
+    ]);
+    let json: Value = serde_json::from_str(&stdout(&output)).unwrap();
+    let truth = std::fs::read(root().join(example("truth.json"))).unwrap();
+    let truth: Value = serde_json::from_slice(&truth).unwrap();
+    assert_eq!(json["objects"].as_array().unwrap().len(), 1);
+    let (deg, m) = off(&json["objects"][0], &truth["objects"][0]);
+    // It is 1.6 degrees and 1.2 mm off. Boxes know nothing of rotation, and where their lines of
+    // sight meet is more than 5 mm off.
+    assert!(deg < 4.0, "{deg} degrees");
+    assert!(m < 0.003, "{m} m");
 }

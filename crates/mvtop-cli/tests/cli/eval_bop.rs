@@ -1,8 +1,8 @@
-//! `eval --dataset` as a user runs it, on the fixture's sample written in BOP's layout.
+//! `eval bop`, on the fixture's sample written in BOP's layout.
 
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::path::Path;
+use std::process::Output;
 
 use mvtop_core::Rig;
 use mvtop_core::annotations::load_truth;
@@ -10,9 +10,7 @@ use nalgebra::Isometry3;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
+use crate::{refusal, root, stdout};
 
 fn rotation(pose: &Isometry3<f64>) -> Vec<f64> {
     let rotation = pose.rotation.to_rotation_matrix();
@@ -76,31 +74,17 @@ fn write_dataset(dir: &Path, one_frame: bool) {
     fs::write(dir.join("models/obj_000001.ply"), ply).unwrap();
 }
 
-fn mvtop(dataset: &Path, report: &Path, more: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_mvtop-cli"))
-        .args(["eval", "--true-boxes", "--dataset"])
-        .arg(dataset)
-        .arg("--report")
-        .arg(report)
-        .args(more)
-        .current_dir(root())
-        .env("MVTOP_MODEL", "fixtures/tiny")
-        .output()
-        .unwrap()
+fn eval(dataset: &Path, report: &Path, more: &[&str]) -> Output {
+    let (dataset, report) = (dataset.to_str().unwrap(), report.to_str().unwrap());
+    let fixed = ["eval", "bop", "--true-boxes", "--dataset", dataset];
+    let folder = ["--report", report, "--json"];
+    crate::mvtop(&[&fixed, &folder[..], more].concat())
 }
 
 fn summary(output: &Output) -> Value {
-    let stderr = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{stderr}");
-    let text = String::from_utf8_lossy(&output.stdout);
-    serde_json::from_str(text.lines().last().unwrap()).unwrap()
-}
-
-fn refusal(output: &Output) -> String {
-    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{stderr}");
-    assert_eq!(stderr.lines().count(), 1, "{stderr}");
-    stderr
+    let text = stdout(output);
+    assert_eq!(text.lines().count(), 1, "{text}");
+    serde_json::from_str(&text).unwrap()
 }
 
 #[test]
@@ -108,7 +92,7 @@ fn a_split_gives_csv_json_and_a_page() {
     let dir = TempDir::new().unwrap();
     let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
     write_dataset(&dataset, false);
-    let summary = summary(&mvtop(&dataset, &report, &["--views", "2"]));
+    let summary = summary(&eval(&dataset, &report, &["--views", "2"]));
     assert_eq!(
         (&summary["pairs"], &summary["found"]),
         (&4.into(), &4.into())
@@ -142,6 +126,66 @@ fn a_split_gives_csv_json_and_a_page() {
     assert_eq!(page.matches("<svg").count(), 5);
     assert_eq!(page.matches("data:image/jpeg;base64,").count(), 4);
     assert!(!page.contains("http://") || page.matches("http://www.w3.org/2000/svg").count() == 5);
+    assert!(
+        page.contains("<td>1 mvball</td>") && page.contains("<h1>balls, test</h1>"),
+        "{page}"
+    );
+}
+
+#[test]
+fn a_split_without_a_page_is_text_and_files_for_programs() {
+    let dir = TempDir::new().unwrap();
+    let (dataset, out) = (dir.path().join("balls"), dir.path().join("out"));
+    write_dataset(&dataset, false);
+    let paths = [&dataset, &out].map(|path| path.to_str().unwrap());
+    let args = [
+        "eval",
+        "bop",
+        "--true-boxes",
+        "--views",
+        "2",
+        "--dataset",
+        paths[0],
+        "--out",
+        paths[1],
+    ];
+    let text = stdout(&crate::mvtop(&args));
+    assert!(
+        text.contains("groups: 4, views: 2, found: 4 of 4 objects"),
+        "{text}"
+    );
+    let row = |name: &str| {
+        let line = text.lines().find(|line| line.starts_with(name)).unwrap();
+        line[name.len()..]
+            .split_whitespace()
+            .collect::<Vec<_>>()
+            .join(" ")
+    };
+    assert_eq!(row("1 mvball"), row("all"));
+    assert!(row("all").starts_with("4 4 "), "{text}");
+    for line in text.lines() {
+        assert!(
+            line.chars().count() <= 100 || line.starts_with("in "),
+            "{line}"
+        );
+    }
+    let mut names: Vec<String> = fs::read_dir(&out)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    let expected = [
+        "groups.jsonl",
+        "mvtop_balls-test.csv",
+        "run.json",
+        "summary.json",
+    ];
+    assert_eq!(names, expected);
+    // A page of the same results needs no new ones.
+    let journal = fs::read(out.join("groups.jsonl")).unwrap();
+    summary(&eval(&dataset, &out, &["--views", "2"]));
+    assert_eq!(fs::read(out.join("groups.jsonl")).unwrap(), journal);
+    assert!(out.join("report.html").exists());
 }
 
 #[test]
@@ -150,7 +194,7 @@ fn depth_images_bring_vsd() {
     let dataset = dir.path().join("balls");
     write_dataset(&dataset, false);
     let views = ["--views", "2"];
-    let without = summary(&mvtop(&dataset, &dir.path().join("without"), &views));
+    let without = summary(&eval(&dataset, &dir.path().join("without"), &views));
     assert_eq!(without["all"]["ar_vsd"], Value::Null);
     assert_eq!(without["all"]["ar"], Value::Null);
 
@@ -162,7 +206,7 @@ fn depth_images_bring_vsd() {
             let wall = image::ImageBuffer::from_pixel(160, 120, image::Luma([mm]));
             wall.save(depth.join(format!("{frame:06}.png"))).unwrap();
         }
-        summary(&mvtop(&dataset, &dir.path().join(name), &views))["all"].clone()
+        summary(&eval(&dataset, &dir.path().join(name), &views))["all"].clone()
     };
     let (open, hidden) = (of("open", 0), of("hidden", 100));
     let number = |scores: &Value, name: &str| scores[name].as_f64().unwrap();
@@ -187,8 +231,8 @@ fn views_of_one_frame_give_what_a_scene_of_the_same_images_gives() {
     )
     .unwrap();
     let targets = targets.display().to_string();
-    let of_scene = mvtop(&scene, &dir.path().join("ra"), &["--targets", &targets]);
-    let of_frame = mvtop(&frame, &dir.path().join("rb"), &["--grouping", "frame"]);
+    let of_scene = eval(&scene, &dir.path().join("ra"), &["--targets", &targets]);
+    let of_frame = eval(&frame, &dir.path().join("rb"), &["--grouping", "frame"]);
     let (of_scene, of_frame) = (summary(&of_scene), summary(&of_frame));
     assert_eq!(
         (&of_scene["views"], &of_scene["pairs"]),
@@ -212,7 +256,7 @@ fn what_was_cut_short_goes_on_and_nothing_is_doubled() {
     let dir = TempDir::new().unwrap();
     let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
     write_dataset(&dataset, false);
-    let whole = summary(&mvtop(&dataset, &report, &["--views", "2"]));
+    let whole = summary(&eval(&dataset, &report, &["--views", "2"]));
     let journal = report.join("groups.jsonl");
     let text = fs::read_to_string(&journal).unwrap();
     let lines: Vec<&str> = text.lines().collect();
@@ -225,7 +269,7 @@ fn what_was_cut_short_goes_on_and_nothing_is_doubled() {
         &lines[2][..lines[2].len() / 2]
     );
     fs::write(&journal, &cut).unwrap();
-    let resumed = summary(&mvtop(&dataset, &report, &["--views", "2"]));
+    let resumed = summary(&eval(&dataset, &report, &["--views", "2"]));
     assert_eq!(resumed, whole);
     let after = fs::read_to_string(&journal).unwrap();
     assert!(after.starts_with(&format!("{}\n{}\n", lines[0], lines[1])));
@@ -237,15 +281,15 @@ fn what_was_cut_short_goes_on_and_nothing_is_doubled() {
     };
     assert_eq!(groups(&after), groups(&text));
     // Once more: all is there, nothing is computed.
-    assert_eq!(summary(&mvtop(&dataset, &report, &["--views", "2"])), whole);
+    assert_eq!(summary(&eval(&dataset, &report, &["--views", "2"])), whole);
     assert_eq!(fs::read_to_string(&journal).unwrap(), after);
 
-    let other = refusal(&mvtop(&dataset, &report, &["--views", "1"]));
+    let other = refusal(&eval(&dataset, &report, &["--views", "1"]));
     assert!(
         other.contains("views was 2, is 1") && other.contains("--force"),
         "{other}"
     );
-    let anew = summary(&mvtop(&dataset, &report, &["--views", "1", "--force"]));
+    let anew = summary(&eval(&dataset, &report, &["--views", "1", "--force"]));
     assert_eq!(anew["views"], 1);
 }
 
@@ -255,7 +299,7 @@ fn data_sets_that_do_not_fit_are_refused() {
     let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
     write_dataset(&dataset, false);
     let refused = |more: &[&str], hint: &str| {
-        let text = refusal(&mvtop(&dataset, &report, more));
+        let text = refusal(&eval(&dataset, &report, more));
         assert!(text.contains(hint), "{text}");
     };
     refused(&["--split", "val"], "val");

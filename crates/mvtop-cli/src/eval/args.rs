@@ -1,0 +1,174 @@
+//! The arguments of `eval`.
+
+use std::path::PathBuf;
+
+use clap::{ArgGroup, Args, Subcommand};
+use mvtop_eval::bop::Grouping;
+
+use super::noise::Noise;
+use crate::args::{Detection, NetworkArgs, not_negative};
+
+#[derive(Subcommand)]
+pub enum Eval {
+    /// Evaluate samples: folders with a rig, its images and the truth
+    Samples(SamplesArgs),
+    /// Evaluate a split of a data set in BOP's layout
+    Bop(BopArgs),
+}
+
+#[derive(Args)]
+#[command(after_help = "\
+A sample is a folder with rig.json, truth.json and one image for each camera, <ID>.png or .jpg.
+docs/output.md says what --json and --out hold, and what the noise is exactly.
+
+Examples:
+  Detected boxes, all views; one line of JSON per object of the truth to look into:
+    mvtop-cli eval samples out/eval --out results.jsonl
+  One view of the same samples:
+    mvtop-cli eval samples out/eval --views 1
+  A calibration that is off by 0.5 degrees and 5 mm:
+    mvtop-cli eval samples out/eval --rig-noise-deg 0.5 --rig-noise-mm 5
+  True boxes, each side off by 5 % of the box's size; for a program to read:
+    mvtop-cli eval samples out/eval --true-boxes --box-noise 0.05 --json")]
+pub struct SamplesArgs {
+    /// Folder of sample folders
+    #[arg(value_name = "FOLDER")]
+    pub folder: PathBuf,
+
+    /// Print one line of JSON instead of text
+    #[arg(long)]
+    pub json: bool,
+
+    /// Write one line of JSON for each object of the truth to this file
+    #[arg(long, value_name = "FILE.jsonl")]
+    pub out: Option<PathBuf>,
+
+    /// Overwrite the file if it exists
+    #[arg(long, requires = "out")]
+    pub force: bool,
+
+    #[command(flatten)]
+    pub trial: Trial,
+}
+
+#[derive(Args)]
+#[command(group = ArgGroup::new("results").required(true))]
+#[command(after_help = "\
+docs/bop.md says what is read, which views go together, what is written, and what the metrics are.
+The same command goes on after an interruption.
+
+Examples:
+  Two frames of a scene at a time, and a page with plots of the results:
+    mvtop-cli eval bop --dataset ycbv --split test --views 2 --report out/ycbv
+  BOP's test targets, four views; results for programs only:
+    mvtop-cli eval bop --dataset ycbv --views 4 --targets ycbv/test_targets_bop19.json \\
+      --out out/ycbv
+  All cameras of a frame:
+    mvtop-cli eval bop --dataset ipd --split val --grouping frame --report out/ipd")]
+pub struct BopArgs {
+    #[command(flatten)]
+    pub split: SplitArgs,
+
+    /// Print one line of JSON instead of text
+    #[arg(long)]
+    pub json: bool,
+
+    /// Write results to this folder: CSV in BOP's format, and JSON
+    #[arg(long, value_name = "DIR", group = "results")]
+    pub out: Option<PathBuf>,
+
+    /// Write the files of --out to this folder, and report.html, a page with plots and pictures
+    #[arg(long, value_name = "DIR", group = "results")]
+    pub report: Option<PathBuf>,
+
+    /// Begin anew where the folder holds results
+    #[arg(long)]
+    pub force: bool,
+
+    /// How far a surface may lie behind the measured one and still count as seen, for VSD (only of
+    /// data sets with depth images); BOP's, but for ITODD 5
+    #[arg(long, value_name = "MM", default_value_t = 15.0, value_parser = not_negative)]
+    pub vsd_delta_mm: f64,
+
+    #[command(flatten)]
+    pub trial: Trial,
+}
+
+/// A split of a data set in BOP's layout, and how to go through it.
+#[derive(Args)]
+pub struct SplitArgs {
+    /// Folder of the data set
+    #[arg(long, value_name = "DIR")]
+    pub dataset: PathBuf,
+
+    /// Folder of the data set that holds the scenes
+    #[arg(long, value_name = "NAME", default_value = "test")]
+    pub split: String,
+
+    /// What is seen together: frames of a `scene`, or the cameras of a `frame`
+    #[arg(long, value_name = "WHAT", default_value_t)]
+    pub grouping: Grouping,
+
+    /// Camera files whose images are references: CAM of scene_camera_CAM.json [default: the first]
+    #[arg(long, value_name = "CAM")]
+    pub sensor: Option<String>,
+
+    /// BOP's test targets, a multi-view list, or pairs.json [default: every image]
+    #[arg(long, value_name = "FILE")]
+    pub targets: Option<PathBuf>,
+
+    /// Ids of the objects to evaluate [default: those the model knows]
+    #[arg(long, value_name = "ID,...", value_delimiter = ',')]
+    pub objects: Option<Vec<u32>>,
+}
+
+/// What the network is shown, what is wrong with it, and what counts as right.
+#[derive(Args)]
+#[command(next_help_heading = "Conditions")]
+pub struct Trial {
+    /// Use only the reference camera and those that follow it, this many [default: all]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub views: Option<u32>,
+
+    #[command(flatten)]
+    pub detection: Detection,
+
+    /// Use the true boxes instead of detecting objects
+    #[arg(long, conflicts_with = "min_views")]
+    pub true_boxes: bool,
+
+    /// Move each side of the true boxes at random: standard deviation, as a share of the box's size
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = not_negative)]
+    #[arg(requires = "true_boxes")]
+    pub box_noise: f64,
+
+    /// Turn every camera but the reference by this angle about a random axis through its center
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = not_negative)]
+    pub rig_noise_deg: f64,
+
+    /// Move the center of every camera but the reference by this distance in a random direction
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = not_negative)]
+    pub rig_noise_mm: f64,
+
+    /// Which random axes and directions: the same seed gives the same ones, scaled, for any noise
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub noise_seed: u64,
+
+    /// Largest rotation error of a pose that counts as resolved
+    #[arg(long, value_name = "DEG", default_value_t = 15.0, value_parser = not_negative)]
+    pub resolved_deg: f64,
+
+    #[command(flatten)]
+    pub network: NetworkArgs,
+}
+
+impl Trial {
+    pub fn noise(&self) -> Noise {
+        Noise {
+            seed: self.noise_seed,
+            rig_deg: self.rig_noise_deg,
+            rig_mm: self.rig_noise_mm,
+            boxes: self.box_noise,
+        }
+    }
+}

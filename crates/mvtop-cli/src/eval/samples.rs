@@ -1,0 +1,78 @@
+//! `eval samples`: a folder of samples.
+
+use mvtop_core::Estimator;
+use mvtop_core::annotations::TruePose;
+use mvtop_core::pose::{add, rotation_error_deg, translation_error};
+use mvtop_core::prediction::ObjectPose;
+use nalgebra::Point3;
+
+use super::args::SamplesArgs;
+use super::outcome::{Errors, Outcome};
+use super::sample::{Sample, folders};
+use super::summary::Summary;
+use crate::failure::{Failure, Result};
+use crate::matching::{matches, unmatched};
+use crate::{model_dir, progress, write};
+
+pub fn run(args: &SamplesArgs) -> Result<()> {
+    let trial = &args.trial;
+    let folders = folders(&args.folder)?;
+    if let Some(out) = &args.out {
+        write::may_write(out, args.force)?;
+    }
+    let estimator = Estimator::load(
+        &model_dir::find(trial.network.model.as_deref())?,
+        &trial.network.options(),
+    )?;
+    let bar = progress::bar(folders.len() as u64, "{pos}/{len} samples");
+    let mut views = None;
+    let mut outcomes = Vec::new();
+    let mut extra = 0;
+    for folder in &folders {
+        let sample = Sample::load(folder, trial.views)?;
+        let count = sample.images.len();
+        if *views.get_or_insert(count) != count {
+            return Err(Failure(format!(
+                "sample {}: expected as many views as the samples before, got {count}; give \
+                 --views to use as many of each",
+                folder.display()
+            )));
+        }
+        let prediction = sample.predict(&estimator, trial)?;
+        let matched = matches(&sample.truth, &prediction);
+        extra += unmatched(&matched, &prediction);
+        for (object, (known, &found)) in sample.truth.iter().zip(&matched).enumerate() {
+            let errors = found.map(|found| errors(known, found, &estimator));
+            outcomes.push(Outcome::new(&sample, object, &prediction, found, errors));
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+
+    if let Some(out) = &args.out {
+        let lines: Result<Vec<String>> = outcomes.iter().map(write::json).collect();
+        write::whole(out, &(lines?.join("\n") + "\n"))?;
+    }
+    let views = views.unwrap_or(0);
+    let summary = Summary::new(views, folders.len(), extra, &outcomes, trial.resolved_deg);
+    if args.json {
+        return write::print(&write::json(&summary)?);
+    }
+    write::print(&summary.text("samples", outcomes.len()))
+}
+
+/// ADD is over the points of the model bundle.
+fn errors(known: &TruePose, found: &ObjectPose, estimator: &Estimator) -> Errors {
+    let (truth, pose) = (&known.world_from_obj, &found.world_from_obj);
+    let bundle = estimator.bundle();
+    let class = bundle.class_index(&found.class);
+    Errors {
+        rot_deg: rotation_error_deg(&truth.rotation, &pose.rotation),
+        trans_m: translation_error(truth, pose),
+        add_m: class.and_then(|class| {
+            let points = bundle.classes[class].points.iter();
+            let points: Vec<Point3<f64>> = points.map(|p| p.position.into()).collect();
+            add(&points, truth, pose)
+        }),
+    }
+}

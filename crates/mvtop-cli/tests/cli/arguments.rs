@@ -1,0 +1,147 @@
+//! What holds of every command's arguments.
+
+use std::process::Command;
+
+use tempfile::TempDir;
+
+use crate::{mvtop, refusal, root, stdout};
+
+/// The command lines of a text, each in one line and without what a shell would make of the rest.
+fn commands(text: &str) -> Vec<String> {
+    let text = text.replace("\\\n", " ");
+    let lines = text.lines().map(str::trim);
+    lines
+        .filter_map(|line| line.strip_prefix("mvtop-cli "))
+        .map(|line| line.split(['#', '>']).next().unwrap().trim().to_owned())
+        .collect()
+}
+
+#[test]
+fn commands_of_help_and_documents_are_understood() {
+    let mut texts: Vec<String> = [
+        &["infer"][..],
+        &["eval", "samples"],
+        &["eval", "bop"],
+        &["audit", "leakage"],
+    ]
+    .iter()
+    .map(|command| stdout(&mvtop(&[*command, &["--help"]].concat())))
+    .collect();
+    for text in &texts {
+        assert!(
+            text.lines().all(|line| line.chars().count() <= 100),
+            "{text}"
+        );
+        assert!(commands(text).len() > 1, "no examples in:\n{text}");
+    }
+    for file in ["README.md", "docs/bop.md", "docs/audit.md"] {
+        let text = std::fs::read_to_string(root().join(file)).unwrap();
+        assert!(!commands(&text).is_empty(), "{file}");
+        texts.push(text);
+    }
+    let nothing = TempDir::new().unwrap();
+    for command in texts.iter().flat_map(|text| commands(text)) {
+        let output = Command::new(env!("CARGO_BIN_EXE_mvtop-cli"))
+            .args(command.split_whitespace())
+            .current_dir(nothing.path())
+            .output()
+            .unwrap();
+        // Nothing of what they name is there, but there is nothing to say of how it is named.
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert!(
+            stderr.lines().count() <= 1 && !stderr.contains("type:"),
+            "{command}: {stderr}"
+        );
+    }
+}
+
+#[test]
+fn wrong_arguments_end_with_code_2() {
+    for args in [
+        &[][..],
+        &["guess"],
+        &["infer"],
+        &["infer", "--rig", "rig.json"],
+        &[
+            "infer",
+            "--rig",
+            "rig.json",
+            "a.png",
+            "--provider",
+            "abacus",
+        ],
+        &[
+            "infer",
+            "--rig",
+            "rig.json",
+            "a.png",
+            "--json",
+            "--truth",
+            "truth.json",
+        ],
+        &["eval", "samples", "x", "--views", "0"],
+        &["eval", "bop", "--dataset", "x"],
+        &[
+            "eval",
+            "bop",
+            "--dataset",
+            "x",
+            "--out",
+            "y",
+            "--report",
+            "y",
+        ],
+        &["audit", "leakage", "--a", "x", "--b", "y", "--force"],
+    ] {
+        let output = mvtop(args);
+        assert_eq!(output.status.code(), Some(2), "{args:?}");
+        assert!(
+            output.stdout.is_empty() && !output.stderr.is_empty(),
+            "{args:?}"
+        );
+    }
+}
+
+#[test]
+fn earlier_spellings_are_answered_with_what_to_type() {
+    for (earlier, today) in [
+        (
+            "eval --samples folder --rig-noise-deg 0.5",
+            "eval samples folder --rig-noise-deg 0.5 --json",
+        ),
+        (
+            "eval --views 1 --samples=out/eval --out r.jsonl",
+            "eval samples out/eval --views 1 --out r.jsonl --json",
+        ),
+        (
+            "eval --dataset ycbv --views 4 --report out",
+            "eval bop --dataset ycbv --views 4 --report out --json",
+        ),
+        (
+            "audit leakage --a x --b y --models m",
+            "audit leakage --a x --b y --meshes m",
+        ),
+        (
+            "audit leakage --a x --b y --json out/leakage.json --pairs out/pairs.csv",
+            "audit leakage --a x --b y --out out",
+        ),
+        (
+            "audit leakage --a x --picture p.svg --b y --json j.json --models m",
+            "audit leakage --a x --b y --meshes m --report .",
+        ),
+    ] {
+        let words: Vec<&str> = earlier.split(' ').collect();
+        let sentence = refusal(&mvtop(&words));
+        let typed = format!(" type: mvtop-cli {today}\n");
+        assert!(sentence.ends_with(&typed), "{sentence}");
+        // It is one that is understood: what is wrong now is that nothing is there.
+        let words: Vec<&str> = today.split(' ').collect();
+        let sentence = refusal(&mvtop(&words));
+        assert!(!sentence.contains("type:"), "{sentence}");
+    }
+    let sentence = refusal(&mvtop(&["eval", "--samples", "my samples"]));
+    assert!(
+        sentence.contains("eval samples 'my samples' --json"),
+        "{sentence}"
+    );
+}

@@ -1,0 +1,158 @@
+//! `eval samples`.
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::{mvtop, off, refusal, sample, stdout};
+
+#[test]
+fn samples_that_are_missing_are_refused() {
+    let empty = TempDir::new().unwrap();
+    let dir = empty.path().display().to_string();
+    assert!(refusal(&mvtop(&["eval", "samples", &dir])).contains("no sample in"));
+    assert!(refusal(&mvtop(&["eval", "samples", "none"])).contains("cannot read none"));
+    let error = refusal(&mvtop(&[
+        "eval",
+        "samples",
+        "fixtures/tiny",
+        "--views",
+        "5",
+    ]));
+    assert!(error.contains("expected at least 5 cameras"), "{error}");
+}
+
+fn eval(more: &[&str]) -> Value {
+    let args = [&["eval", "samples", "fixtures/tiny", "--json"][..], more].concat();
+    let text = stdout(&mvtop(&args));
+    assert_eq!(text.lines().count(), 1, "{text}");
+    serde_json::from_str(&text).unwrap()
+}
+
+#[test]
+fn evaluation_is_one_line_of_json_and_one_per_object() {
+    let folder = TempDir::new().unwrap();
+    let out = folder.path().join("results.jsonl").display().to_string();
+    let args = ["--true-boxes", "--views", "2", "--out", &out];
+    let summary = eval(&args);
+    assert_eq!(
+        (&summary["views"], &summary["pairs"]),
+        (&2.into(), &1.into())
+    );
+    assert_eq!(
+        (&summary["found"], &summary["extra"]),
+        (&1.into(), &0.into())
+    );
+    assert!(summary["add_mean_m"].as_f64().unwrap() > 0.0);
+    assert_eq!(summary["rot_mean_deg"], summary["rot_median_deg"]);
+    assert_eq!(summary["resolved_deg"], 15.0);
+    assert!(
+        summary["sigma_rot_auroc"].is_null(),
+        "one pose is no two groups"
+    );
+
+    let text = std::fs::read_to_string(&out).unwrap();
+    assert_eq!(text.lines().count(), 1);
+    let line: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(
+        (&line["sample"], &line["found"]),
+        (&"sample".into(), &true.into())
+    );
+    assert_eq!((&line["views"], &line["object"]), (&2.into(), &0.into()));
+    assert_eq!(line["rot_deg"], summary["rot_mean_deg"]);
+    assert_eq!(line["trans_m"], summary["trans_mean_m"]);
+    assert_eq!(line["add_m"], summary["add_mean_m"]);
+    assert_eq!(line["sigma"]["rot_deg"], summary["sigma_rot_mean_deg"]);
+    assert_eq!(line["score"], 1.0);
+    assert_eq!(line["cameras"], serde_json::json!(["cam0", "cam1"]));
+    let truth = std::fs::read(sample("truth.json")).unwrap();
+    let truth: Value = serde_json::from_slice(&truth).unwrap();
+    let (deg, m) = off(&line, &truth["objects"][0]);
+    assert!((deg - line["rot_deg"].as_f64().unwrap()).abs() < 1e-6);
+    assert!((m - line["trans_m"].as_f64().unwrap()).abs() < 1e-12);
+    assert!(line["timings_ms"]["total"].as_f64().unwrap() > 0.0);
+
+    let again = [&["eval", "samples", "fixtures/tiny"][..], &args].concat();
+    assert!(refusal(&mvtop(&again)).contains("exists already"));
+    eval(&[&args[..], &["--force"]].concat());
+}
+
+#[test]
+fn noise_changes_the_poses_the_same_way_each_time() {
+    let rot = |more: &[&str]| {
+        let args = [&["--true-boxes", "--views", "2"][..], more].concat();
+        eval(&args)["rot_mean_deg"].as_f64().unwrap()
+    };
+    let exact = rot(&[]);
+    assert_eq!(rot(&["--rig-noise-deg", "0", "--rig-noise-mm", "0"]), exact);
+    for noise in [
+        ["--rig-noise-deg", "5"],
+        ["--rig-noise-mm", "50"],
+        ["--box-noise", "0.1"],
+    ] {
+        let noisy = rot(&noise);
+        assert_ne!(noisy, exact, "{noise:?}");
+        assert_eq!(rot(&noise), noisy, "{noise:?}");
+        assert_ne!(rot(&[&noise[..], &["--noise-seed", "1"]].concat()), noisy);
+    }
+    // The reference camera's calibration is never touched.
+    let alone = |more: &[&str]| eval(&[&["--true-boxes", "--views", "1"][..], more].concat());
+    let noisy = alone(&["--rig-noise-deg", "5"]);
+    assert_eq!(noisy["rot_mean_deg"], alone(&[])["rot_mean_deg"]);
+}
+
+#[test]
+fn noise_that_cannot_be_is_refused() {
+    let refused = |more: &[&str]| {
+        let args = [&["eval", "samples", "fixtures/tiny"][..], more].concat();
+        let output = mvtop(&args);
+        assert_eq!(output.status.code(), Some(2));
+        String::from_utf8(output.stderr).unwrap()
+    };
+    for size in ["-1", "nan", "inf", "much"] {
+        let error = refused(&[&format!("--rig-noise-mm={size}")]);
+        assert!(error.contains("expected a number of 0 or more"), "{error}");
+    }
+    assert!(refused(&["--box-noise", "0.1"]).contains("--true-boxes"));
+}
+
+#[test]
+fn text_says_what_the_json_says() {
+    let more = ["examples", "--model", "models/mvball"];
+    let text = stdout(&mvtop(&[&["eval", "samples"][..], &more].concat()));
+    let json = stdout(&mvtop(
+        &[&["eval", "samples", "--json"][..], &more].concat(),
+    ));
+    let json: Value = serde_json::from_str(&json).unwrap();
+    assert!(
+        text.contains("found: 1 of 1 objects, false positives: 0"),
+        "{text}"
+    );
+    let row = |name: &str| -> Vec<f64> {
+        let line = text.lines().find(|line| line.starts_with(name)).unwrap();
+        let numbers = line.split_whitespace();
+        numbers.filter_map(|word| word.parse().ok()).collect()
+    };
+    let said = |keys: &[&str], unit: f64| -> Vec<f64> {
+        keys.iter()
+            .map(|&key| json[key].as_f64().unwrap() * unit)
+            .collect()
+    };
+    let rotation = said(
+        &["rot_mean_deg", "rot_median_deg", "sigma_rot_mean_deg"],
+        1.0,
+    );
+    let translation = said(&["trans_mean_m", "sigma_t_mean_m"], 1e3);
+    for (shown, said) in [
+        (row("rotation,"), rotation),
+        (row("translation,"), translation),
+        (row("ADD,"), said(&["add_mean_m"], 1e3)),
+    ] {
+        assert_eq!(shown.len(), said.len(), "{text}");
+        for (shown, said) in shown.iter().zip(said) {
+            assert!((shown - said).abs() <= 0.05, "{shown} {said}");
+        }
+    }
+    // The shipped model knows how the ball of the example is turned.
+    assert!(json["rot_mean_deg"].as_f64().unwrap() < 4.0, "{json}");
+    assert_eq!(json["resolved_share"], 1.0);
+}
