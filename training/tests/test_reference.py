@@ -1,7 +1,6 @@
 """The Rust pipeline's reference: against the training's close-ups, and on the shipped model."""
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -70,13 +69,11 @@ def test_the_shipped_model_poses_the_shipped_example_as_pytorch_does():
     cameras, images, boxes, world_from_obj = reference.load_sample(folder)
     expected = reference.predict(shipped(), cameras, images, boxes)
     command = [
-        ROOT / "target/release/mvtop-cli", "infer", "--rig", folder / "rig.json",
+        Path(sys.executable).with_name("mvtop-cli"), "infer", "--rig", folder / "rig.json",
         *(folder / f"{camera.id}.png" for camera in cameras),
         "--boxes", folder / "truth.json", "--model", ROOT / "models/mvball", "--json",
     ]  # fmt: skip
-    # Where the program looks for ONNX Runtime.
-    environment = {**os.environ, "VIRTUAL_ENV": sys.prefix}
-    result = subprocess.run(command, env=environment, capture_output=True, text=True)
+    result = subprocess.run(command, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
     (ours,) = json.loads(result.stdout)["objects"]
 

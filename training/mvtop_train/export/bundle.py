@@ -192,7 +192,7 @@ def write_bundle(
     graphs = {"features": export_features, "decoder": export_decoder}
     if config.closeup:
         graphs |= {"features": export_detector, "closeup": export_closeup}
-    with sampling.portable_export() if portable else contextlib.nullcontext():
+    with sampling.standard_operators() if portable else contextlib.nullcontext():
         for name, export in graphs.items():
             export(model, out / f"{name}.onnx")
     if half:

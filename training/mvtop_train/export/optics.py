@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 import torch
 
-from ..data import rig
 from ..data.closeup import FILL, MAX_TAPS
 
 UNTIL = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-15)  # OpenCV stops early
@@ -51,15 +50,20 @@ class Camera:
 
 
 def load_rig(path: Path) -> list[Camera]:
-    """The cameras of a rig file with their lenses."""
-    entries = json.loads(Path(path).read_text())["cameras"]
-    return [
-        Camera(
-            c.id, c.width, c.height, c.k, np.linalg.inv(c.cam_from_rig),
-            tuple(entry.get("distortion", {}).get("params", ())), entry.get("model") == "fisheye",
-        )
-        for c, entry in zip(rig.load(path), entries, strict=True)
-    ]  # fmt: skip
+    """The cameras of a rig file in metres whose poses are matrices, as the samples' are."""
+    cameras = []
+    for entry in json.loads(Path(path).read_text())["cameras"]:
+        fx, fy, cx, cy = (entry[key] for key in ("fx", "fy", "cx", "cy"))
+        k = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        if "T_world_cam" in entry:
+            pose = np.array(entry["T_world_cam"])
+        else:
+            pose = np.linalg.inv(entry["T_cam_world"])
+        params = entry.get("distortion", {}).get("params", ())
+        fisheye = entry.get("model") == "fisheye"
+        size = entry["width"], entry["height"]
+        cameras.append(Camera(entry["id"], *size, k, pose, tuple(params), fisheye))
+    return cameras
 
 
 def rays_of_box(camera: Camera, box) -> np.ndarray:

@@ -1,6 +1,7 @@
 """The inference pipeline in PyTorch, from images to a pose: what the Rust pipeline must equal.
 
 For one object, so that nothing need be matched across views: a view's box is its detector's best.
+The deformable sampling is PyTorch's own, not mvtop's kernel.
 """
 
 import json
@@ -12,7 +13,7 @@ import numpy as np
 import torch
 from PIL import Image as PilImage
 
-from ..network import pose, rays
+from ..network import pose, rays, sampling
 from ..network.model import Mvtop
 from .bundle import ExportedCloseUps, ExportedDecoder, ExportedDetector
 from .optics import Camera, closeup_of, load_rig, picture_of, rays_of_box, seen_by
@@ -137,6 +138,7 @@ def detect(model: Mvtop, cameras: list[Camera], images) -> dict:
     return out | {"detected": torch.from_numpy(np.stack(boxes)), "scores": best}
 
 
+@sampling.standard_operators()
 @torch.no_grad()
 def predict(model: Mvtop, cameras: list[Camera], images, boxes) -> dict:
     """Pose of one object, given its box in every view that sees it.

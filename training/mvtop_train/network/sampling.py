@@ -5,6 +5,7 @@ times faster than `grid_sample`), plain PyTorch (GPU, and the reference of the t
 operator `mvtop::DeformableSampling` in exported graphs.
 """
 
+import contextlib
 import functools
 
 import torch
@@ -96,28 +97,25 @@ def deformable_sampling(value, locations, weights, level_shapes):
 
     Source: Deformable DETR (Zhu et al. 2021), equation 3.
     """
-    if torch.onnx.is_in_onnx_export() and not _portable:
+    if torch.onnx.is_in_onnx_export() and not _standard:
         channels = int(value.shape[2] * value.shape[3])
         return _ExportedSampling.apply(value, locations, weights, level_shapes, channels)
     inputs = (value, locations, weights)
-    rust = _kernel() is not None and all(
-        x.device.type == "cpu" and x.dtype == torch.float32 for x in inputs
-    )
-    if rust and not torch.onnx.is_in_onnx_export():
+    plain = _standard or any(x.device.type != "cpu" or x.dtype != torch.float32 for x in inputs)
+    if not (plain or torch.onnx.is_in_onnx_export()) and kernel_available():
         return _RustSampling.apply(value, locations, weights, level_shapes)
     return sample_torch(value, locations, weights, level_shapes)
 
 
-_portable = False
+_standard = False
 
 
-class portable_export:
-    """Within this context, exports use standard operators only."""
-
-    def __enter__(self):
-        global _portable
-        _portable = True
-
-    def __exit__(self, *_):
-        global _portable
-        _portable = False
+@contextlib.contextmanager
+def standard_operators():
+    """Within this context there are standard operators only, in exports and else."""
+    global _standard
+    before, _standard = _standard, True
+    try:
+        yield
+    finally:
+        _standard = before
