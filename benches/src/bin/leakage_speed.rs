@@ -13,7 +13,8 @@ use std::fmt::Write;
 use std::path::Path;
 use std::time::Instant;
 
-use mvtop_eval::leakage::{Files, Pose, Settings, common_objects, leakage, load_models};
+use mvtop_eval::bop::load_models;
+use mvtop_eval::leakage::{Files, PoseRecord, Settings, common_objects, leakage};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 const OBJECTS: usize = 21;
@@ -38,8 +39,8 @@ fn main() -> Result<(), Failure> {
     let (test_poses, train_poses) = (number(100_000)?, number(1_000_000)?);
 
     let mut random = SplitMix(1);
-    let mut train: Vec<Pose> = (0..train_poses).map(|_| random.pose()).collect();
-    let test: Vec<Pose> = (0..test_poses).map(|_| random.pose()).collect();
+    let mut train: Vec<PoseRecord> = (0..train_poses).map(|_| random.pose()).collect();
+    let test: Vec<PoseRecord> = (0..test_poses).map(|_| random.pose()).collect();
     // Of ten poses of the test split, in training: two number for number, one off by less than
     // the threshold, one by more, one at the same place with another rotation, one near.
     let mut planted = 0;
@@ -49,7 +50,7 @@ fn main() -> Result<(), Failure> {
             0 | 1 => *pose,
             2 => shifted(pose, off * 0.009),
             3 => shifted(pose, off * 0.011),
-            4 => Pose {
+            4 => PoseRecord {
                 translation_mm: pose.translation_mm,
                 ..random.pose()
             },
@@ -71,7 +72,8 @@ fn main() -> Result<(), Failure> {
         Files::find(&folder.join("train"))?,
     ];
     let [a, b] = [files[0].read(|_| ())?, files[1].read(|_| ())?];
-    let models = load_models(&folder.join("models"), common_objects(&a, &b)?.into_iter())?;
+    let common = common_objects(&a, &b)?;
+    let models = load_models(&folder.join("models"), |id| common.contains(&id))?;
     let megabytes = (files[0].bytes + files[1].bytes) as f64 / 1e6;
     watch.print(
         "read",
@@ -124,15 +126,15 @@ fn processor_s() -> Option<f64> {
     Some((ticks(11)? + ticks(12)?) / 100.0)
 }
 
-fn shifted(pose: &Pose, by_mm: Vector3<f64>) -> Pose {
-    Pose {
+fn shifted(pose: &PoseRecord, by_mm: Vector3<f64>) -> PoseRecord {
+    PoseRecord {
         translation_mm: pose.translation_mm + by_mm,
         ..*pose
     }
 }
 
 /// Writes poses as BOP's tools do, indented, every digit.
-fn write_split(folder: &Path, poses: &[Pose]) -> Result<(), Failure> {
+fn write_split(folder: &Path, poses: &[PoseRecord]) -> Result<(), Failure> {
     for (scene, poses) in poses.chunks(PER_IMAGE * IMAGES).enumerate() {
         let mut text = String::from("{");
         for (image, poses) in poses.chunks(PER_IMAGE).enumerate() {
@@ -205,13 +207,13 @@ impl SplitMix {
     }
 
     /// Anywhere in a table scene's volume, in any orientation (Shoemake, 1992).
-    fn pose(&mut self) -> Pose {
+    fn pose(&mut self) -> PoseRecord {
         let [u, v, w] = [self.unit(), self.unit(), self.unit()];
         let (v, w) = (v * std::f64::consts::TAU, w * std::f64::consts::TAU);
         let (p, q) = ((1.0 - u).sqrt(), u.sqrt());
         let quaternion = Quaternion::new(q * w.cos(), p * v.sin(), p * v.cos(), q * w.sin());
         let (x, y, z) = (self.unit(), self.unit(), self.unit());
-        Pose {
+        PoseRecord {
             scene: 0,
             image: 0,
             annotation: 0,

@@ -6,7 +6,8 @@ mod report;
 
 use std::path::Path;
 
-use mvtop_eval::leakage::{Files, Leakage, Settings, Split, common_objects, leakage, load_models};
+use mvtop_eval::bop::load_models;
+use mvtop_eval::leakage::{Files, Leakage, Settings, Split, common_objects, leakage};
 
 use self::args::Audit;
 use crate::failure::{Failure, Result};
@@ -29,7 +30,7 @@ pub fn run(command: &Audit) -> Result<()> {
     let models = match &args.meshes {
         Some(folder) => {
             let common = common_objects(&a, &b)?;
-            Some(load_models(folder, common.into_iter())?)
+            Some(load_models(folder, |id| common.contains(&id))?)
         }
         None => None,
     };

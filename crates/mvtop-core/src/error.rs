@@ -147,6 +147,10 @@ pub enum Error {
         cause: serde_json::Error,
     },
 
+    /// A data set's file or folder that holds something else than it should.
+    #[error("{0}")]
+    Data(String),
+
     /// A file of true poses that is refused.
     #[error("{}: {problem}", path.display())]
     Annotations {
@@ -261,7 +265,7 @@ impl Error {
             | Self::UnknownClass { .. }
             | Self::ImageSize { .. }
             | Self::TooFewImages { .. } => ErrorKind::Input,
-            Self::Json { .. } | Self::Annotations { .. } => ErrorKind::Data,
+            Self::Json { .. } | Self::Data(_) | Self::Annotations { .. } => ErrorKind::Data,
             Self::Pose(_) | Self::Rotation6d(_) => ErrorKind::Pose,
         }
     }

@@ -1,6 +1,6 @@
 //! Rotations and poses: from the network's numbers, and their errors against the truth.
 
-use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use crate::{Error, Result};
 
@@ -40,20 +40,6 @@ pub fn rotation_error_deg(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>) -> f
 /// Distance between two poses' origins, in their unit.
 pub fn translation_error(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
     (a.translation.vector - b.translation.vector).norm()
-}
-
-/// Average distance of the object's points under two poses (ADD), in the points' unit; `None`
-/// without points.
-///
-/// Source: Hinterstoisser et al., "Model Based Training, Detection and Pose Estimation of
-/// Texture-Less 3D Objects in Heavily Cluttered Scenes", 2012.
-pub fn add(
-    points: &[Point3<f64>],
-    truth: &Isometry3<f64>,
-    estimate: &Isometry3<f64>,
-) -> Option<f64> {
-    let distances = points.iter().map(|p| (truth * p - estimate * p).norm());
-    (!points.is_empty()).then(|| distances.sum::<f64>() / points.len() as f64)
 }
 
 /// `[w, x, y, z]` of the two quaternions of a rotation the one with `w >= 0`.

@@ -1,4 +1,4 @@
-//! Data sets in BOP's layout: scenes, models, targets, and how views are put together.
+//! Data sets in BOP's layout: scenes, models, targets, results, and how views are put together.
 //!
 //! All lengths are metres here and millimetres in the files. `docs/bop.md` says what is read.
 //!
@@ -10,14 +10,14 @@ mod group;
 mod json;
 mod models;
 mod ply;
+mod results;
 mod scene;
 mod targets;
 
 pub(crate) use annotation::load_annotations;
 pub use depth::load_depth;
 pub use group::{Group, Grouping, groups};
-pub(crate) use json::read as read_json;
 pub use models::{Model, load_models};
-pub use ply::load_ply;
-pub use scene::{Instance, Scene, View, ViewId, scene_ids};
+pub use results::{Estimate, RESULTS_HEADER};
+pub use scene::{Frame, FrameId, Instance, Scene, scene_ids};
 pub use targets::{Target, load_targets};

@@ -10,8 +10,8 @@
 //! its test split. `docs/audit.md` says more.
 
 mod grid;
-mod model;
-mod scene_gt;
+mod shape;
+mod split;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::iter::Sum;
@@ -21,8 +21,9 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use self::grid::Grid;
-pub use self::model::{Model, load as load_models, rotation_deg};
-pub use self::scene_gt::{Files, Pose, Split};
+pub use self::shape::Shape;
+pub use self::split::{Files, PoseRecord, Split};
+use crate::bop::Model;
 use crate::{Error, Result};
 
 /// Bins of a [`Histogram`].
@@ -43,6 +44,7 @@ pub struct Settings<'a> {
 /// How many poses of one split, compared with the other one.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
+    /// All that it has.
     pub poses: u64,
     /// Have a twin in the other split: the same translation.
     pub same_translation: u64,
@@ -67,18 +69,24 @@ pub struct Histogram {
 /// What was found of one object.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct ObjectLeakage {
+    /// Number of the object.
     pub object_id: u32,
+    /// Poses of split *a*.
     pub a: Counts,
+    /// Poses of split *b*.
     pub b: Counts,
+    /// Poses of split *a* by their difference.
     pub histogram: Histogram,
 }
 
 /// A recurring pose of *a* and its twin in *b*.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pair {
+    /// Number of the object.
     pub object_id: u32,
-    /// Indices into the object's poses in each split.
+    /// Index into the object's poses in split *a*.
     pub a: usize,
+    /// Index into the object's poses in split *b*.
     pub b: usize,
     /// Percent of the diameter with models, degrees without.
     pub difference: f64,
@@ -139,7 +147,8 @@ pub fn leakage(a: &Split, b: &Split, settings: &Settings) -> Result<Leakage> {
         && let Some(id) = common.iter().find(|id| !models.contains_key(id))
     {
         return Err(Error::Input(format!(
-            "models: expected one of each object in both splits, got none of object {id}"
+            "models: expected one of each object in both splits, got none of object {id}; add it to \
+             models_info.json"
         )));
     }
     let mut found = Leakage::default();
@@ -150,8 +159,9 @@ pub fn leakage(a: &Split, b: &Split, settings: &Settings) -> Result<Leakage> {
         .collect::<BTreeSet<_>>()
     {
         let (of_a, of_b) = (a.objects.get(&id), b.objects.get(&id));
+        let model = settings.models.and_then(|models| models.get(&id));
         let compare = Compare {
-            model: settings.models.and_then(|models| models.get(&id)),
+            shape: model.map(Shape::new).transpose()?,
             settings,
         };
         let (object, pairs) = compare.object(
@@ -174,13 +184,18 @@ struct Twin {
 
 struct Compare<'a> {
     /// `None`, too, of an object that only one split holds: its repeats are told by rotation.
-    model: Option<&'a Model>,
+    shape: Option<Shape>,
     settings: &'a Settings<'a>,
 }
 
 impl Compare<'_> {
-    fn object(&self, object_id: u32, a: &[Pose], b: &[Pose]) -> (ObjectLeakage, Vec<Pair>) {
-        let grid = |poses: &[Pose]| {
+    fn object(
+        &self,
+        object_id: u32,
+        a: &[PoseRecord],
+        b: &[PoseRecord],
+    ) -> (ObjectLeakage, Vec<Pair>) {
+        let grid = |poses: &[PoseRecord]| {
             // Larger than what is searched, so that few searches leave their cell.
             Grid::new(
                 poses.iter().map(|pose| pose.translation_mm),
@@ -188,12 +203,12 @@ impl Compare<'_> {
             )
         };
         let (grid_a, grid_b) = (grid(a), grid(b));
-        let twins = |from: &[Pose], to: &[Pose], grid: &Grid| -> Vec<Option<Twin>> {
+        let twins = |from: &[PoseRecord], to: &[PoseRecord], grid: &Grid| -> Vec<Option<Twin>> {
             from.par_iter()
                 .map(|pose| self.twin(pose, to, grid, None))
                 .collect()
         };
-        let repeated = |poses: &[Pose], grid: &Grid| {
+        let repeated = |poses: &[PoseRecord], grid: &Grid| {
             let own = |(i, pose)| self.twin(pose, poses, grid, Some(i));
             let twins = poses.par_iter().enumerate().map(own);
             twins.filter(|twin| self.recurs(twin)).count() as u64
@@ -235,8 +250,8 @@ impl Compare<'_> {
     /// it is one of them.
     fn twin(
         &self,
-        pose: &Pose,
-        among: &[Pose],
+        pose: &PoseRecord,
+        among: &[PoseRecord],
         grid: &Grid,
         except: Option<usize>,
     ) -> Option<Twin> {
@@ -244,7 +259,7 @@ impl Compare<'_> {
         let mut best: Option<Twin> = None;
         for index in grid.near(pose.translation_mm, within) {
             let other = &among[index];
-            let apart = (pose.translation_mm - other.translation_mm).norm();
+            let apart = pose.translation_error_mm(other);
             if apart > within || except == Some(index) {
                 continue;
             }
@@ -263,26 +278,27 @@ impl Compare<'_> {
     }
 
     /// `None` where it is more than `limit`.
-    fn difference(&self, a: &Pose, b: &Pose, limit: f64) -> Option<f64> {
-        match self.model {
-            Some(model) => {
-                let add_mm = model.add_mm(a, b, limit * model.diameter_mm / 100.0)?;
-                Some(100.0 * add_mm / model.diameter_mm)
+    fn difference(&self, a: &PoseRecord, b: &PoseRecord, limit: f64) -> Option<f64> {
+        match &self.shape {
+            Some(shape) => {
+                let diameter_mm = shape.diameter_mm();
+                let add_mm = shape.add_mm(a, b, limit * diameter_mm / 100.0)?;
+                Some(100.0 * add_mm / diameter_mm)
             }
-            None => Some(rotation_deg(a, b)).filter(|angle| *angle <= limit),
+            None => Some(a.rotation_error_deg(b)).filter(|angle| *angle <= limit),
         }
     }
 
-    fn histogram(&self, a: &[Pose], b: &[Pose], twins: &[Option<Twin>]) -> Histogram {
+    fn histogram(&self, a: &[PoseRecord], b: &[PoseRecord], twins: &[Option<Twin>]) -> Histogram {
         let known = twins.iter().map(|twin| twin.map(|twin| twin.difference));
-        let Some(model) = self.model else {
+        let Some(shape) = &self.shape else {
             return known.map(Histogram::of).sum();
         };
-        let range_mm = model.diameter_mm * BINS as f64 / 100.0;
-        let grid = Grid::new(b.iter().map(|pose| model.center(pose)), range_mm);
+        let range_mm = shape.diameter_mm() * BINS as f64 / 100.0;
+        let grid = Grid::new(b.iter().map(|pose| shape.center(pose)), range_mm);
         let known: Vec<_> = known.collect();
-        let nearest = |(pose, mut best): (&Pose, Option<f64>)| {
-            for index in grid.near(model.center(pose), range_mm) {
+        let nearest = |(pose, mut best): (&PoseRecord, Option<f64>)| {
+            for index in grid.near(shape.center(pose), range_mm) {
                 let limit = best.unwrap_or(f64::INFINITY).min(BINS as f64);
                 if limit == 0.0 {
                     break;

@@ -4,18 +4,20 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
+use mvtop_eval::bop::{Model, load_models};
 use mvtop_eval::leakage::{
-    BINS, Counts, Files, Leakage, Model, Pose, Settings, Split, leakage, load_models, rotation_deg,
+    BINS, Counts, Files, Leakage, PoseRecord, Settings, Shape, Split, leakage,
 };
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use mvtop_eval::metrics::{Mesh, Surface, Symmetries};
+use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 use proptest::prelude::*;
 use tempfile::TempDir;
 
 const WITHIN_MM: f64 = 0.01;
 
-fn pose(translation_mm: [f64; 3], turn_deg: [f64; 3]) -> Pose {
+fn pose(translation_mm: [f64; 3], turn_deg: [f64; 3]) -> PoseRecord {
     let turn = Vector3::from(turn_deg.map(f64::to_radians));
-    Pose {
+    PoseRecord {
         scene: 0,
         image: 0,
         annotation: 0,
@@ -24,7 +26,7 @@ fn pose(translation_mm: [f64; 3], turn_deg: [f64; 3]) -> Pose {
     }
 }
 
-fn split(objects: impl IntoIterator<Item = (u32, Vec<Pose>)>) -> Split {
+fn split(objects: impl IntoIterator<Item = (u32, Vec<PoseRecord>)>) -> Split {
     Split {
         scenes: vec!["000000".into()],
         objects: objects.into_iter().collect(),
@@ -41,14 +43,27 @@ fn by_rotation(a: &Split, b: &Split) -> Leakage {
     leakage(a, b, &settings).unwrap()
 }
 
+/// An object of these points; all lengths are millimetres.
+fn model(points: &[Point3<f64>], diameter: f64) -> Model {
+    let points: Vec<_> = points.iter().map(|point| point * 1e-3).collect();
+    Model {
+        id: 1,
+        name: None,
+        diameter_m: diameter * 1e-3,
+        symmetries: Symmetries::default(),
+        surface: Surface::new(&points).unwrap(),
+        mesh: Mesh::new(points, vec![]).unwrap(),
+    }
+}
+
 /// A box of 100 x 60 x 40 mm that is not about the origin, by its corners.
 fn brick() -> Model {
     let corner = |i: usize| {
         let pick = |axis: usize, size: f64| if i >> axis & 1 == 1 { size } else { 0.0 };
-        Vector3::new(pick(0, 100.0) + 5.0, pick(1, 60.0) - 20.0, pick(2, 40.0))
+        Point3::new(pick(0, 100.0) + 5.0, pick(1, 60.0) - 20.0, pick(2, 40.0))
     };
     let corners: Vec<_> = (0..8).map(corner).collect();
-    Model::new(&corners, (corners[7] - corners[0]).norm())
+    model(&corners, (corners[7] - corners[0]).norm())
 }
 
 #[test]
@@ -125,7 +140,8 @@ fn repeats_within_a_split_are_no_leak() {
 
 #[test]
 fn add_of_a_quarter_turn_and_a_shift_is_that_worked_by_hand() {
-    let model = Model::new(&[Vector3::zeros(), Vector3::new(100., 0., 0.)], 100.);
+    let model = model(&[Point3::origin(), Point3::new(100., 0., 0.)], 100.);
+    let model = Shape::new(&model).unwrap();
     let at = pose([0., 0., 500.], [0.; 3]);
     let turned = pose([0., 0., 500.], [0., 0., 90.]);
     // The origin stays, the other point moves by 100 √2.
@@ -134,14 +150,14 @@ fn add_of_a_quarter_turn_and_a_shift_is_that_worked_by_hand() {
     assert_eq!(model.add_mm(&at, &turned, 70.7), None);
     let shifted = pose([3., 4., 500.], [0.; 3]);
     assert!((model.add_mm(&at, &shifted, 5.1).unwrap() - 5.).abs() < 1e-12);
-    assert!((rotation_deg(&at, &turned) - 90.).abs() < 1e-9);
+    assert!((at.rotation_error_deg(&turned) - 90.).abs() < 1e-9);
     let slightly = pose([0., 0., 500.], [0., 7.4e-5, 0.]);
-    assert!((rotation_deg(&at, &slightly) - 7.4e-5).abs() < 1e-9);
+    assert!((at.rotation_error_deg(&slightly) - 7.4e-5).abs() < 1e-9);
 }
 
 #[test]
 fn histogram_takes_the_nearest_of_all_poses_and_its_bins_end_at_whole_percents() {
-    let model = Model::new(&[Vector3::zeros(), Vector3::new(100., 0., 0.)], 100.);
+    let model = model(&[Point3::origin(), Point3::new(100., 0., 0.)], 100.);
     let offsets = [0.0, 0.99, 1.01, 4.5, 9.99, 10.01, 300.];
     // Far apart along y, each has its own neighbour.
     let place = |i: usize, x: f64| pose([x, 1e3 * i as f64, 800.], [0.; 3]);
@@ -193,7 +209,7 @@ fn splits_without_a_common_object_or_a_model_of_one_are_refused() {
 
 /// Poses on a lattice that is finer than the threshold, about few places and orientations: full of
 /// repeats, near misses, and poses that coincide in translation alone.
-fn any_poses() -> impl Strategy<Value = Vec<Pose>> {
+fn any_poses() -> impl Strategy<Value = Vec<PoseRecord>> {
     let coordinate = (prop::sample::select(vec![-1000.0, 0.0, 899.99]), 0..4u8)
         .prop_map(|(base, step)| base + f64::from(step) * 0.006);
     let turn = prop::sample::select(vec![0.0, 0.4, 60.0, 180.0]);
@@ -224,22 +240,20 @@ fn check(a: &Split, b: &Split, models: Option<&BTreeMap<u32, Model>>) {
         let id = object.object_id;
         let poses = |split: &Split| split.objects.get(&id).cloned().unwrap_or_default();
         let (in_a, in_b) = (poses(a), poses(b));
-        let difference = |p: &Pose, q: &Pose| match models {
-            Some(models) => {
-                let model = &models[&id];
-                100.0 * model.add_mm(p, q, f64::INFINITY).unwrap() / model.diameter_mm
-            }
-            None => rotation_deg(p, q),
+        let shape = models.map(|models| Shape::new(&models[&id]).unwrap());
+        let difference = |p: &PoseRecord, q: &PoseRecord| match &shape {
+            Some(shape) => 100.0 * shape.add_mm(p, q, f64::INFINITY).unwrap() / shape.diameter_mm(),
+            None => p.rotation_error_deg(q),
         };
         let least =
             |differences: &mut dyn Iterator<Item = f64>| differences.fold(f64::INFINITY, f64::min);
-        let twin = |p: &Pose, among: &[Pose], except: Option<usize>| {
+        let twin = |p: &PoseRecord, among: &[PoseRecord], except: Option<usize>| {
             let near = among.iter().enumerate().filter(|&(i, q)| {
                 except != Some(i) && (p.translation_mm - q.translation_mm).norm() <= WITHIN_MM
             });
             least(&mut near.map(|(_, q)| difference(p, q)))
         };
-        let expected = |from: &[Pose], to: &[Pose]| {
+        let expected = |from: &[PoseRecord], to: &[PoseRecord]| {
             let twins: Vec<f64> = from.iter().map(|p| twin(p, to, None)).collect();
             let own = |(i, p)| twin(p, from, Some(i));
             Counts {
@@ -318,14 +332,14 @@ fn split_scene_and_scene_of_sensors_are_read() {
     assert_eq!(files.bytes, 2 * QUARTER_TURN.len() as u64);
     let split = files.read(|_| ()).unwrap();
     assert_eq!(split.scenes, ["000002", "000007/cam1"]);
-    let expected = Pose {
+    let expected = PoseRecord {
         scene: 0,
         image: 3,
         annotation: 0,
         rotation: Matrix3::new(0., -1., 0., 1., 0., 0., 0., 0., 1.),
         translation_mm: Vector3::new(1.5, 2., 3.),
     };
-    let second = Pose {
+    let second = PoseRecord {
         scene: 1,
         ..expected
     };
@@ -341,6 +355,23 @@ fn split_scene_and_scene_of_sensors_are_read() {
     );
     let other = Files::find(&folder.path().join("000007")).unwrap();
     assert_eq!(scene.shared_with(&other), None);
+}
+
+#[test]
+fn rotations_of_few_digits_are_made_exact() {
+    let rounded = QUARTER_TURN.replace("0,-1,0, 1,0,0", "0.003,-0.998,0, 1.002,0.004,0.001");
+    let folder = TempDir::new().unwrap();
+    write(&folder.path().join("000000/scene_gt.json"), rounded);
+    let files = Files::find(folder.path()).unwrap();
+    let rotation = files.read(|_| ()).unwrap().objects[&4][0].rotation;
+    let off = (rotation.transpose() * rotation - Matrix3::identity()).amax();
+    assert!(off < 1e-13, "{off:e}");
+    let exact = Matrix3::new(0., -1., 0., 1., 0., 0., 0., 0., 1.);
+    assert!((rotation - exact).amax() < 5e-3, "{rotation}");
+    // No other rotation is nearer: what was taken off is symmetric.
+    let read = Matrix3::new(0.003, -0.998, 0., 1.002, 0.004, 0.001, 0., 0., 1.);
+    let stretch = rotation.transpose() * read;
+    assert!((stretch - stretch.transpose()).amax() < 1e-12, "{stretch}");
 }
 
 #[test]
@@ -404,10 +435,11 @@ fn models_are_read_from_text_and_binary_meshes_alike() {
         binary.extend(vertex.to_le_bytes());
     }
     write(&folder.path().join("obj_000002.ply"), &binary);
-    let models = load_models(folder.path(), [1, 2].into_iter()).unwrap();
+    let models = load_models(folder.path(), |_| true).unwrap();
     let turned = pose([0.; 3], [0., 0., 90.]);
     for model in models.values() {
-        assert_eq!(model.diameter_mm, 100.);
+        let model = Shape::new(model).unwrap();
+        assert_eq!(model.diameter_mm(), 100.);
         let add = model.add_mm(&pose([0.; 3], [0.; 3]), &turned, 1e3).unwrap();
         assert!((add - 50. * 2f64.sqrt()).abs() < 1e-9, "{add}");
     }
@@ -419,7 +451,7 @@ fn models_are_read_from_text_and_binary_meshes_alike() {
     ];
     for (bytes, expected) in broken {
         write(&folder.path().join("obj_000002.ply"), bytes);
-        let error = load_models(folder.path(), [2].into_iter())
+        let error = load_models(folder.path(), |id| id == 2)
             .unwrap_err()
             .to_string();
         assert!(
@@ -427,8 +459,14 @@ fn models_are_read_from_text_and_binary_meshes_alike() {
             "{error}"
         );
     }
-    let error = load_models(folder.path(), [3].into_iter())
-        .unwrap_err()
-        .to_string();
+    // What is not listed is not there, which the comparison says.
+    let models = load_models(folder.path(), |id| id == 3).unwrap();
+    let of = || split([(3, vec![pose([0.; 3], [0.; 3])])]);
+    let settings = Settings {
+        within_mm: WITHIN_MM,
+        limit: 1.0,
+        models: Some(&models),
+    };
+    let error = leakage(&of(), &of(), &settings).unwrap_err().to_string();
     assert!(error.contains("object 3"), "{error}");
 }

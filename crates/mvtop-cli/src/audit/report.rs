@@ -1,6 +1,6 @@
 //! The outcome as a table, as JSON and as CSV.
 
-use mvtop_eval::leakage::{Counts, Histogram, ObjectLeakage, Pose, Split, rotation_deg};
+use mvtop_eval::leakage::{Counts, Histogram, ObjectLeakage, PoseRecord, Split};
 use serde::Serialize;
 
 use super::{Audited, Measure};
@@ -158,17 +158,17 @@ pub fn csv(result: &Audited) -> Result<String> {
     header.extend(by_add.then_some("add_percent"));
     csv.write_record(&header)
         .map_err(|cause| failed(cause.to_string()))?;
-    let place = |split: &Split, pose: &Pose| {
+    let place = |split: &Split, pose: &PoseRecord| {
         let scene = split.scenes[pose.scene as usize].clone();
         [scene, pose.image.to_string(), pose.annotation.to_string()]
     };
     for pair in &result.leakage.pairs {
         let a = &result.a.objects[&pair.object_id][pair.a];
         let b = &result.b.objects[&pair.object_id][pair.b];
-        let apart = (a.translation_mm - b.translation_mm).norm();
+        let apart = a.translation_error_mm(b);
         let mut record = vec![pair.object_id.to_string()];
         record.extend(place(&result.a, a).into_iter().chain(place(&result.b, b)));
-        record.extend([apart, rotation_deg(a, b)].map(|x| x.to_string()));
+        record.extend([apart, a.rotation_error_deg(b)].map(|x| x.to_string()));
         record.extend(by_add.then(|| pair.difference.to_string()));
         csv.write_record(&record)
             .map_err(|cause| failed(cause.to_string()))?;

@@ -13,11 +13,11 @@ use std::time::Instant;
 use mvtop_core::Estimator;
 use mvtop_core::annotations::TruePose;
 use mvtop_core::prediction::ObjectPose;
-use mvtop_eval::bop::{Group, ViewId, load_depth};
+use mvtop_eval::bop::{Estimate, FrameId, Group, RESULTS_HEADER, load_depth};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
-use self::journal::{Estimate, Journal, Line};
+use self::journal::{Journal, Line};
 use self::plan::{Plan, name};
 use self::results::Results;
 use self::score::Scored;
@@ -124,7 +124,7 @@ fn evaluate(plan: &Plan, group: &Group, args: &BopArgs, estimator: &Estimator) -
             .is_some_and(|id| plan.wanted(group, id))
     });
     let matched = matches(&sample.truth, &prediction);
-    let depth = load_depth(&plan.scenes[&group.scene].views[&group.views[0]])?;
+    let depth = load_depth(&plan.scenes[&group.scene].frames[&group.views[0]])?;
     let view = score::View {
         camera: &sample.rig.cameras()[sample.rig.reference()],
         depth: depth.as_ref(),
@@ -139,7 +139,7 @@ fn evaluate(plan: &Plan, group: &Group, args: &BopArgs, estimator: &Estimator) -
         Some(scored.map_err(|problem| Failure(format!("{}: {problem}", sample.name))))
     };
     let known = sample.truth.iter().zip(&matched);
-    let ViewId { sensor, image } = group.views[0].clone();
+    let FrameId { sensor, image } = group.views[0].clone();
     Ok(Line {
         group: sample.name.clone(),
         scene: group.scene,
@@ -150,7 +150,10 @@ fn evaluate(plan: &Plan, group: &Group, args: &BopArgs, estimator: &Estimator) -
         estimates: prediction
             .objects
             .iter()
-            .filter_map(|found| Some(estimate(plan.object(&found.class)?, found)))
+            .filter_map(|found| {
+                let obj_id = plan.object(&found.class)?;
+                Some(Estimate::new(obj_id, found.score, &found.ref_from_obj))
+            })
             .collect(),
         objects: known
             .enumerate()
@@ -159,38 +162,12 @@ fn evaluate(plan: &Plan, group: &Group, args: &BopArgs, estimator: &Estimator) -
     })
 }
 
-fn estimate(obj_id: u32, found: &ObjectPose) -> Estimate {
-    let rotation = found.ref_from_obj.rotation.to_rotation_matrix();
-    Estimate {
-        obj_id,
-        score: found.score,
-        r: std::array::from_fn(|i| rotation[(i / 3, i % 3)]),
-        t_mm: (found.ref_from_obj.translation.vector * 1e3).into(),
-    }
-}
-
 /// Results in BOP's format, for the reference images.
 fn csv(lines: &[Line]) -> String {
-    let numbers = |numbers: &[f64]| {
-        numbers
-            .iter()
-            .map(f64::to_string)
-            .collect::<Vec<_>>()
-            .join(" ")
-    };
-    let mut text = String::from("scene_id,im_id,obj_id,score,R,t,time\n");
+    let mut text = String::from(RESULTS_HEADER);
     for line in lines {
         for estimate in &line.estimates {
-            text += &format!(
-                "{},{},{},{},{},{},{}\n",
-                line.scene,
-                line.image,
-                estimate.obj_id,
-                estimate.score,
-                numbers(&estimate.r),
-                numbers(&estimate.t_mm),
-                line.time_s
-            );
+            text += &estimate.csv_line(line.scene, line.image, line.time_s);
         }
     }
     text

@@ -2,8 +2,9 @@
 
 use mvtop_core::Estimator;
 use mvtop_core::annotations::TruePose;
-use mvtop_core::pose::{add, rotation_error_deg, translation_error};
+use mvtop_core::pose::{rotation_error_deg, translation_error};
 use mvtop_core::prediction::ObjectPose;
+use mvtop_eval::metrics::Surface;
 use nalgebra::Point3;
 
 use super::args::SamplesArgs;
@@ -72,7 +73,8 @@ fn errors(known: &TruePose, found: &ObjectPose, estimator: &Estimator) -> Errors
         add_m: class.and_then(|class| {
             let points = bundle.classes[class].points.iter();
             let points: Vec<Point3<f64>> = points.map(|p| p.position.into()).collect();
-            add(&points, truth, pose)
+            // There may be no points.
+            Some(Surface::new(&points).ok()?.add(truth, pose))
         }),
     }
 }

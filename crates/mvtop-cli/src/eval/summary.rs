@@ -1,6 +1,7 @@
 //! What many outcomes amount to.
 
 use mvtop_core::prediction::Sigma;
+use mvtop_eval::statistics::{self, CALIBRATION_BINS, auroc, correlation, mean, median};
 use serde::Serialize;
 
 use super::outcome::Outcome;
@@ -8,8 +9,7 @@ use super::outcome::Outcome;
 /// A rotation that is off by more is taken for a wrong one rather than an inexact one.
 const WRONG_DEG: f64 = 30.0;
 
-/// Bins of the calibration, and the fewest poses in one whose means say something.
-const BINS: usize = 5;
+/// The fewest poses in a bin of the calibration whose means say something.
 const LEAST_IN_BIN: usize = 10;
 
 /// Means are over the found objects, null where there is none.
@@ -79,13 +79,9 @@ impl Summary {
             .collect();
         let mean_of =
             |value: &dyn Fn(&Found) -> f64| mean(&found.iter().map(value).collect::<Vec<f64>>());
-        let mut rotations: Vec<f64> = found.iter().map(|f| f.rot_deg).collect();
-        rotations.sort_by(f64::total_cmp);
-        let expected: Vec<(f64, f64)> =
-            found.iter().map(|f| (f.sigma.rot_deg, f.rot_deg)).collect();
-        let (resolved, open): (Vec<&Found>, Vec<&Found>) =
-            found.iter().partition(|f| f.rot_deg <= resolved_deg);
-        let sigmas = |group: &[&Found]| group.iter().map(|f| f.sigma.rot_deg).collect::<Vec<_>>();
+        let rotations: Vec<f64> = found.iter().map(|f| f.rot_deg).collect();
+        let expected: Vec<f64> = found.iter().map(|f| f.sigma.rot_deg).collect();
+        let open: Vec<bool> = rotations.iter().map(|&rot| rot > resolved_deg).collect();
         Self {
             views,
             pairs,
@@ -100,9 +96,9 @@ impl Summary {
             extra,
             resolved_deg,
             resolved_share: mean_of(&|f| f64::from(u8::from(f.rot_deg <= resolved_deg))),
-            sigma_rot_auroc: auroc(&sigmas(&resolved), &sigmas(&open)),
-            sigma_rot_correlation: correlation(&expected),
-            calibration: calibration(expected),
+            sigma_rot_auroc: auroc(&expected, &open),
+            sigma_rot_correlation: correlation(&expected, &rotations),
+            calibration: calibration(&expected, &rotations),
         }
     }
 }
@@ -158,65 +154,17 @@ impl Summary {
     }
 }
 
-fn mean(values: &[f64]) -> Option<f64> {
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
-}
-
-/// Middle of sorted values, the mean of the two middle ones where their number is even.
-pub fn median(sorted: &[f64]) -> Option<f64> {
-    let upper = sorted.get(sorted.len() / 2)?;
-    let lower = sorted.get(sorted.len().saturating_sub(1) / 2)?;
-    Some((lower + upper) / 2.0)
-}
-
-/// Area under the receiver operating characteristic: the probability that of a low and a high
-/// sample the high one is greater, where equal ones count half. `None` where either is empty.
+/// `None` for too few poses.
 ///
-/// Source: Hanley and McNeil, "The Meaning and Use of the Area under a ROC Curve", 1982.
-fn auroc(low: &[f64], high: &[f64]) -> Option<f64> {
-    let wins = |h: f64| {
-        let win = |&l: &f64| {
-            if h > l {
-                1.0
-            } else {
-                f64::from(u8::from(h == l)) / 2.0
-            }
-        };
-        low.iter().map(win).sum::<f64>()
+/// - `expected`, `actual`: rotation errors, degrees
+fn calibration(expected: &[f64], actual: &[f64]) -> Option<Vec<Bin>> {
+    let bins = statistics::calibration(expected, actual, CALIBRATION_BINS);
+    let bin = |bin: statistics::Bin| Bin {
+        count: bin.count,
+        sigma_rot_mean_deg: bin.expected,
+        rot_mean_deg: bin.actual,
     };
-    let pairs = low.len() * high.len();
-    (pairs > 0).then(|| high.iter().map(|&h| wins(h)).sum::<f64>() / pairs as f64)
-}
-
-/// Pearson's; `None` where either side does not vary.
-fn correlation(pairs: &[(f64, f64)]) -> Option<f64> {
-    let (xs, ys): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
-    let (x_mean, y_mean) = (mean(&xs)?, mean(&ys)?);
-    let sum = |of: fn(f64, f64) -> f64| -> f64 {
-        pairs.iter().map(|(x, y)| of(x - x_mean, y - y_mean)).sum()
-    };
-    let spread = (sum(|x, _| x * x) * sum(|_, y| y * y)).sqrt();
-    (spread > 0.0).then(|| sum(|x, y| x * y) / spread)
-}
-
-/// - `pairs`: expected and actual rotation error, degrees
-fn calibration(mut pairs: Vec<(f64, f64)>) -> Option<Vec<Bin>> {
-    if pairs.len() < BINS * LEAST_IN_BIN {
-        return None;
-    }
-    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let cut = |bin: usize| pairs.len() * bin / BINS;
-    (0..BINS)
-        .map(|bin| {
-            let (expected, actual): (Vec<f64>, Vec<f64>) =
-                pairs[cut(bin)..cut(bin + 1)].iter().copied().unzip();
-            Some(Bin {
-                count: expected.len(),
-                sigma_rot_mean_deg: mean(&expected)?,
-                rot_mean_deg: mean(&actual)?,
-            })
-        })
-        .collect()
+    (expected.len() >= CALIBRATION_BINS * LEAST_IN_BIN).then(|| bins.into_iter().map(bin).collect())
 }
 
 #[cfg(test)]
@@ -302,47 +250,9 @@ mod tests {
     }
 
     #[test]
-    fn median_of_an_odd_number_is_the_middle() {
-        assert_eq!(median(&[1.0, 2.0, 9.0]), Some(2.0));
-        assert_eq!(median(&[4.0]), Some(4.0));
-        assert_eq!(median(&[]), None);
-    }
-
-    #[test]
-    fn auroc_counts_pairs_in_order() {
-        assert_eq!(auroc(&[1.0, 2.0], &[3.0, 4.0]), Some(1.0));
-        assert_eq!(auroc(&[3.0, 4.0], &[1.0, 2.0]), Some(0.0));
-        assert_eq!(auroc(&[5.0, 5.0], &[5.0]), Some(0.5));
-        // Of (1,2) (3,2) (1,3) (3,3): in order, not, in order, equal.
-        assert_eq!(auroc(&[1.0, 3.0], &[2.0, 3.0]), Some(2.5 / 4.0));
-        assert_eq!(auroc(&[], &[1.0]), None);
-    }
-
-    #[test]
-    fn correlation_is_one_on_a_line_and_none_for_a_constant() {
-        let line = [(1.0, 5.0), (2.0, 7.0), (4.0, 11.0)];
-        assert!((correlation(&line).unwrap() - 1.0).abs() < 1e-12);
-        let falling = line.map(|(x, y)| (x, -y));
-        assert!((correlation(&falling).unwrap() + 1.0).abs() < 1e-12);
-        assert_eq!(correlation(&[(1.0, 2.0), (1.0, 3.0)]), None);
-    }
-
-    #[test]
-    fn calibration_has_equal_bins_in_the_order_of_what_was_expected() {
-        // Expected 0 to 52 in a shuffled order, actual twice that: no bin may mix.
-        let pairs: Vec<(f64, f64)> = (0..53)
-            .map(|i| f64::from(i * 20 % 53))
-            .map(|x| (x, 2.0 * x))
-            .collect();
-        let bins = calibration(pairs).unwrap();
-        let counts: Vec<usize> = bins.iter().map(|bin| bin.count).collect();
-        assert_eq!(counts, [10, 11, 10, 11, 11]);
-        let first = Bin {
-            count: 10,
-            sigma_rot_mean_deg: 4.5,
-            rot_mean_deg: 9.0,
-        };
-        assert_eq!(bins[0], first);
-        assert_eq!(calibration(vec![(1.0, 1.0); 49]), None);
+    fn calibration_is_null_for_few_poses() {
+        let x = [1.0; 50];
+        assert_eq!(calibration(&x, &x).unwrap().len(), 5);
+        assert_eq!(calibration(&x[1..], &x[1..]), None);
     }
 }

@@ -3,30 +3,60 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use nalgebra::{Rotation3, Vector3};
 use serde::Deserialize;
 
-use super::json::read;
-use crate::Result;
+use super::json::{nearest_rotation, read};
+use crate::{Error, Result};
 
-/// An object in an image, as the file has it: `cam_from_obj`, millimetres, not checked.
+/// Translations beyond this, 100 km, are taken for broken.
+const FARTHEST_MM: f64 = 1e8;
+
+/// An object in an image, as the file has it: `cam_from_obj`, not checked.
 #[derive(Deserialize)]
 pub(crate) struct Annotation {
     pub obj_id: u32,
-    /// Row by row.
     #[serde(rename = "cam_R_m2c")]
-    pub rotation: [f64; 9],
+    rotation: [f64; 9],
     #[serde(rename = "cam_t_m2c")]
-    pub translation_mm: [f64; 3],
+    translation_mm: [f64; 3],
 }
 
-/// By image.
+/// By image, in the file's order.
 ///
 /// # Errors
-/// [`crate::Error::Read`] where the file cannot be read, [`crate::Error::Input`] where it holds
-/// something else.
+/// [`Error::Read`] where the file cannot be read, [`Error::Json`] where it holds something else.
 pub(crate) fn load_annotations(path: &Path) -> Result<BTreeMap<u32, Vec<Annotation>>> {
     read(
         path,
         "{IMAGE: [{\"obj_id\": N, \"cam_R_m2c\": [9 numbers], \"cam_t_m2c\": [3 numbers]}]}",
     )
+}
+
+impl Annotation {
+    /// The pose, checked: a rotation that is exact, and a translation in millimetres.
+    ///
+    /// - `place`: file, image, and place in the image's list, for the error
+    ///
+    /// # Errors
+    /// [`Error::Data`] where the two are no pose.
+    pub fn pose(&self, place: (&Path, u32, usize)) -> Result<(Rotation3<f64>, Vector3<f64>)> {
+        let refuse = |problem| {
+            let (path, image, i) = place;
+            let path = path.display();
+            Error::Data(format!(
+                "{path}: annotation {i} of image {image}: {problem}"
+            ))
+        };
+        let translation_mm = Vector3::from(self.translation_mm);
+        if translation_mm.amax() > FARTHEST_MM {
+            return Err(refuse(format!(
+                "cam_t_m2c: expected millimetres of at most {FARTHEST_MM:e}, got {:?}",
+                self.translation_mm
+            )));
+        }
+        let rotation = nearest_rotation(&self.rotation)
+            .map_err(|problem| refuse(format!("cam_R_m2c: {problem}")))?;
+        Ok((rotation, translation_mm))
+    }
 }

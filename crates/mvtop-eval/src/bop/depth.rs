@@ -3,17 +3,17 @@
 use image::{DynamicImage, ImageReader};
 
 use super::json::MM;
-use super::scene::View;
+use super::scene::Frame;
 use crate::metrics::DepthImage;
 use crate::{Error, Result};
 
-/// Reads a view's depth image, metres, 0 where nothing was measured; `None` where it has none.
+/// Reads a frame's depth image, metres, 0 where nothing was measured; `None` where it has none.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it is no grey image of 16
+/// [`Error::Read`] where the file cannot be read, [`Error::Data`] where it is no grey image of 16
 /// bits.
-pub fn load_depth(view: &View) -> Result<Option<DepthImage>> {
-    let Some(path) = &view.depth else {
+pub fn load_depth(frame: &Frame) -> Result<Option<DepthImage>> {
+    let Some(path) = &frame.depth else {
         return Ok(None);
     };
     let reader = ImageReader::open(path)
@@ -23,7 +23,7 @@ pub fn load_depth(view: &View) -> Result<Option<DepthImage>> {
             cause,
         })?;
     let refuse = |got: String| {
-        Error::Input(format!(
+        Error::Data(format!(
             "depth image {}: expected PNG or TIFF with 16 bits of grey, got: {got}",
             path.display()
         ))
@@ -33,7 +33,7 @@ pub fn load_depth(view: &View) -> Result<Option<DepthImage>> {
         Ok(other) => return Err(refuse(format!("{:?}", other.color()))),
         Err(cause) => return Err(refuse(cause.to_string())),
     };
-    let unit = view.depth_scale * MM;
+    let unit = frame.depth_scale * MM;
     let (width, height) = (image.width() as usize, image.height() as usize);
     let depths = image.into_raw();
     let depths = depths

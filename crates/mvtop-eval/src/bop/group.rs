@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use super::scene::{Scene, ViewId};
+use super::scene::{FrameId, Scene};
 use super::targets::Target;
 use crate::{Error, Result};
 
@@ -13,7 +13,7 @@ pub enum Grouping {
     /// Frames of one scene, taken by one camera that moves: YCB-V, T-LESS, MV-ball.
     #[default]
     Scene,
-    /// Cameras of one frame, each with its own files: IPD, XYZ-IBD, ITODD-MV.
+    /// Cameras that took an image at one time, each with its own files: IPD, XYZ-IBD, ITODD-MV.
     Frame,
 }
 
@@ -61,10 +61,10 @@ pub fn groups(
     sensor: Option<&str>,
     targets: Option<&[&Target]>,
 ) -> Result<Vec<Group>> {
-    let first = scene.views.keys().next().map_or("", |id| &id.sensor);
+    let first = scene.frames.keys().next().map_or("", |id| &id.sensor);
     let sensor = sensor.unwrap_or(first);
     let every = || -> Vec<Group> {
-        let of_sensor = scene.views.keys().filter(|id| id.sensor == sensor);
+        let of_sensor = scene.frames.keys().filter(|id| id.sensor == sensor);
         of_sensor
             .map(|id| Group {
                 scene: scene.id,
@@ -86,10 +86,10 @@ pub fn groups(
     for group in &mut groups {
         for id in &mut group.views {
             // Targets of one sensor's data sets do not name it, whatever its files end in.
-            if id.sensor.is_empty() && !scene.views.contains_key(id) {
+            if id.sensor.is_empty() && !scene.frames.contains_key(id) {
                 id.sensor = sensor.to_owned();
             }
-            if !scene.views.contains_key(id) {
+            if !scene.frames.contains_key(id) {
                 return Err(Error::Input(format!(
                     "{}: expected image {id}, which is a target, got none; unpack the data set's \
                      images there or give other targets",
@@ -119,15 +119,15 @@ pub fn groups(
 }
 
 /// What can go with a reference, in order.
-fn candidates(scene: &Scene, grouping: Grouping, reference: &ViewId) -> Vec<ViewId> {
-    let alike = |id: &&ViewId| {
+fn candidates(scene: &Scene, grouping: Grouping, reference: &FrameId) -> Vec<FrameId> {
+    let alike = |id: &&FrameId| {
         *id != reference
             && match grouping {
                 Grouping::Scene => id.sensor == reference.sensor,
                 Grouping::Frame => id.image == reference.image,
             }
     };
-    let mut others: Vec<ViewId> = scene.views.keys().filter(alike).cloned().collect();
+    let mut others: Vec<FrameId> = scene.frames.keys().filter(alike).cloned().collect();
     if grouping == Grouping::Scene {
         let after = others.partition_point(|id| id.image < reference.image);
         others.rotate_left(after);
@@ -135,7 +135,7 @@ fn candidates(scene: &Scene, grouping: Grouping, reference: &ViewId) -> Vec<View
     others
 }
 
-fn spread(others: &[ViewId], grouping: Grouping, views: Option<usize>) -> Vec<ViewId> {
+fn spread(others: &[FrameId], grouping: Grouping, views: Option<usize>) -> Vec<FrameId> {
     let count = views.map_or(others.len(), |views| (views - 1).min(others.len()));
     let place = |k: usize| match grouping {
         // The reference has place 0 among one more than there are others.

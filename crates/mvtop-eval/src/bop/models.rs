@@ -1,7 +1,7 @@
 //! Object models: `models_info.json` and the PLY files beside it.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use serde::Deserialize;
@@ -14,10 +14,13 @@ use crate::{Error, Result};
 /// An object, ready for measuring poses of it.
 #[derive(Debug)]
 pub struct Model {
+    /// Number of the object.
     pub id: u32,
     /// mvtop's own data sets have names, BOP's do not.
     pub name: Option<String>,
+    /// Largest distance of two points, metres.
     pub diameter_m: f64,
+    /// Motions that do not change how it looks, metres.
     pub symmetries: Symmetries,
     /// Metres.
     pub mesh: Mesh,
@@ -41,23 +44,22 @@ struct Axis {
     offset: [f64; 3],
 }
 
-/// Reads the models of some objects, from `models_eval/` where there is one, else from `models/`.
+/// Reads the models of some objects; those that the folder does not list are not among them.
 ///
-/// - `dataset`: folder of the data set
-/// - `wanted`: which objects; all without it
+/// - `folder`: with `models_info.json`, or of the data set; there `models_eval/`, else `models/`
+/// - `wanted`: which objects
 ///
 /// # Errors
-/// [`Error::Read`] where a file is missing, [`Error::Input`] where one holds something else.
-pub fn load_models(dataset: &Path, wanted: impl Fn(u32) -> bool) -> Result<BTreeMap<u32, Model>> {
-    let folders = ["models_eval", "models"].map(|name| dataset.join(name));
-    let in_use = folders
-        .iter()
-        .find(|dir| dir.join("models_info.json").is_file());
-    let Some(folder) = in_use else {
-        return Err(Error::Input(format!(
-            "{}: expected models_eval/ or models/ with models_info.json, got neither; give the \
-             data set's folder, in which they lie beside the splits",
-            dataset.display()
+/// [`Error::Read`] where a file is missing, [`Error::Json`], [`Error::Data`] or
+/// [`Error::Transform`] where one holds something else.
+pub fn load_models(folder: &Path, wanted: impl Fn(u32) -> bool) -> Result<BTreeMap<u32, Model>> {
+    let folders = ["", "models_eval", "models"].map(|name| folder.join(name));
+    let listed = |dir: &&PathBuf| dir.join("models_info.json").is_file();
+    let Some(folder) = folders.iter().find(listed) else {
+        return Err(Error::Data(format!(
+            "{}: expected models_info.json there, or in models_eval/ or models/, got none; give the \
+             folder of the models, or that of the data set, in which it lies beside the splits",
+            folder.display()
         )));
     };
     let file = folder.join("models_info.json");
@@ -79,7 +81,7 @@ pub fn load_models(dataset: &Path, wanted: impl Fn(u32) -> bool) -> Result<BTree
 impl Info {
     fn model(self, id: u32, place: &str, folder: &Path) -> Result<Model> {
         if !(self.diameter.is_finite() && self.diameter > 0.0) {
-            return Err(Error::Input(format!(
+            return Err(Error::Data(format!(
                 "{place}: expected a diameter in millimetres, got {}",
                 self.diameter
             )));
@@ -91,7 +93,7 @@ impl Info {
             .map(|(i, m)| {
                 let r = [m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]];
                 let place = format!("{place}: symmetries_discrete {i}");
-                motion(place, &r, &[m[3], m[7], m[11]])
+                motion(&place, &r, &[m[3], m[7], m[11]])
             })
             .collect::<Result<_>>()?;
         let continuous: Vec<ContinuousSymmetry> = self
@@ -99,7 +101,7 @@ impl Info {
             .iter()
             .map(|symmetry| {
                 let axis = Unit::try_new(Vector3::from(symmetry.axis), 1e-9).ok_or_else(|| {
-                    Error::Input(format!(
+                    Error::Data(format!(
                         "{place}: symmetries_continuous: expected an axis, got {:?}",
                         symmetry.axis
                     ))

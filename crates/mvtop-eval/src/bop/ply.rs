@@ -58,11 +58,11 @@ struct Body<'a> {
 /// - `unit`: what a unit of the file is to become; 0.001 gives BOP's models in metres
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it is no PLY file with
+/// [`Error::Read`] where the file cannot be read, [`Error::Data`] where it is no PLY file with
 /// vertices or a face names a vertex that is not there.
-pub fn load_ply(path: &Path, unit: f64) -> Result<Mesh> {
+pub(super) fn load_ply(path: &Path, unit: f64) -> Result<Mesh> {
     let refuse = |problem: String| {
-        Error::Input(format!(
+        Error::Data(format!(
             "{}: expected a PLY file with vertices and faces, got: {problem}",
             path.display()
         ))

@@ -4,34 +4,39 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, UnitQuaternion};
 use serde::Deserialize;
 
 use super::annotation::{Annotation, load_annotations};
-use super::json::{motion, read};
+use super::json::{MM, motion, read};
 use crate::{Error, Result};
 use mvtop_core::camera::{Intrinsics, Projection};
 
-/// One image of a scene.
+/// Which image of a scene.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct ViewId {
+pub struct FrameId {
     /// What the camera's files end in, as `cam1` in `scene_camera_cam1.json`; empty for files
     /// without an ending.
     pub sensor: String,
+    /// Number of the image.
     pub image: u32,
 }
 
 /// An image, its camera and what is annotated in it.
 #[derive(Debug, Clone)]
-pub struct View {
-    pub id: ViewId,
+pub struct Frame {
+    /// Which one it is.
+    pub id: FrameId,
+    /// File of the color or grey image.
     pub path: PathBuf,
-    /// Depth image that belongs to it.
+    /// File of the depth image that belongs to it.
     pub depth: Option<PathBuf>,
+    /// Of its camera.
     pub intrinsics: Intrinsics,
     /// Millimetres per unit of the depth image.
     pub depth_scale: f64,
-    /// `None` where the data set does not say where its camera stood.
+    /// Camera frame to world frame, metres; `None` where the data set does not say where its camera
+    /// stood.
     pub world_from_cam: Option<Isometry3<f64>>,
     /// Empty where the annotations are kept back, as of most test splits.
     pub objects: Vec<Instance>,
@@ -40,7 +45,9 @@ pub struct View {
 /// An annotated object.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Instance {
+    /// Number of the object.
     pub object: u32,
+    /// Object frame to camera frame, metres.
     pub cam_from_obj: Isometry3<f64>,
     /// `[x0, y0, x1, y1]`, px, of the whole object also where it is hidden; `None` where it is not
     /// known.
@@ -52,10 +59,12 @@ pub struct Instance {
 /// All images of a scene.
 #[derive(Debug, Clone)]
 pub struct Scene {
+    /// Its number in the split.
     pub id: u32,
+    /// Where its files lie.
     pub folder: PathBuf,
     /// In the order of sensors and images.
-    pub views: BTreeMap<ViewId, View>,
+    pub frames: BTreeMap<FrameId, Frame>,
 }
 
 #[derive(Deserialize)]
@@ -81,7 +90,7 @@ fn one() -> f64 {
     1.0
 }
 
-impl ViewId {
+impl FrameId {
     /// The name of its camera in a rig: `cam1_000012`, or `000012` without a sensor.
     pub fn camera_id(&self) -> String {
         let usable = |c: char| c.is_alphanumeric() || "._-".contains(c);
@@ -89,7 +98,7 @@ impl ViewId {
     }
 }
 
-impl fmt::Display for ViewId {
+impl fmt::Display for FrameId {
     /// `cam1/000012`, or `000012` without a sensor.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if !self.sensor.is_empty() {
@@ -102,7 +111,7 @@ impl fmt::Display for ViewId {
 /// Numbers of a split's scenes.
 ///
 /// # Errors
-/// [`Error::Read`] where the folder cannot be read, [`Error::Input`] where it has no scenes.
+/// [`Error::Read`] where the folder cannot be read, [`Error::Data`] where it has no scenes.
 pub fn scene_ids(split: &Path) -> Result<Vec<u32>> {
     let entries = std::fs::read_dir(split).map_err(|cause| Error::Read {
         path: split.to_owned(),
@@ -117,7 +126,7 @@ pub fn scene_ids(split: &Path) -> Result<Vec<u32>> {
         .collect();
     ids.sort_unstable();
     if ids.is_empty() {
-        return Err(Error::Input(format!(
+        return Err(Error::Data(format!(
             "{}: expected scenes (000001/scene_camera.json, ...), got none; give the folder of the \
              data set with --dataset and the name of a split in it with --split",
             split.display()
@@ -151,25 +160,26 @@ impl Scene {
     /// Sensors without color or grey images, as of depth only, are left out.
     ///
     /// # Errors
-    /// [`Error::Read`] where a file cannot be read, [`Error::Input`] where it is not BOP's.
+    /// [`Error::Read`] where a file cannot be read, and another where it is
+    /// not BOP's.
     pub fn load(split: &Path, id: u32) -> Result<Self> {
         let folder = split.join(format!("{id:06}"));
-        let mut views = BTreeMap::new();
+        let mut frames = BTreeMap::new();
         for sensor in sensors(&folder) {
-            load_sensor(&folder, &sensor, &mut views)?;
+            load_sensor(&folder, &sensor, &mut frames)?;
         }
-        if views.is_empty() {
-            return Err(Error::Input(format!(
+        if frames.is_empty() {
+            return Err(Error::Data(format!(
                 "{}: expected scene_camera.json and images in rgb/ or gray/, got none; unpack the \
                  data set's images there",
                 folder.display()
             )));
         }
-        Ok(Self { id, folder, views })
+        Ok(Self { id, folder, frames })
     }
 }
 
-fn load_sensor(folder: &Path, sensor: &str, views: &mut BTreeMap<ViewId, View>) -> Result<()> {
+fn load_sensor(folder: &Path, sensor: &str, frames: &mut BTreeMap<FrameId, Frame>) -> Result<()> {
     let named = |what: &str, end: &str| match sensor {
         "" => folder.join(format!("{what}{end}")),
         _ => folder.join(format!("{what}_{sensor}{end}")),
@@ -186,7 +196,8 @@ fn load_sensor(folder: &Path, sensor: &str, views: &mut BTreeMap<ViewId, View>) 
     let camera_file = named("scene_camera", ".json");
     let cameras: BTreeMap<u32, Camera> =
         read(&camera_file, "{IMAGE: {\"cam_K\": [9 numbers], ...}}")?;
-    let mut poses = optional(&named("scene_gt", ".json"), load_annotations)?;
+    let pose_file = named("scene_gt", ".json");
+    let mut poses = optional(&pose_file, load_annotations)?;
     let mut infos: BTreeMap<u32, Vec<Info>> = optional(&named("scene_gt_info", ".json"), |path| {
         read(path, "{IMAGE: [{\"bbox_obj\": [x, y, w, h], ...}]}")
     })?;
@@ -197,25 +208,22 @@ fn load_sensor(folder: &Path, sensor: &str, views: &mut BTreeMap<ViewId, View>) 
         };
         let poses = poses.remove(&image).unwrap_or_default();
         let infos = infos.remove(&image).unwrap_or_default();
-        let id = ViewId {
+        let id = FrameId {
             sensor: sensor.to_owned(),
             image,
         };
-        let objects = poses
-            .iter()
-            .enumerate()
-            .map(|(i, pose)| instance(&place, pose, infos.get(i)))
-            .collect::<Result<_>>()?;
-        let view = View {
+        let objects = poses.iter().enumerate();
+        let objects = objects.map(|(i, pose)| instance(pose, (&pose_file, image, i), infos.get(i)));
+        let frame = Frame {
             path,
             depth: find_image(&depth_folder, image),
             intrinsics: camera.intrinsics(&place)?,
             depth_scale: camera.depth_scale,
             world_from_cam: camera.world_from_cam(&place)?,
-            objects,
+            objects: objects.collect::<Result<_>>()?,
             id: id.clone(),
         };
-        views.insert(id, view);
+        frames.insert(id, frame);
     }
     Ok(())
 }
@@ -243,7 +251,7 @@ fn find_image(folders: &[PathBuf], image: u32) -> Option<PathBuf> {
 impl Camera {
     fn intrinsics(&self, place: &str) -> Result<Intrinsics> {
         let Some(k) = self.k else {
-            return Err(Error::Input(format!(
+            return Err(Error::Data(format!(
                 "{place}: expected cam_K, got none; cameras described by cam_model are not \
                  supported, undistort their images to pinholes"
             )));
@@ -251,38 +259,45 @@ impl Camera {
         let [fx, skew, cx, zero_a, fy, cy, zero_b, zero_c, last] = k;
         let upper = [skew, zero_a, zero_b, zero_c] == [0.0; 4] && last == 1.0;
         if !(upper && fx > 0.0 && fy > 0.0 && k.iter().all(|x| x.is_finite())) {
-            return Err(Error::Input(format!(
+            return Err(Error::Data(format!(
                 "{place}: expected cam_K as [fx, 0, cx, 0, fy, cy, 0, 0, 1], got {k:?}"
             )));
         }
         let params = self.cam_dist.as_deref().unwrap_or_default();
         let projection = Projection::from_params("pinhole", None, params)
-            .map_err(|error| Error::Input(format!("{place}: cam_dist: {error}")))?;
+            .map_err(|error| Error::Data(format!("{place}: cam_dist: {error}")))?;
         Intrinsics::new(fx, fy, cx, cy, projection)
-            .map_err(|error| Error::Input(format!("{place}: cam_K: {error}")))
+            .map_err(|error| Error::Data(format!("{place}: cam_K: {error}")))
     }
 
     fn world_from_cam(&self, place: &str) -> Result<Option<Isometry3<f64>>> {
         match (&self.r, &self.t) {
             (Some(r), Some(t)) => {
                 let place = format!("{place}: cam_R_w2c, cam_t_w2c");
-                Ok(Some(motion(place, r, t)?.inverse()))
+                Ok(Some(motion(&place, r, t)?.inverse()))
             }
             (None, None) => Ok(None),
-            _ => Err(Error::Input(format!(
+            _ => Err(Error::Data(format!(
                 "{place}: expected both cam_R_w2c and cam_t_w2c, got one of them"
             ))),
         }
     }
 }
 
-/// - `place`: file and image, for errors
-fn instance(place: &str, pose: &Annotation, info: Option<&Info>) -> Result<Instance> {
-    let place = format!("{place}: pose of object {}", pose.obj_id);
+/// - `place`: as [`Annotation::pose`] wants it
+fn instance(
+    pose: &Annotation,
+    place: (&Path, u32, usize),
+    info: Option<&Info>,
+) -> Result<Instance> {
+    let (rotation, translation_mm) = pose.pose(place)?;
     let whole = info.and_then(|info| info.bbox_obj);
     Ok(Instance {
         object: pose.obj_id,
-        cam_from_obj: motion(place, &pose.rotation, &pose.translation_mm)?,
+        cam_from_obj: Isometry3::from_parts(
+            (translation_mm * MM).into(),
+            UnitQuaternion::from_rotation_matrix(&rotation),
+        ),
         // BOP writes -1 where nothing of the object is in the image.
         bbox: whole
             .filter(|&[_, _, w, h]| w > 0.0 && h > 0.0)

@@ -6,15 +6,16 @@ use std::path::Path;
 use serde::Deserialize;
 
 use super::json::read;
-use super::scene::ViewId;
+use super::scene::FrameId;
 use crate::{Error, Result};
 
 /// Views to predict from together.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Target {
+    /// Number of the scene.
     pub scene: u32,
     /// The first one is the reference. One view: the grouping chooses those that go with it.
-    pub views: Vec<ViewId>,
+    pub views: Vec<FrameId>,
     /// Objects asked for; all without it.
     pub objects: Option<BTreeSet<u32>>,
 }
@@ -56,7 +57,7 @@ enum Image {
 /// Rows of the same views are put together, in the order of the first one.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it is none of these or
+/// [`Error::Read`] where the file cannot be read, [`Error::Data`] where it is none of these or
 /// empty.
 pub fn load_targets(path: &Path) -> Result<Vec<Target>> {
     let expected = "BOP's targets, [{\"scene_id\": N, \"im_id\": N or [[SENSOR, N], ...], ...}], \
@@ -73,11 +74,11 @@ pub fn load_targets(path: &Path) -> Result<Vec<Target>> {
         Document::Rows(rows) => rows,
     };
     let mut targets: Vec<Target> = Vec::new();
-    let mut places: BTreeMap<(u32, Vec<ViewId>), usize> = BTreeMap::new();
+    let mut places: BTreeMap<(u32, Vec<FrameId>), usize> = BTreeMap::new();
     for row in rows {
         let views = row.im_id.views();
         if views.is_empty() {
-            return Err(Error::Input(format!(
+            return Err(Error::Data(format!(
                 "{}: scene {}: expected at least one image in im_id, got []",
                 path.display(),
                 row.scene_id
@@ -100,7 +101,7 @@ pub fn load_targets(path: &Path) -> Result<Vec<Target>> {
         }
     }
     if targets.is_empty() {
-        return Err(Error::Input(format!(
+        return Err(Error::Data(format!(
             "{}: expected at least one target, got an empty list",
             path.display()
         )));
@@ -109,17 +110,17 @@ pub fn load_targets(path: &Path) -> Result<Vec<Target>> {
 }
 
 impl Images {
-    fn views(self) -> Vec<ViewId> {
+    fn views(self) -> Vec<FrameId> {
         let images = match self {
             Self::One(image) => vec![Image::Plain(image)],
             Self::Many(images) => images,
         };
         let view = |image| match image {
-            Image::Plain(image) => ViewId {
+            Image::Plain(image) => FrameId {
                 sensor: String::new(),
                 image,
             },
-            Image::Of(sensor, image) => ViewId {
+            Image::Of(sensor, image) => FrameId {
                 sensor: if sensor == "default" {
                     String::new()
                 } else {

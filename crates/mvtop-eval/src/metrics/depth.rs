@@ -82,10 +82,12 @@ impl Mesh {
         })
     }
 
+    /// In the object's frame.
     pub fn vertices(&self) -> &[Point3<f64>] {
         &self.vertices
     }
 
+    /// Three vertices' indices each.
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
@@ -221,16 +223,8 @@ fn range(coordinates: [f64; 3], size: usize) -> Option<[usize; 2]> {
     (first <= last).then_some([first as usize, last as usize])
 }
 
-/// Distances from the camera's center, of a depth image: `depth_im_to_dist_im` of bop_toolkit.
-///
-/// - returns: `[height, width]`, 0 where the depth is
-pub fn distances(depth: &DepthImage, intrinsics: &Intrinsics) -> Array2<f64> {
-    Array2::from_shape_fn(depth.dim(), |(row, column)| {
-        distance(f64::from(depth[(row, column)]), intrinsics, row, column)
-    })
-}
-
-/// Distance from the camera's center of a point that is `depth` before the camera.
+/// Distance from the camera's center of a point that is `depth` before the camera: an entry of
+/// `depth_im_to_dist_im` of bop_toolkit.
 pub(super) fn distance(depth: f64, intrinsics: &Intrinsics, row: usize, column: usize) -> f64 {
     let x = (column as f64 - intrinsics.cx()) / intrinsics.fx() * depth;
     let y = (row as f64 - intrinsics.cy()) / intrinsics.fy() * depth;

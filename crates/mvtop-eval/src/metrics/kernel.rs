@@ -17,7 +17,7 @@ pub(super) struct Columns {
 
 /// `matrix * p + offset`: a motion, or the difference of two.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Affine {
+pub(crate) struct Affine {
     m: [[f64; 3]; 3],
     t: [f64; 3],
 }
@@ -48,7 +48,7 @@ impl Affine {
         )
     }
 
-    fn from_parts(matrix: Matrix3<f64>, offset: Vector3<f64>) -> Self {
+    pub fn from_parts(matrix: Matrix3<f64>, offset: Vector3<f64>) -> Self {
         Self {
             m: std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)])),
             t: offset.into(),

@@ -68,7 +68,12 @@ impl Surface {
     /// Source: Hinterstoisser et al., "Model Based Training, Detection and Pose Estimation of
     /// Texture-Less 3D Objects in Heavily Cluttered Scenes", 2012; `add` of bop_toolkit.
     pub fn add(&self, truth: &Isometry3<f64>, estimate: &Isometry3<f64>) -> f64 {
-        sum_of_lengths(&self.points, &Affine::difference(truth, estimate)) / self.count()
+        self.mean_length(&Affine::difference(truth, estimate))
+    }
+
+    /// Mean length of what the points become; of the difference of two poses, that is ADD.
+    pub(crate) fn mean_length(&self, map: &Affine) -> f64 {
+        sum_of_lengths(&self.points, map) / self.count()
     }
 
     /// ADD-S (also ADI): average distance of the points under the true pose to the nearest point

@@ -27,6 +27,7 @@ pub struct VsdOptions {
     pub taus: Vec<f64>,
     /// Divides distances where given, as BOP does.
     pub diameter: Option<f64>,
+    /// Of a pixel that both poses show.
     pub cost: MatchingCost,
 }
 

@@ -1,7 +1,7 @@
 //! Data sets in BOP's layout, written by the tests.
 
 use mvtop_eval::bop::{
-    Group, Grouping, Scene, Target, ViewId, groups, load_depth, load_models, load_targets,
+    FrameId, Group, Grouping, Scene, Target, groups, load_depth, load_models, load_targets,
     scene_ids,
 };
 use nalgebra::{Point3, Vector3};
@@ -48,8 +48,8 @@ fn write_sensor(scene: &Path, sensor: &str, kind: &str, count: i32) {
     write(&scene.join(format!("scene_gt_info{end}.json")), &info);
 }
 
-fn id(sensor: &str, image: u32) -> ViewId {
-    ViewId {
+fn id(sensor: &str, image: u32) -> FrameId {
+    FrameId {
         sensor: sensor.into(),
         image,
     }
@@ -59,7 +59,7 @@ fn shown(groups: &[Group]) -> Vec<String> {
     groups
         .iter()
         .map(|group| {
-            let views: Vec<String> = group.views.iter().map(ViewId::to_string).collect();
+            let views: Vec<String> = group.views.iter().map(FrameId::to_string).collect();
             views.join(" ")
         })
         .collect()
@@ -72,8 +72,8 @@ fn scene_is_read_in_metres() {
     fs::create_dir(dir.path().join("notes")).unwrap();
     assert_eq!(scene_ids(dir.path()).unwrap(), [12]);
     let scene = Scene::load(dir.path(), 12).unwrap();
-    assert_eq!(scene.views.len(), 3);
-    let view = &scene.views[&id("", 2)];
+    assert_eq!(scene.frames.len(), 3);
+    let view = &scene.frames[&id("", 2)];
     assert!(view.path.ends_with("rgb/000002.png"));
     assert_eq!((view.intrinsics.fx(), view.intrinsics.fy()), (600.0, 610.0));
     assert_eq!((view.intrinsics.cx(), view.intrinsics.cy()), (320.0, 240.0));
@@ -102,7 +102,7 @@ fn depth_images_are_read_in_metres() {
     let deep = image::ImageBuffer::from_fn(3, 2, |x, _| image::Luma([9000 * x as u16]));
     deep.save(scene.join("depth/000000.png")).unwrap();
     deep.save(scene.join("depth/000002.tif")).unwrap();
-    let views = Scene::load(dir.path(), 1).unwrap().views;
+    let views = Scene::load(dir.path(), 1).unwrap().frames;
     for image in [0, 2] {
         let depth = load_depth(&views[&id("", image)]).unwrap().unwrap();
         assert_eq!(depth, ndarray::arr2(&[[0.0, 0.9, 1.8], [0.0, 0.9, 1.8]]));
@@ -171,7 +171,7 @@ fn every_kind_of_targets_is_read() {
         write(&path, &content);
         load_targets(&path)
     };
-    let target = |views: &[ViewId], objects: Option<&[u32]>| Target {
+    let target = |views: &[FrameId], objects: Option<&[u32]>| Target {
         scene: 48,
         views: views.to_vec(),
         objects: objects.map(|ids| BTreeSet::from_iter(ids.iter().copied())),
@@ -225,7 +225,7 @@ fn targets_name_views_or_leave_them_to_the_grouping() {
     let dir = TempDir::new().unwrap();
     write_sensor(&dir.path().join("000048"), "cam1", "rgb", 4);
     let scene = Scene::load(dir.path(), 48).unwrap();
-    let target = |views: Vec<ViewId>| Target {
+    let target = |views: Vec<FrameId>| Target {
         scene: 48,
         views,
         objects: Some(BTreeSet::from([7])),
@@ -277,6 +277,24 @@ fn scenes_that_are_not_bops_are_refused_in_one_sentence() {
     write(&dir.path().join("000001/scene_camera.json"), &json!({}));
     let error = Scene::load(dir.path(), 1).unwrap_err().to_string();
     assert!(error.contains("rgb/ or gray/"), "{error}");
+}
+
+#[test]
+fn poses_of_few_digits_are_read_and_others_named() {
+    let dir = TempDir::new().unwrap();
+    let folder = dir.path().join("000001");
+    write_sensor(&folder, "", "rgb", 1);
+    let load = |rotation: [f64; 9]| {
+        let pose = json!({"obj_id": 5, "cam_R_m2c": rotation, "cam_t_m2c": [10, 20, 900]});
+        write(&folder.join("scene_gt.json"), &json!({"0": [pose]}));
+        Scene::load(dir.path(), 1)
+    };
+    let scene = load([0.002, -0.997, 0., 1., 0., 0., 0., 0., 1.]).unwrap();
+    let pose = scene.frames[&id("", 0)].objects[0].cam_from_obj;
+    assert!((pose.rotation * Vector3::x() - Vector3::y()).norm() < 5e-3);
+    let error = load([0., -1.2, 0., 1., 0., 0., 0., 0., 1.]).unwrap_err();
+    let named = "scene_gt.json: annotation 0 of image 0: cam_R_m2c: expected a rotation";
+    assert!(error.to_string().contains(named), "{error}");
 }
 
 #[test]

@@ -21,8 +21,12 @@ struct Fixture(Vec<u8>);
 
 impl Fixture {
     fn load() -> Self {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/metrics.safetensors");
-        Self(std::fs::read(path).unwrap())
+        Self::of("metrics.safetensors")
+    }
+
+    fn of(name: &str) -> Self {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures");
+        Self(std::fs::read(path.join(name)).unwrap())
     }
 
     fn numbers(&self, name: &str) -> Vec<f64> {
@@ -131,6 +135,41 @@ fn errors_are_those_of_the_toolkit() {
         }
     }
     assert_eq!(compared, CASES.len() * 8 * 12);
+}
+
+#[test]
+fn add_is_that_of_the_training() {
+    let fixture = Fixture::of("pose.safetensors");
+    let surface = Surface::new(&fixture.points("points")).unwrap();
+    let rotations = fixture.numbers("rotation");
+    let poses: Vec<Isometry3<f64>> = rotations
+        .chunks_exact(9)
+        .zip(fixture.points("translation"))
+        .map(|(r, t)| {
+            motion(&[
+                r[0], r[1], r[2], t.x, r[3], r[4], r[5], t.y, r[6], r[7], r[8], t.z,
+            ])
+        })
+        .collect();
+    let expected = fixture.numbers("add");
+    assert!(!expected.is_empty());
+    for (i, expected) in expected.iter().enumerate() {
+        let before = &poses[(i + poses.len() - 1) % poses.len()];
+        let add = surface.add(&poses[i], before);
+        assert!((add - expected).abs() < 1e-12, "{i}: {add} {expected}");
+    }
+}
+
+#[test]
+fn add_by_hand() {
+    let points = [[1., 0., 0.], [0., 2., 0.], [0., 0., 0.]];
+    let surface = Surface::new(&points.map(Point3::from)).unwrap();
+    let truth = Isometry3::identity();
+    let moved = Isometry3::translation(0.0, 3.0, 4.0);
+    assert_eq!(surface.add(&truth, &moved), 5.0);
+    // Half a turn about z moves the points by 2, 4 and 0.
+    let turned = Isometry3::rotation(Vector3::z() * PI);
+    assert!((surface.add(&truth, &turned) - 2.0).abs() < 1e-12);
 }
 
 #[test]

@@ -5,6 +5,7 @@ use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use mvtop_eval::bop::Estimate;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -26,19 +27,9 @@ pub struct Line {
     pub time_s: f64,
     /// Predictions that no object of the truth was matched with.
     pub extra: usize,
+    /// In the reference image.
     pub estimates: Vec<Estimate>,
     pub objects: Vec<Scored>,
-}
-
-/// A predicted pose in the reference image, as BOP's results have it.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct Estimate {
-    pub obj_id: u32,
-    pub score: f64,
-    /// Object frame to camera frame, row by row.
-    #[serde(rename = "R")]
-    pub r: [f64; 9],
-    pub t_mm: [f64; 3],
 }
 
 /// `run.json` says what is evaluated, `groups.jsonl` what came of it so far.

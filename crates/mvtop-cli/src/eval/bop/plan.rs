@@ -5,7 +5,7 @@ use std::path::Path;
 
 use mvtop_core::annotations::{GivenBoxes, TruePose};
 use mvtop_core::{Camera, Estimator, Rig, ViewImage};
-use mvtop_eval::bop::{Group, Instance, Model, Scene, View, ViewId};
+use mvtop_eval::bop::{Frame, FrameId, Group, Instance, Model, Scene};
 use mvtop_eval::bop::{groups, load_models, load_targets, scene_ids};
 use nalgebra::Isometry3;
 
@@ -29,7 +29,7 @@ pub struct Plan {
 
 /// `000048/000001+000036`: scene, then views.
 pub fn name(group: &Group) -> String {
-    let views: Vec<String> = group.views.iter().map(ViewId::to_string).collect();
+    let views: Vec<String> = group.views.iter().map(FrameId::to_string).collect();
     format!("{:06}/{}", group.scene, views.join("+"))
 }
 
@@ -108,7 +108,7 @@ impl Plan {
     /// Whether there is something to predict in a group; of images without annotations that is not
     /// known, so it is tried.
     fn asks(&self, scene: &Scene, group: &Group) -> bool {
-        let annotated = &scene.views[&group.views[0]].objects;
+        let annotated = &scene.frames[&group.views[0]].objects;
         annotated.is_empty()
             || annotated
                 .iter()
@@ -140,7 +140,7 @@ impl Plan {
     /// The images of a group, a rig of their cameras, and the objects annotated in the reference.
     pub fn load(&self, group: &Group) -> Result<Sample> {
         let scene = &self.scenes[&group.scene];
-        let views: Vec<&View> = group.views.iter().map(|id| &scene.views[id]).collect();
+        let views: Vec<&Frame> = group.views.iter().map(|id| &scene.frames[id]).collect();
         let mut cameras = Vec::new();
         let mut images = Vec::new();
         for view in &views {
@@ -203,7 +203,7 @@ impl Plan {
         &self,
         id: u32,
         world_from_obj: &Isometry3<f64>,
-        views: &[&View],
+        views: &[&Frame],
         rig: &Rig,
     ) -> GivenBoxes {
         let reach = SAME_OBJECT * self.models[&id].diameter_m;

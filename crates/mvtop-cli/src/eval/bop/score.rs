@@ -9,11 +9,11 @@ use mvtop_eval::metrics::{
     VSD_THRESHOLDS, VsdOptions, auc_exact, auc_poet, auc_posecnn, average_recall, recall,
     rotation_error_deg, translation_error, vsd,
 };
+use mvtop_eval::statistics::median;
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 use crate::eval::outcome::{Errors, Outcome};
-use crate::eval::summary::median;
 use crate::failure::Result;
 
 /// Threshold up to which areas under curves go, as published.
@@ -203,10 +203,8 @@ impl Scores {
                 auc_poet_found: auc_poet(&found, AUC_MAX_M),
             }
         };
-        let median = |error: &dyn Fn(&Scored) -> Option<f64>| {
-            let mut found: Vec<f64> = scored.iter().filter_map(|s| error(s)).collect();
-            found.sort_by(f64::total_cmp);
-            median(&found)
+        let median_of = |error: &dyn Fn(&Scored) -> Option<f64>| {
+            median(&scored.iter().filter_map(|s| error(s)).collect::<Vec<_>>())
         };
         let pixels: Vec<f64> = scored
             .iter()
@@ -226,8 +224,8 @@ impl Scores {
         Self {
             objects: scored.len(),
             found: scored.iter().filter(|s| s.outcome.found).count(),
-            rot_median_deg: median(&|s| s.outcome.rot_deg),
-            trans_median_m: median(&|s| s.outcome.trans_m),
+            rot_median_deg: median_of(&|s| s.outcome.rot_deg),
+            trans_median_m: median_of(&|s| s.outcome.trans_m),
             add: areas(&|s| s.outcome.add_m),
             add_s: areas(&|s| s.add_s_m),
             add_or_add_s: areas(&Scored::add_or_add_s),

@@ -175,14 +175,10 @@ fn what_cannot_be_seen_leaves_the_image_empty() {
 #[test]
 fn distance_of_a_pixel_is_along_its_ray() {
     // x = 30 / 50, y = 0: 1.2, 0, 2 are sqrt(1.44 + 4) away.
-    let image = DepthImage::from_elem((48, 64), 2.0);
-    let distances = distances(&image, &intrinsics());
-    assert_abs_diff_eq!(distances[(24, 31)], 2.0, epsilon = 1e-12);
-    assert_abs_diff_eq!(distances[(24, 61)], 5.44_f64.sqrt(), epsilon = 1e-12);
-    assert_eq!(
-        super::distances(&DepthImage::zeros((2, 2)), &intrinsics()).sum(),
-        0.0
-    );
+    let distance = |depth, row, column| distance(depth, &intrinsics(), row, column);
+    assert_abs_diff_eq!(distance(2.0, 24, 31), 2.0, epsilon = 1e-12);
+    assert_abs_diff_eq!(distance(2.0, 24, 61), 5.44_f64.sqrt(), epsilon = 1e-12);
+    assert_eq!(distance(0.0, 1, 1), 0.0);
 }
 
 #[test]

@@ -5,26 +5,41 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use nalgebra::{Matrix3, Vector3};
+use mvtop_core::pose::rotation_error_deg;
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use crate::bop::load_annotations;
 use crate::{Error, Result};
 
-/// Translations beyond this, 100 km, are taken for broken.
-const FARTHEST_MM: f64 = 1e8;
-
 /// One annotation of one object: its pose `cam_from_obj`, and where it stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pose {
+pub struct PoseRecord {
     /// Index into [`Split::scenes`].
     pub scene: u32,
     /// Image id.
     pub image: u32,
     /// Place in the image's list of annotations.
     pub annotation: u32,
+    /// Of `cam_from_obj`.
     pub rotation: Matrix3<f64>,
+    /// Of `cam_from_obj`, millimetres.
     pub translation_mm: Vector3<f64>,
+}
+
+impl PoseRecord {
+    /// Angle between two poses' rotations, degrees.
+    pub fn rotation_error_deg(&self, other: &Self) -> f64 {
+        let [a, b] = [self, other].map(|pose| {
+            UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(pose.rotation))
+        });
+        rotation_error_deg(&a, &b)
+    }
+
+    /// Distance of two poses' translations, millimetres.
+    pub fn translation_error_mm(&self, other: &Self) -> f64 {
+        (self.translation_mm - other.translation_mm).norm()
+    }
 }
 
 /// All poses of a split.
@@ -33,10 +48,11 @@ pub struct Split {
     /// Names of the scene folders; `folder/sensor` where each sensor has its own annotations.
     pub scenes: Vec<String>,
     /// By object id, in the order of scenes, images and annotations.
-    pub objects: BTreeMap<u32, Vec<Pose>>,
+    pub objects: BTreeMap<u32, Vec<PoseRecord>>,
 }
 
 impl Split {
+    /// Number of poses, of all objects.
     pub fn poses(&self) -> usize {
         self.objects.values().map(Vec::len).sum()
     }
@@ -55,7 +71,7 @@ impl Files {
     /// folder itself where it is a scene.
     ///
     /// # Errors
-    /// [`Error::Read`] where a folder cannot be read, [`Error::Input`] where there is no such file.
+    /// [`Error::Read`] where a folder cannot be read, [`Error::Data`] where there is no such file.
     pub fn find(folder: &Path) -> Result<Self> {
         // Canonical, so that a file which two splits share is recognised.
         let folder = fs::canonicalize(folder).map_err(read_error(folder))?;
@@ -68,7 +84,7 @@ impl Files {
             }
         }
         if scenes.is_empty() {
-            return Err(Error::Input(format!(
+            return Err(Error::Data(format!(
                 "{}: expected a split, that is a folder of scene folders with scene_gt.json, or \
                  one such scene, got a folder with none; give the folder of the split, such as \
                  DATASET/test",
@@ -92,9 +108,9 @@ impl Files {
     /// Reads all files; `done` is told the size of each one read.
     ///
     /// # Errors
-    /// [`Error::Read`] where a file cannot be read, [`Error::Input`] where it does not hold poses.
+    /// [`Error::Read`] where a file cannot be read, [`Error::Data`] where it does not hold poses.
     pub fn read(&self, done: impl Fn(u64) + Sync) -> Result<Split> {
-        let read: Vec<Vec<(u32, Pose)>> = self
+        let read: Vec<Vec<(u32, PoseRecord)>> = self
             .scenes
             .par_iter()
             .enumerate()
@@ -146,34 +162,19 @@ fn listed(folder: &Path) -> Result<Vec<PathBuf>> {
 }
 
 /// Object and pose of each annotation in a file.
-fn poses(path: &Path, scene: u32) -> Result<Vec<(u32, Pose)>> {
+fn poses(path: &Path, scene: u32) -> Result<Vec<(u32, PoseRecord)>> {
     let mut poses = Vec::new();
     for (image, annotations) in load_annotations(path)? {
-        for (annotation, read) in annotations.into_iter().enumerate() {
-            let refuse = |expected: &str, got: &[f64]| {
-                Error::Input(format!(
-                    "{}: annotation {annotation} of image {image}: expected {expected}, got {got:?}",
-                    path.display()
-                ))
-            };
-            let rotation = Matrix3::from_row_slice(&read.rotation);
-            let off = (rotation * rotation.transpose() - Matrix3::identity()).norm();
-            let translation_mm = Vector3::from(read.translation_mm);
-            if off > 1e-2 || rotation.determinant() < 0.0 {
-                return Err(refuse("a rotation in cam_R_m2c", &read.rotation));
-            }
-            if translation_mm.amax() > FARTHEST_MM {
-                let expected = format!("millimetres of at most {FARTHEST_MM:e} in cam_t_m2c");
-                return Err(refuse(&expected, &read.translation_mm));
-            }
-            let pose = Pose {
+        for (i, annotation) in annotations.iter().enumerate() {
+            let (rotation, translation_mm) = annotation.pose((path, image, i))?;
+            let pose = PoseRecord {
                 scene,
                 image,
-                annotation: annotation as u32,
-                rotation,
+                annotation: i as u32,
+                rotation: rotation.into_inner(),
                 translation_mm,
             };
-            poses.push((read.obj_id, pose));
+            poses.push((annotation.obj_id, pose));
         }
     }
     Ok(poses)
