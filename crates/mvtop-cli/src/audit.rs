@@ -17,10 +17,14 @@ pub fn run(command: &Audit) -> Result<()> {
     let Audit::Leakage(args) = command;
     let data = ["leakage.json", "pairs.csv"];
     let page = ["report.html", "histogram.svg"];
-    if let Some(folder) = args.out.as_ref().or(args.report.as_ref()) {
-        for name in data.iter().chain(&page) {
-            write::may_write(&folder.join(name), args.force)?;
-        }
+    let folder = args.out.as_ref().or(args.report.as_ref());
+    let of_data = folder
+        .iter()
+        .flat_map(|folder| data.map(|name| folder.join(name)));
+    let of_page = args.report.iter();
+    let of_page = of_page.flat_map(|folder| page.map(|name| folder.join(name)));
+    for path in of_data.chain(of_page) {
+        write::may_write(&path, args.force)?;
     }
     let (a, b) = read(&args.a, &args.b)?;
     let models = match &args.meshes {
@@ -49,7 +53,7 @@ pub fn run(command: &Audit) -> Result<()> {
         limit,
     };
     let json = report::json(&result)?;
-    if let Some(folder) = args.out.as_ref().or(args.report.as_ref()) {
+    if let Some(folder) = folder {
         write::folder(folder)?;
         for (name, text) in data.into_iter().zip([&json, &report::csv(&result)?]) {
             write::whole(&folder.join(name), text)?;

@@ -270,8 +270,8 @@ fn shipped_model_finds_the_ball_of_the_example_and_how_it_is_turned() {
     let truth: Value = serde_json::from_slice(&truth).unwrap();
     assert_eq!(json["objects"].as_array().unwrap().len(), 1);
     let (deg, m) = off(&json["objects"][0], &truth["objects"][0]);
-    // It is 1.6 degrees and 1.2 mm off. Boxes know nothing of rotation, and where their lines of
-    // sight meet is more than 5 mm off.
+    // It is 1.6 degrees and 1.2 mm off. The lines of sight through the boxes' centers meet 2.1 mm
+    // from the ball's, of the true boxes 2.5 mm, and say nothing of rotation.
     assert!(deg < 4.0, "{deg} degrees");
-    assert!(m < 0.003, "{m} m");
+    assert!(m < 0.0018, "{m} m");
 }
