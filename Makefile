@@ -5,6 +5,9 @@ SHELL := /bin/bash
 
 PY := .venv/bin/python
 CLI := target/release/mvtop-cli
+# There once the wheel is installed, which data and training use.
+MVTOP := .venv/bin/mvtop-cli
+WHEELS := target/wheels
 export PYTHONPATH := training
 export CARGO_TERM_PROGRESS_WHEN ?= auto
 # Property tests draw the same cases in every run; set another seed to search for new ones.
@@ -22,7 +25,7 @@ MOST_hard = 8
 MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
-.PHONY: help demo test build-tests test-rust test-python lint fixtures eval tables pictures bench \
+.PHONY: help demo test test-rust test-python lint fixtures eval tables pictures bench \
   wheel release-wheel test-wheel stubs test-ray
 
 help:  ## this list
@@ -34,32 +37,24 @@ demo: .venv/run.done $(CLI)  ## poses of the shipped two-view example, with over
 
 test: lint test-rust test-python test-wheel  ## every test, format and lint check
 
-# One selection of targets for both, so that dependencies are built once. `cargo test` alone does
-# not make the shared library that the training calls.
-build-tests:
-	cargo build --release --workspace --lib --bins --tests
-
-test-rust: .venv/run.done build-tests
+test-rust: .venv/run.done
 	cargo test --release --workspace
 
-test-python: .venv/train.done build-tests
+test-python: .venv/test.done $(MVTOP)
 	scripts/need-gl.sh
 	$(PY) -m pytest -q training/tests
 	$(PY) -m mvtop_train.export.fixtures --check
 
-lint: .venv/train.done
+lint: .venv/test.done
 	cargo fmt --all --check
+	rustfmt --check --edition 2024 crates/mvtop-core/src/camera/*.rs # declared by a macro, which cargo fmt does not read
 	cargo clippy --release --workspace --all-targets -- -D warnings
 	$(PY) -m ruff check training crates/mvtop-py
 	$(PY) -m ruff check --config crates/mvtop-py/pyproject.toml examples benches
 	$(PY) -m ruff format --check training crates/mvtop-py
 	$(PY) -m ruff format --check --config crates/mvtop-py/pyproject.toml examples benches
 
-WHEELS := target/wheels
-
-wheel: .venv/train.done  ## the Python wheel, in target/wheels
-	rm -f $(WHEELS)/mvtop-*.whl
-	$(PY) -m maturin build --release --strip --locked -m crates/mvtop-py/Cargo.toml --out $(WHEELS)
+wheel: $(MVTOP)  ## the Python wheel, in target/wheels and installed in .venv
 
 # As old a glibc as onnxruntime's own wheels ask for; zig links against any. On PATH, as maturin
 # calls `python -m ziglang`.
@@ -68,10 +63,8 @@ release-wheel: .venv/release.done  ## the wheel for every Linux with glibc 2.28 
 	  --compatibility manylinux_2_28 -m crates/mvtop-py/Cargo.toml --out out/wheels
 	scripts/try-wheel.sh out/wheels/mvtop-*.whl
 
-test-wheel: wheel
+test-wheel: .venv/test.done $(MVTOP)
 	scripts/try-wheel.sh $(WHEELS)/mvtop-*.whl
-	$(PY) -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps \
-	  $(WHEELS)/mvtop-*.whl
 	$(PY) -m pytest -q crates/mvtop-py/tests
 	$(PY) -m maturin generate-stubs --profile release --locked -m crates/mvtop-py/Cargo.toml \
 	  --out out/stubs
@@ -79,28 +72,28 @@ test-wheel: wheel
 	$(PY) -m mypy --config-file crates/mvtop-py/pyproject.toml crates/mvtop-py/python \
 	  examples/infer.py examples/ray_bop.py
 
-stubs: .venv/train.done  ## write the types of the Python module's compiled part anew
+stubs: .venv/data.done  ## write the types of the Python module's compiled part anew
 	$(PY) -m maturin generate-stubs --profile release --locked -m crates/mvtop-py/Cargo.toml \
 	  --out crates/mvtop-py/python
 
 test-ray: test-wheel .venv/ray.done  ## a whole BOP data set on a local Ray cluster, a worker killed
 	$(PY) -m pytest -q examples
 
-fixtures: .venv/train.done  ## write the parity fixtures anew
+fixtures: .venv/test.done $(MVTOP)  ## write the parity fixtures anew
 	$(PY) -m mvtop_train.export.fixtures
 
-eval: .venv/data.done $(CLI)  ## held-out scenes: SPLIT=hard|easy SEED=n PAIRS=n VIEWS=n
+eval: $(MVTOP)  ## held-out scenes: SPLIT=hard|easy SEED=n PAIRS=n VIEWS=n
 	scripts/need-gl.sh
 	$(PY) -m mvtop_train.synthesis.samples --out $(SAMPLES) --split $(SPLIT) --seed $(SEED) \
 	  --count $(PAIRS) --views $(VIEWS)
-	$(CLI) eval --samples $(SAMPLES) --model $(MODEL)
+	$(MVTOP) eval --samples $(SAMPLES) --model $(MODEL)
 
-tables: .venv/tables.done $(CLI)  ## errors over views and noise, tables and curves: SEED=n PAIRS=n; resumes
+tables: .venv/tables.done $(MVTOP)  ## errors over views and noise, tables and curves: SEED=n PAIRS=n; resumes
 	scripts/need-gl.sh
-	$(PY) -m mvtop_train.study.tables --model $(MODEL) --seed $(SEED) --pairs $(PAIRS) --out $(TABLES)
+	$(PY) -m mvtop_train.study.tables --cli $(MVTOP) --model $(MODEL) --seed $(SEED) --pairs $(PAIRS) --out $(TABLES)
 
 pictures: tables  ## poses from one and from two views, drawn beside each other: SPLIT=hard|easy
-	$(PY) -m mvtop_train.study.pictures --model $(MODEL) --split $(SPLIT) --results $(TABLES) \
+	$(PY) -m mvtop_train.study.pictures --cli $(MVTOP) --model $(MODEL) --split $(SPLIT) --results $(TABLES) \
 	  --samples out/eval/$(SPLIT)-seed$(SEED)-views$(MOST_$(SPLIT))-$(PAIRS) --out $(TABLES)/pairs-$(SPLIT).png
 
 bench: .venv/run.done  ## criterion benches
@@ -116,22 +109,17 @@ $(CLI):
 	$(PY) -m pip install --quiet --disable-pip-version-check -r requirements.txt
 	touch $@
 
-.venv/data.done: .venv/run.done training/pyproject.toml
-	$(PY) -m pip install --quiet --disable-pip-version-check -e training
+# The extras of training/pyproject.toml; each brings along what it builds on.
+.venv/%.done: .venv/run.done training/pyproject.toml
+	$(PY) -m pip install --quiet --disable-pip-version-check -e 'training[$*]'
 	touch $@
 
-.venv/tables.done: .venv/data.done
-	$(PY) -m pip install --quiet --disable-pip-version-check -e 'training[tables]'
+$(MVTOP): $(WHEELS)/built
+	$(PY) -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps \
+	  $(WHEELS)/mvtop-*.whl
 	touch $@
 
-.venv/train.done: .venv/tables.done
-	$(PY) -m pip install --quiet --disable-pip-version-check -e 'training[train,test]'
-	touch $@
-
-.venv/release.done: .venv/train.done
-	$(PY) -m pip install --quiet --disable-pip-version-check -e 'training[release]'
-	touch $@
-
-.venv/ray.done: .venv/train.done
-	$(PY) -m pip install --quiet --disable-pip-version-check -e 'training[ray]'
+$(WHEELS)/built: .venv/data.done Cargo.toml Cargo.lock $(shell find crates -type f -not -path '*/tests/*')
+	rm -f $(WHEELS)/mvtop-*.whl
+	$(PY) -m maturin build --release --strip --locked -m crates/mvtop-py/Cargo.toml --out $(WHEELS)
 	touch $@

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Installs a wheel, with what it declares and nothing else, and runs the README's Python lines.
+# Installs a wheel, with what it declares and nothing else, and runs the README's Python lines: they must find
+# the ball where it is.
 set -euo pipefail
 wheel=$(realpath "$1")
 cd "$(dirname "$0")/.."
@@ -9,6 +10,12 @@ unset PYTHONPATH ORT_DYLIB_PATH VIRTUAL_ENV
 python3 -m venv "$venv"
 "$venv/bin/pip" install --quiet --disable-pip-version-check "$wheel"
 sed -n '/^```python$/,/^```$/{//!p}' README.md >"$venv/readme.py"
-"$venv/bin/python" "$venv/readme.py" | tee "$venv/printed"
-grep -q mvball "$venv/printed" # the ball was found
+cat >>"$venv/readme.py" <<'END'
+import json
+
+truth = json.load(open("examples/mvball/truth.json"))["objects"][0]["T_world_obj"]
+off = mvtop.metrics.rotation_error_deg(truth, prediction.objects[0].world_from_obj)
+assert off < 10, f"the ball's pose is {off:.1f} degrees off"
+END
+"$venv/bin/python" "$venv/readme.py"
 "$venv/bin/mvtop-cli" infer --rig examples/mvball/rig.json examples/mvball/*.png

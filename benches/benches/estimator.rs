@@ -3,7 +3,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use mvtop_benches::repository;
 use mvtop_core::estimator::{Estimator, Options, PredictOptions};
-use mvtop_core::{Camera, Rig, image};
+use mvtop_core::{Camera, Rig, ViewImage, image};
 
 fn estimator(c: &mut Criterion) {
     let model = repository("models/mvball");
@@ -19,10 +19,10 @@ fn estimator(c: &mut Criterion) {
         let (mut cameras, mut images) = (Vec::new(), Vec::new());
         for (view, camera) in example.cameras().iter().cycle().take(views).enumerate() {
             let file = folder.join(format!("{}.png", camera.id()));
-            images.push((
-                view,
-                image::load(&file, camera).expect("an image of the example"),
-            ));
+            images.push(ViewImage {
+                camera: view,
+                image: image::load(&file, camera).expect("an image of the example"),
+            });
             let size = [camera.width(), camera.height()];
             let (intrinsics, pose) = (camera.intrinsics().clone(), *camera.world_from_cam());
             let camera = Camera::new(format!("view{view}"), size, intrinsics, pose);

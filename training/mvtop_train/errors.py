@@ -1,5 +1,6 @@
 """What the user can mend, and how a command says it."""
 
+import argparse
 import functools
 import sys
 
@@ -19,3 +20,10 @@ def command(main):
             sys.exit(f"error: {error}")
 
     return run
+
+
+def argument_parser(doc: str) -> argparse.ArgumentParser:
+    """For a command whose module says `doc`, shown as it is written there."""
+    return argparse.ArgumentParser(
+        description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
+    )

@@ -9,12 +9,11 @@ into shards and resumed without changing the data. Scenes that are whole are lef
 docs/data.md.
 """
 
-import argparse
 import dataclasses
 import os
 
 from .data.objects import UNITS
-from .errors import UserError, command
+from .errors import UserError, argument_parser, command
 from .synthesis import generate
 from .synthesis.recipe import SPLITS
 
@@ -31,9 +30,7 @@ def parse_shard(text: str) -> tuple[int, int]:
 
 @command
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argument_parser(__doc__)
     parser.add_argument("--out", default="data/mvball", help="dataset folder")
     parser.add_argument("--split", choices=SPLITS, default=["train"], nargs="+")
     size = parser.add_mutually_exclusive_group()

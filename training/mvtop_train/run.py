@@ -8,23 +8,17 @@ learn their poses in a second stage, in `poses/`. A second call goes on where a 
 run folder gets `bundle/`, `evaluation.json` and all that `train.py` writes.
 """
 
-import argparse
 from pathlib import Path
 
-from .errors import UserError, command
+from .errors import UserError, argument_parser, command
 from .training import pipeline, runconfig
 
 
 @command
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--config", type=Path, required=True, help="TOML, see training/runs/")
+    parser = argument_parser(__doc__)
+    runconfig.add_arguments(parser)
     parser.add_argument("--minutes", type=float, help="for everything (those of the config)")
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="change a key of the config"
-    )
     parser.add_argument("--out", type=Path, help="run folder (runs/<name of the config>)")
     args = parser.parse_args()
     settings = runconfig.load(args.config, args.set)

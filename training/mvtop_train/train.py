@@ -7,22 +7,16 @@ Writes `last.pt` (weights, their moving average, optimiser, step), `weights.pt` 
 precision), `log.jsonl`, TensorBoard's files and the config to the run folder. See docs/training.md.
 """
 
-import argparse
 from pathlib import Path
 
-from .errors import command
+from .errors import argument_parser, command
 from .training import loop, runconfig
 
 
 @command
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--config", type=Path, required=True, help="TOML, see training/runs/")
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="change a key of it"
-    )
+    parser = argument_parser(__doc__)
+    runconfig.add_arguments(parser)
     parser.add_argument(
         "--out", type=Path, help="folder of this run, resumed if there (runs/<name of the config>)"
     )

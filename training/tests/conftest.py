@@ -10,7 +10,7 @@ from mvtop_train.data import mvball, objects  # noqa: E402
 from mvtop_train.data.boxes import amodal_boxes  # noqa: E402
 from mvtop_train.network import config  # noqa: E402
 from mvtop_train.network.model import Mvtop  # noqa: E402
-from mvtop_train.network.views import Views  # noqa: E402
+from mvtop_train.network.views import Pictures, Views  # noqa: E402
 
 MVBALL = objects.classes_of(objects.ball())
 
@@ -48,7 +48,7 @@ def random_views(model_config, views: int, seed: int = 0, world=None) -> Views:
     ref_from_cam = cam_from_world[0] @ np.linalg.inv(cam_from_world)
     k = np.array([[140.0, 0, 79.5], [0, 140, 63.5], [0, 0, 1]])
     k = np.stack([k * np.diag([s, s, 1]) + k * 0 for s in np.ones(4)])
-    boxes = amodal_boxes(mvball.bounding_points())(k, cam_from_obj)
+    boxes = amodal_boxes(mvball.bounding_points(), k, cam_from_obj)
     images = rng.normal(size=(4, 3, model_config.height, model_config.width))
     n = sum(r * c for r, c in model_config.level_shapes())
 
@@ -56,7 +56,7 @@ def random_views(model_config, views: int, seed: int = 0, world=None) -> Views:
         return torch.tensor(np.asarray(x)[None, :views], dtype=torch.float32)
 
     return Views(
-        images=tensor(images),
+        shown=Pictures(tensor(images)),
         k=tensor(k),
         ref_from_cam=tensor(ref_from_cam),
         boxes=tensor(boxes)[:, :, None],

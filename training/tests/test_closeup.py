@@ -10,6 +10,7 @@ from conftest import MVBALL
 from test_export import decoder_inputs, run
 
 from mvtop_train.data import closeup
+from mvtop_train.data.views import warp
 from mvtop_train.export import bundle
 from mvtop_train.network import config
 from mvtop_train.network.model import Mvtop
@@ -23,7 +24,7 @@ def test_a_closeup_is_the_camera_turned_towards_the_box(seed):
     middle, extent = rng.uniform([40, 40], [600, 440]), rng.uniform(10, 80, 2)
     box = np.concatenate([middle - extent / 2, middle + extent / 2])
     close = closeup.camera_of(K, box, 96)
-    turn = close.close_from_cam
+    turn = close.view_from_cam
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
     ray = np.linalg.inv(K) @ [*middle, 1]
     np.testing.assert_allclose(turn @ ray / np.linalg.norm(ray), [0, 0, 1], atol=1e-12)
@@ -39,11 +40,11 @@ def test_a_point_is_where_both_cameras_see_it():
     image = np.zeros((480, 640, 3), np.uint8)
     image[200:203, 150:153] = 255
     close = closeup.camera_of(K, np.array([130.0, 170, 190, 220]), 96)
-    picture, on_image = closeup.take(image, K, close, 96)
+    picture, on_image = warp(image, close.view_from_image(K), 96, close.taps)
     v, u = np.meshgrid(np.arange(96), np.arange(96), indexing="ij")
     weight = picture[..., 0].astype(float)
     found = np.array([(weight * u).sum(), (weight * v).sum()]) / weight.sum()
-    expected = close.k @ close.close_from_cam @ np.linalg.inv(K) @ [151, 201, 1]
+    expected = close.k @ close.view_from_cam @ np.linalg.inv(K) @ [151, 201, 1]
     np.testing.assert_allclose(found, expected[:2] / expected[2], atol=0.05)
     assert on_image.all()
 

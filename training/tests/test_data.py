@@ -6,7 +6,10 @@ import pytest
 
 from mvtop_train.data import bop, mvball, objects, rendered
 from mvtop_train.data.boxes import amodal_boxes
-from mvtop_train.data.crops import Augmentation, make_view
+from mvtop_train.data.crops import Augmentation, Crops
+from mvtop_train.data.views import ViewMaker
+from mvtop_train.network import config
+from mvtop_train.network.coordinates import decode
 from mvtop_train.synthesis import scenes
 from mvtop_train.synthesis.generate import scene_views
 from mvtop_train.synthesis.gl import open_gl
@@ -71,7 +74,7 @@ def test_a_written_scene_reads_back(tmp_path, views):
         np.testing.assert_allclose(image.cam_from_obj, view.cam_from_obj, atol=1e-9)
         np.testing.assert_allclose(image.k, view.k)
         code = cv2.imread(str(image.coords_path))[:, :, ::-1]
-        coords, mask = bop.decode_coords(code)
+        coords, mask = decode(code)
         x, y, w, h = image.visible_box
         expected = rendered.object_coordinates(view)[y : y + h + 1, x : x + w + 1]
         assert np.array_equal(mask, ~np.isnan(expected[..., 0]))
@@ -83,10 +86,12 @@ def test_a_crop_is_an_exact_camera(tmp_path, views):
     """Object coordinates seen in a scaled, rolled, shifted crop project to where they are."""
     bop.write_scene(tmp_path, views, objects.ball())
     rng = np.random.default_rng(1)
+    network = config.preset("tiny", objects.classes_of(objects.ball()))
+    maker = ViewMaker(Crops(160, Augmentation(scale=0.8)), network, objects.ball().bounds)
     for image in bop.read_scene(tmp_path):
         for _ in range(5):
-            view = make_view(image, 160, rng, Augmentation(scale=0.8))
-            coords, mask = bop.decode_coords(view["coords"])
+            view = maker.make_view(image, rng)
+            coords, mask = decode(view["coords"])
             v, u = np.nonzero(mask)
             points = coords[v, u] * mvball.EXTENT
             pose = view["cam_from_obj"]
@@ -94,5 +99,5 @@ def test_a_crop_is_an_exact_camera(tmp_path, views):
             pixels = pixels[:, :2] / pixels[:, 2:]
             seen = np.stack([u, v], 1) * 4 + 1.5  # centers of 4 x 4 blocks
             assert np.median(np.linalg.norm(pixels - seen, axis=1)) < 1.0
-            box = amodal_boxes(mvball.bounding_points())(view["k"], pose)
+            box = amodal_boxes(mvball.bounding_points(), view["k"], pose)
             assert (pixels >= box[:2] - 2).all() and (pixels <= box[2:] + 2).all()

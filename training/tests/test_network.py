@@ -5,8 +5,10 @@ import pytest
 import torch
 from conftest import MVBALL, random_pose, random_views
 
+from mvtop_train.errors import UserError
 from mvtop_train.network import config
-from mvtop_train.network.decoder import ProjectiveAttention
+from mvtop_train.network.geometry import find
+from mvtop_train.study.paper import ImageAttention
 
 
 def last_pose(model, views):
@@ -19,7 +21,7 @@ def test_shapes_for_any_number_of_views(tiny, views):
     prediction = tiny(random_views(tiny.config, views))
     assert len(prediction.poses) == tiny.config.decoder_layers
     assert [x.shape for x in prediction.poses[-1]] == [(1, 1, 6), (1, 1, 3), (1, 1, 2)]
-    assert prediction.scores.shape == (views, 1, 16, 20)
+    assert prediction.detections.scores.shape == (views, 1, 16, 20)
 
 
 def test_the_world_frame_does_not_matter(tiny):
@@ -33,7 +35,8 @@ def test_the_order_of_the_other_views_does_not_matter(tiny):
     views = random_views(tiny.config, 4)
     expected = last_pose(tiny, views)
     order = torch.tensor([0, 3, 1, 2])
-    for name in ("images", "k", "ref_from_cam", "boxes", "valid", "inside"):
+    views.shown.images = views.shown.images[:, order]
+    for name in ("k", "ref_from_cam", "boxes", "valid", "inside"):
         setattr(views, name, getattr(views, name)[:, order])
     torch.testing.assert_close(last_pose(tiny, views), expected, atol=1e-5, rtol=1e-4)
 
@@ -63,7 +66,7 @@ def test_a_masked_query_changes_no_other(tiny):
 def test_two_views_fuse_as_in_the_paper():
     """Concat(f_1, f_2) W^p with W^p = [W_reference; W_others]."""
     torch.manual_seed(0)
-    attention = ProjectiveAttention(config.preset("tiny", MVBALL, geometry="image"))
+    attention = ImageAttention(config.preset("tiny", MVBALL, geometry="image"))
     d = 32
     gathered = torch.randn(1, 2, 3, 4, d // 4)
     fused = attention.fuse(gathered, torch.randn(1, 2, 3, 4), torch.ones(1, 2, 3))
@@ -81,6 +84,17 @@ def test_every_variant_builds_and_gives_finite_poses(geometry, encoding):
     torch.manual_seed(0)
     model = Mvtop(config.preset("tiny", MVBALL, geometry=geometry, los_encoding=encoding)).eval()
     assert torch.isfinite(last_pose(model, random_views(model.config, 2))).all()
+
+
+@pytest.mark.parametrize("place", [*config.BACKBONES.values(), *config.GEOMETRIES.values()])
+def test_what_a_config_may_name_is_there(place):
+    assert find(place)
+
+
+@pytest.mark.parametrize("key", ["backbone", "geometry", "los_encoding"])
+def test_what_a_config_may_not_name_is_one_sentence(key):
+    with pytest.raises(UserError, match=f"network: {key}: expected one of .*, got 'imag'; fix: "):
+        config.preset("tiny", MVBALL, **{key: "imag"})
 
 
 def test_the_uncertainty_head_sends_no_gradient_into_the_network(tiny):

@@ -11,8 +11,11 @@ import trimesh
 from mvtop_train.data import batches, bop, objects, rig
 from mvtop_train.data.bop import load_index
 from mvtop_train.data.choice import choose_views, fixed_views
-from mvtop_train.data.crops import Augmentation, make_view
+from mvtop_train.data.crops import Augmentation, Crops
+from mvtop_train.data.views import ViewMaker
 from mvtop_train.errors import UserError
+from mvtop_train.network import config
+from mvtop_train.network.coordinates import decode
 from mvtop_train.synthesis import coordinates, parts, samples, scenes
 from mvtop_train.synthesis.gl import open_gl
 
@@ -84,7 +87,7 @@ def test_object_coordinates_lie_on_the_part(dataset):
     obj, checked = objects.read(dataset), 0
     for scene in load_index(dataset, obj=obj):
         for image in scene:
-            coords, mask = bop.decode_coords(cv2.imread(str(image.coords_path))[:, :, ::-1])
+            coords, mask = decode(cv2.imread(str(image.coords_path))[:, :, ::-1])
             points = coords[mask] * obj.extent_m * 1e3
             away = np.stack(
                 [np.abs(points[:, [axis]] - PLANES[axis]).min(1) for axis in range(3)]
@@ -131,19 +134,21 @@ def test_crops_are_exact_cameras_with_unlike_focal_lengths(dataset):
     rng = np.random.default_rng(1)
     for image in load_index(dataset, obj=obj)[0]:
         for _ in range(4):
-            view = make_view(image, 64, rng, Augmentation(scale=1.0, diameter_px=(30, 50)))
+            choose = Crops(64, Augmentation(scale=1.0, diameter_px=(30, 50)))
+            crop = choose(image, obj.bounds, rng, True)
             corner = np.append(obj.bounds[0], 1)
             old = image.k @ (image.cam_from_obj @ corner)[:3]
-            new = view["k"] @ (view["cam_from_obj"] @ corner)[:3]
-            a = parts_affine(view)
-            np.testing.assert_allclose(a @ [*(old[:2] / old[2]), 1], new[:2] / new[2], atol=1e-6)
+            new = crop.k @ crop.view_from_cam @ (image.cam_from_obj @ corner)[:3]
+            a = crop.view_from_image(image.k)
+            np.testing.assert_allclose(a[2], [0, 0, 1], atol=1e-12)
+            np.testing.assert_allclose(
+                a[:2] @ [*(old[:2] / old[2]), 1], new[:2] / new[2], atol=1e-6
+            )
 
 
-def parts_affine(view) -> np.ndarray:
-    """crop_from_image [2, 3]."""
-    if "crop_from_image" in view:
-        return view["crop_from_image"]
-    return cv2.invertAffineTransform(view["image_from_crop"])
+def crop_maker(obj) -> ViewMaker:
+    network = config.preset("tiny", objects.classes_of(obj))
+    return ViewMaker(Crops(64, Augmentation(scale=1.0)), network, obj.bounds)
 
 
 def strip(dataset, out):
@@ -171,7 +176,7 @@ def test_a_foreign_data_set_loads(dataset, tmp_path):
     for a, b in zip(sum(ours, []), sum(theirs, []), strict=True):
         np.testing.assert_allclose(a.cam_from_obj, b.cam_from_obj)
         np.testing.assert_allclose(a.box, b.box.clip(-0.5, [159.5, 119.5] * 2), atol=0.01)
-        view = make_view(b, 64, np.random.default_rng(0), Augmentation(scale=1.0))
+        view = crop_maker(obj).make_view(b, np.random.default_rng(0))
         assert view["image"].std() > 1 and (view["coords"] == 0).all()
 
 
@@ -310,15 +315,17 @@ def test_a_mesh_that_cannot_fall_is_refused():
 
 def test_a_part_makes_training_batches(dataset):
     """Two images per scene: never more views are drawn, though shares of three are asked for."""
-    found = batches.Scenes(dataset, objects.read(dataset), held_out=0)
+    obj = objects.read(dataset)
+    found, maker = batches.Scenes(dataset, obj, held_out=0), crop_maker(obj)
     stream = batches.Batches(
-        found, 64, 4, (0.3, 0.3, 0.4), 0.25, 5, Augmentation(scale=1.0), rank=0, processes=1
-    )
+        batches.Fresh(found, maker), 4, (0.3, 0.3, 0.4), 5, rank=0, processes=1,
+        negatives=batches.Negatives(found, maker.choose, 1),
+    )  # fmt: skip
     shapes = set()
     for step in range(8):
         batch = stream[step]
-        shapes.add(tuple(batch["images"].shape[:2]))
-        assert (batch["boxes"][..., 2:] > batch["boxes"][..., :2]).all()
+        shapes.add(tuple(batch["image"].shape[:2]))
+        assert (batch["true_box"][..., 2:] > batch["true_box"][..., :2]).all()
         assert batch["coords"].any()
     assert shapes == {(4, 1), (2, 2)}
 
@@ -347,5 +354,5 @@ def test_coordinates_are_rendered_for_a_foreign_data_set(dataset, tmp_path):
         assert (np.abs(code - expected)[seen].max(-1) <= 1).mean() > 0.97
         if with_mask:
             assert not code[~seen].any()
-        view = make_view(again, 64, np.random.default_rng(0), Augmentation(scale=1.0))
+        view = crop_maker(obj).make_view(again, np.random.default_rng(0))
         assert view["coords"].any()

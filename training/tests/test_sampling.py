@@ -10,7 +10,7 @@ needs_kernel = pytest.mark.usefixtures("kernel")
 
 @pytest.fixture
 def kernel():
-    assert sampling.kernel_available(), "fix: cargo build --release -p mvtop-ffi"
+    assert sampling.kernel_available(), "fix: make wheel"
 
 
 def hand_case(x, y):

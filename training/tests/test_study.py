@@ -1,16 +1,26 @@
 """What ours is compared with: canonical views, late fusion, voting."""
 
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
 import torch
-from conftest import random_pose
+from conftest import MVBALL, random_pose
 
 from mvtop_train.data import bop, mvball
+from mvtop_train.data.bank import Bank
+from mvtop_train.data.boxes import amodal_boxes
+from mvtop_train.data.views import ViewMaker, collate
+from mvtop_train.network import config
+from mvtop_train.network.model import Mvtop, decoder_boxes
 from mvtop_train.study import baselines, canonical, variants
 from mvtop_train.study.baselines import late_fusion, rotation_bins, vote
+from mvtop_train.training.checkpoint import Run, load_weights
 
 POINTS = mvball.bounding_points(100)
+K = np.stack([canonical.K] * 2)
+NETWORK = config.preset("tiny", MVBALL, closeup=canonical.SIZE, closeup_strides=(16, 32))
 
 
 def two_cameras():
@@ -36,7 +46,7 @@ def test_late_fusion_mends_the_depth_of_each_view():
     truth, ref_from_cam, candidates = two_cameras()
     for view, error in ((0, 0.012), (1, -0.009)):  # along the line of sight: hardly seen there
         candidates[view, 2, 3] += error
-    fused, views = late_fusion(candidates, ref_from_cam, canonical.K, POINTS)
+    fused, views = late_fusion(candidates, ref_from_cam, K, POINTS)
     assert views == 2
     assert distance(fused, truth) < 0.003
 
@@ -44,7 +54,7 @@ def test_late_fusion_mends_the_depth_of_each_view():
 def test_late_fusion_of_candidates_that_disagree_is_the_references_own():
     _, ref_from_cam, candidates = two_cameras()
     candidates[1] = turned(candidates[1], 120)
-    fused, views = late_fusion(candidates, ref_from_cam, canonical.K, POINTS)
+    fused, views = late_fusion(candidates, ref_from_cam, K, POINTS)
     assert views == 1
     np.testing.assert_array_equal(fused, candidates[0])
 
@@ -113,7 +123,8 @@ def test_a_canonical_view_shows_points_where_its_camera_says(tmp_path):
     )  # fmt: skip
     for augment in (False, True):
         rng = np.random.default_rng(7)
-        crop, new_from_old = canonical.canonical_view(image, rng, augment)
+        view = ViewMaker(canonical.Canonical(), NETWORK, POINTS, augment).make_view(image, rng)
+        crop, new_from_old = view["image"], view["cam_from_world"]  # the old one is the world's
         ray = new_from_old[:3, :3] @ np.linalg.inv(k) @ [*dot, 1.0]
         expected = (canonical.K @ ray / ray[2])[:2]
         row, column = np.unravel_index(crop.mean(-1).argmax(), crop.shape[:2])
@@ -122,26 +133,105 @@ def test_a_canonical_view_shows_points_where_its_camera_says(tmp_path):
         assert np.linalg.norm(middle[:2] / middle[2] - 79.5) < 8  # jitter of the box
 
 
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """Weights of a network, and features of three scenes of four images."""
+    root, rng = tmp_path_factory.mktemp("study"), np.random.default_rng(0)
+    run = Run(root / "run", NETWORK, "cpu")
+    run.save()
+    k = np.array([[300.0, 0, 119.5], [0, 300, 119.5], [0, 0, 1]])
+    scenes = []
+    for _ in range(3):
+        world_from_obj, scene = random_pose(rng), []
+        for n in range(4):
+            path = root / f"{len(scenes)}-{n}.png"
+            cv2.imwrite(str(path), rng.integers(0, 256, (240, 240, 3), np.uint8))
+            cam_from_obj = random_pose(rng, [0, 0, 0.7])
+            scene.append(
+                bop.Image(
+                    path=path,
+                    coords_path=None,
+                    k=k,
+                    cam_from_obj=cam_from_obj,
+                    cam_from_world=cam_from_obj @ np.linalg.inv(world_from_obj),
+                    box=amodal_boxes(POINTS, k, cam_from_obj),
+                    visible_box=None,
+                    annotation=0,
+                    shows=["green", "red"][n % 2],
+                    info={},
+                )  # fmt: skip
+            )
+        scenes.append(scene)
+    maker = ViewMaker(canonical.Canonical(), NETWORK, POINTS)
+    bank = Bank(root / "bank", scenes, maker, run.average.features.backbone, 1, 0, workers=0)
+    return root / "run" / "weights.pt", bank
+
+
 @pytest.mark.parametrize("name", variants.VARIANTS)
-def test_every_variant_trains_and_is_tested(name):
-    rng = np.random.default_rng(0)
-    world_from_obj = [random_pose(rng) for _ in range(3)]
-    cam_from_obj = np.stack([random_pose(rng, [0, 0, 0.7]) for _ in range(12)])
-    cam_from_world = np.stack(
-        [pose @ np.linalg.inv(world_from_obj[i // 4]) for i, pose in enumerate(cam_from_obj)]
-    )
-    cached = canonical.Cached(
-        torch.from_numpy(rng.normal(size=(12, 125, 8))).half(),
-        cam_from_world,
-        cam_from_obj,
-        np.array(["green", "red"] * 6),
-        [np.arange(4 * i, 4 * i + 4) for i in range(3)],
-    )
+def test_every_variant_trains_and_is_tested(trained, tmp_path, name):
+    weights, bank = trained
     variant = variants.VARIANTS[name]
-    model = variants.fit(variant, cached, (16, 32), steps=2, seed=0, name=name)
-    results = variants.test(model, variant, cached)
+    network = variants.config_of(variant, NETWORK, (16, 32))
+    model = variants.fit(variant, bank, network, tmp_path / name, weights, steps=2, seed=0)
+    results = variants.test(model, variant, bank)
     wanted = {"two_views"} if variant.views == 2 else {"one_view"}
     assert wanted <= set(results)
     for result in results.values():
         assert result["pairs"] == 3
         assert 0 <= result["rot_mean_deg"] <= 180 and np.isfinite(result["add_mean_m"])
+
+
+def test_a_variant_that_was_stopped_goes_on(trained, tmp_path, monkeypatch):
+    weights, bank = trained
+    monkeypatch.setattr(variants, "learning_rate", lambda *_: 1e-3)  # else it depends on `steps`
+    variant = variants.VARIANTS["baseline"]
+    network = variants.config_of(variant, NETWORK, (16, 32))
+    fitted = {}
+    for name, stops in (("through", (4,)), ("stopped", (2, 4))):
+        for steps in stops:
+            run = variants.fit(variant, bank, network, tmp_path / name, weights, steps, seed=0)
+        fitted[name] = run.decoder.state_dict()
+        assert load_weights(tmp_path / name / "last.pt")[2] == 4
+    for name, weight in fitted["through"].items():
+        torch.testing.assert_close(fitted["stopped"][name], weight)
+    fresh = variants.fit(variant, bank, network, tmp_path / "two", weights, 2, seed=0)
+    assert not torch.equal(fresh.decoder.query[0].weight, fitted["through"]["query.0.weight"])
+
+
+def test_a_variant_without_lines_of_sight_has_none(trained):
+    """Nor does its pose change with where the cameras look."""
+    weights, bank = trained
+    variant = variants.VARIANTS["single"]
+    network = variants.config_of(variant, NETWORK, (16, 32))
+    torch.manual_seed(0)
+    model = Mvtop(network).eval()
+    batch = collate([[bank.row(0)], [bank.row(1)]])
+    views = variants.given(batch, variant, network)
+    expected = variants.outputs_of(model, views)[-1]
+    views.k = views.k * torch.tensor([[2.0], [3.0], [1.0]])
+    for a, b in zip(expected, variants.outputs_of(model, views)[-1], strict=True):
+        torch.testing.assert_close(a, b)
+    seeing = dataclasses.replace(variant, los_encoding="direction")
+    views = variants.given(batch, seeing, network)
+    other = variants.outputs_of(model, views)[-1]
+    assert not torch.allclose(expected[0], other[0])
+
+
+@pytest.mark.parametrize("geometry", ["image", "rays"])
+def test_dummy_queries_are_seen_and_say_nothing(trained, geometry):
+    weights, bank = trained
+    variant = dataclasses.replace(variants.VARIANTS["baseline"], geometry=geometry, queries=3)
+    network = variants.config_of(variant, NETWORK, (16, 32))
+    torch.manual_seed(0)
+    model = Mvtop(network).eval()
+    batch = collate([[bank.row(0), bank.row(1)]])
+    outputs = []
+    for queries in (1, 3):
+        views = variants.given(batch, dataclasses.replace(variant, queries=queries), network)
+        assert views.boxes.shape == (1, 2, queries, 4)
+        boxes = decoder_boxes(views, canonical.SIZE, canonical.SIZE)
+        torch.testing.assert_close(boxes.centers[0, 0, 1:], torch.full((queries - 1, 2), -1.0))
+        torch.testing.assert_close(boxes.half_sizes[0, 0, 1:], torch.full((queries - 1, 2), -0.5))
+        outputs.append(variants.outputs_of(model, views)[-1])
+    assert [part.shape for part in outputs[1]] == [(1, 1, 6), (1, 1, 3), (1, 1, 2)]
+    assert not torch.allclose(outputs[0][0], outputs[1][0])

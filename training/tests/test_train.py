@@ -11,14 +11,17 @@ import pytest
 import torch
 from conftest import MVBALL, random_views
 
-from mvtop_train.data import bank, bop, closeup, crops, objects
+from mvtop_train.data import bank, batches, bop, crops, objects
+from mvtop_train.data.closeup import CloseUps
 from mvtop_train.data.inputs import to_views
+from mvtop_train.data.views import ViewMaker, collate
 from mvtop_train.errors import UserError
 from mvtop_train.network import config as configs
+from mvtop_train.network import losses
 from mvtop_train.network.model import Mvtop
 from mvtop_train.synthesis.generate import scene_views
 from mvtop_train.synthesis.gl import open_gl
-from mvtop_train.training import loop, losses, pipeline, runconfig
+from mvtop_train.training import loop, pipeline, runconfig
 from mvtop_train.training.checkpoint import load_weights
 
 
@@ -178,16 +181,16 @@ def test_crops_without_the_object_teach_the_detector_and_nothing_else(tiny):
     views = random_views(tiny.config, 2)
     with torch.no_grad():
         alone = tiny(views)
-        views.negatives = views.images[0, :1].flip(-1)
+        views.shown.negatives = views.shown.images[0, :1].flip(-1)
         both = tiny(views)
     for a, b in zip(alone.poses[-1], both.poses[-1], strict=True):
         torch.testing.assert_close(a, b)
-    assert len(both.scores) == 3
+    assert len(both.detections.scores) == 3
     pose = torch.eye(4).expand(1, 2, 4, 4)
-    batch = {"cam_from_obj": pose, "boxes": views.boxes[:, :, 0]}
-    batch["coords"] = torch.zeros(1, 2, *both.coordinates.shape[-2:], 3)
+    batch = {"cam_from_obj": pose, "true_box": views.boxes[:, :, 0]}
+    batch["coords"] = torch.zeros(1, 2, *both.detections.coordinates.shape[-2:], 3)
     quiet = losses.total(both, batch, 8)[1]
-    both.scores[2] += 5
+    both.detections.scores[2] += 5
     loud = losses.total(both, batch, 8)[1]
     assert loud["detection"] > quiet["detection"] + 0.1
     assert loud["coordinates"] == quiet["coordinates"]
@@ -197,8 +200,8 @@ def test_a_network_with_coarser_cells_learns_the_same_coordinates(tiny):
     views = random_views(tiny.config, 2)
     with torch.no_grad():
         prediction = tiny(views)
-    shape = prediction.coordinates.shape[-2:]
-    batch = {"cam_from_obj": torch.eye(4).expand(1, 2, 4, 4), "boxes": views.boxes[:, :, 0]}
+    shape = prediction.detections.coordinates.shape[-2:]
+    batch = {"cam_from_obj": torch.eye(4).expand(1, 2, 4, 4), "true_box": views.boxes[:, :, 0]}
     batch["coords"] = torch.randint(1, 256, (1, 2, *shape, 3), dtype=torch.uint8)
     fine = {**batch, "coords": batch["coords"].repeat_interleave(2, 2).repeat_interleave(2, 3)}
     expected = losses.total(prediction, batch, 8)[1]["coordinates"]
@@ -236,8 +239,10 @@ def test_features_of_closeups_are_completed_after_a_kill(dataset, tmp_path, monk
     scenes = bop.load_index(dataset, "train", obj)
     monkeypatch.setattr(bank, "BATCH", 10)
 
-    def make(folder):
-        return bank.Bank(folder, scenes, model, obj.bounds, copies=2, seed=4, workers=0)
+    maker = ViewMaker(CloseUps(64), config, obj.bounds)
+
+    def make(folder, copies=2):
+        return bank.Bank(folder, scenes, maker, model.features.backbone, copies, seed=4, workers=0)
 
     whole = make(tmp_path / "whole")
     fill = bank.Bank._fill
@@ -257,13 +262,13 @@ def test_features_of_closeups_are_completed_after_a_kill(dataset, tmp_path, monk
         np.testing.assert_array_equal(resumed.arrays[name], array)
     assert np.abs(whole.arrays["features"]).max(-1).min() > 0, "every cell is there"
     with pytest.raises(UserError, match="expected features of"):
-        bank.Bank(tmp_path / "cut", scenes, model, obj.bounds, copies=1, seed=4)
-    batch = bank.Batches(whole, 6, (0, 1.0), 0, 0, 1)[0]
+        make(tmp_path / "cut", copies=1)
+    batch = batches.Batches(whole, 6, (0, 1.0), 0, 0, 1)[0]
     # What the network says of cached features is what it says of the pictures.
-    pictures = bank.Pictures([image for s in scenes for image in s] * 2, config, obj.bounds, 4)
+    pictures = bank.Copies([image for s in scenes for image in s] * 2, maker, 4)
     rows = [int(np.abs(whole.arrays["k"] - k).sum((1, 2)).argmin()) for k in _flat(batch["k"])]
     views = [pictures[row] for row in rows]
-    shown = closeup.collate_items([views[i : i + 2] for i in range(0, 6, 2)])
+    shown = collate([views[i : i + 2] for i in range(0, 6, 2)])
     with torch.no_grad():
         cached = model(to_views(batch, config)).poses[-1]
         direct = model(to_views(shown, config)).poses[-1]

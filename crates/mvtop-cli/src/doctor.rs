@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use mvtop_core::Estimator;
 use mvtop_core::bundle::Bundle;
-use mvtop_core::onnx::Doctor;
+use mvtop_core::onnx::{Provider, Runtime};
+use mvtop_core::{Error, Estimator};
 
 use crate::args::Network;
 use crate::failure::{Failure, Result, print};
@@ -12,13 +12,13 @@ use crate::model_dir;
 
 pub fn run(args: &Network) -> Result<()> {
     print(&format!("mvtop-cli {}\n", env!("CARGO_PKG_VERSION")))?;
-    let runtime = Doctor::examine(args.ort_lib.as_deref());
-    print(&format!("{runtime}\n"))?;
+    let runtime = Runtime::locate(args.ort_lib.as_deref());
+    print(&format!("{}\n", on_runtime(&runtime)))?;
 
     let model = model_dir::find(args.model.as_deref()).and_then(|dir| {
         print(&format!("Model  {}", dir.display()))?;
         check_bundle(&dir)?;
-        if runtime.problem.is_none() {
+        if runtime.is_ok() {
             Estimator::load(&dir, &args.options())?;
             print(&format!("  networks   load and run on `{}`", args.provider))?;
         }
@@ -29,12 +29,47 @@ pub fn run(args: &Network) -> Result<()> {
         Err(problem) => print(&format!("problem: {problem}"))?,
     }
 
-    match (runtime.problem, model) {
-        (None, Ok(())) => Ok(()),
-        (Some(problem), Ok(())) => Err(Failure(problem)),
-        (None, Err(problem)) => Err(problem),
-        (Some(runtime), Err(model)) => Err(Failure(format!("{runtime}; also, {model}"))),
+    match (runtime, model) {
+        (Ok(_), model) => model,
+        (Err(problem), Ok(())) => Err(problem.into()),
+        (Err(runtime), Err(model)) => Err(Failure(format!("{runtime}; also, {model}"))),
     }
+}
+
+/// What there is to say about ONNX Runtime on this machine.
+fn on_runtime(runtime: &mvtop_core::Result<Runtime>) -> String {
+    let mut lines = Vec::new();
+    let attempts = match runtime {
+        Ok(runtime) => {
+            let providers: Vec<&str> = runtime
+                .providers()
+                .into_iter()
+                .map(Provider::name)
+                .collect();
+            lines.push(format!("ONNX Runtime  {}", runtime.library().display()));
+            lines.push(format!("  found in    {}", runtime.found_in()));
+            if let Some(version) = runtime.version() {
+                lines.push(format!("  version     {version}"));
+            }
+            lines.push(format!("  build       {}", runtime.build()));
+            lines.push(format!("  providers   {}", providers.join(", ")));
+            runtime.attempts()
+        }
+        Err(error) => {
+            lines.push("ONNX Runtime  not found".to_owned());
+            match error {
+                Error::RuntimeMissing { attempts } => attempts,
+                _ => &[][..],
+            }
+        }
+    };
+    let passed_over = |attempt| format!("  passed over  {attempt}");
+    lines.extend(attempts.iter().map(passed_over));
+    lines.push(match runtime {
+        Ok(_) => "all well".to_owned(),
+        Err(problem) => format!("problem: {problem}"),
+    });
+    lines.join("\n")
 }
 
 fn check_bundle(dir: &Path) -> Result<()> {
@@ -56,4 +91,21 @@ fn check_bundle(dir: &Path) -> Result<()> {
         bundle.input.width, bundle.input.height
     ))?;
     print("  checksums  match")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn library_that_cannot_be_loaded_is_named_with_what_is_wrong() {
+        let text = on_runtime(&Runtime::locate(Some(Path::new(
+            "/no/such/libonnxruntime.so",
+        ))));
+        assert!(
+            text.contains("not found") && text.contains("problem: "),
+            "{text}"
+        );
+        assert!(text.contains("/no/such/libonnxruntime.so"), "{text}");
+    }
 }

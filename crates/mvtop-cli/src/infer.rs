@@ -3,10 +3,9 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use image::RgbImage;
-use mvtop_core::known::KnownPose;
+use mvtop_core::annotations::TruePose;
 use mvtop_core::report::Report;
-use mvtop_core::{Estimator, PredictOptions, Prediction, Rig, known, overlay};
+use mvtop_core::{Estimator, PredictOptions, Prediction, Rig, ViewImage, annotations, overlay};
 
 use crate::args::Infer;
 use crate::failure::{Failure, Result, may_write, print};
@@ -20,20 +19,26 @@ pub fn run(args: &Infer) -> Result<()> {
     let files = assign(&rig, &args.images)?;
     let options = PredictOptions {
         reference: args.reference.clone(),
-        boxes: args.boxes.as_deref().map(known::load_boxes).transpose()?,
+        boxes: args
+            .boxes
+            .as_deref()
+            .map(annotations::load_boxes)
+            .transpose()?,
         min_views: args.detection.min_views as usize,
     };
-    let truth = args.truth.as_deref().map(known::load_poses).transpose()?;
+    let truth = args
+        .truth
+        .as_deref()
+        .map(annotations::load_truth)
+        .transpose()?;
     let pictures = match &args.overlay {
         Some(dir) => Some(Pictures::plan(dir, &rig, &files, args.force)?),
         None => None,
     };
     let mut images = Vec::new();
     for (camera, path) in files {
-        images.push((
-            camera,
-            mvtop_core::image::load(&path, &rig.cameras()[camera])?,
-        ));
+        let image = mvtop_core::image::load(&path, &rig.cameras()[camera])?;
+        images.push(ViewImage { camera, image });
     }
     let estimator = Estimator::load(
         &model_dir::find(args.network.model.as_deref())?,
@@ -157,8 +162,8 @@ impl Pictures {
         prediction: &Prediction,
         estimator: &Estimator,
         rig: &Rig,
-        images: &[(usize, RgbImage)],
-        truth: &[KnownPose],
+        images: &[ViewImage],
+        truth: &[TruePose],
     ) -> Result<Vec<PathBuf>> {
         std::fs::create_dir_all(&self.dir)
             .map_err(|cause| Failure(format!("cannot make {}: {cause}", self.dir.display())))?;
@@ -170,9 +175,9 @@ impl Pictures {
                 continue;
             };
             let diameter_m = bundle.classes[class].diameter_m;
-            for (picture, (index, _)) in drawn.iter_mut().zip(images) {
-                let camera = &rig.cameras()[*index];
-                *picture = overlay::draw_known(picture, camera, &known.world_from_obj, diameter_m);
+            for (picture, view) in drawn.iter_mut().zip(images) {
+                let camera = &rig.cameras()[view.camera];
+                *picture = overlay::draw_truth(picture, camera, &known.world_from_obj, diameter_m);
             }
         }
         let sheet = overlay::contact_sheet(&drawn);

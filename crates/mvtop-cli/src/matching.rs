@@ -1,13 +1,13 @@
 //! Which prediction is of which true object.
 
 use mvtop_core::Prediction;
-use mvtop_core::known::KnownPose;
+use mvtop_core::annotations::TruePose;
 use mvtop_core::pose::translation_error;
 use mvtop_core::prediction::ObjectPose;
 
 /// By true object, the prediction of its class that is matched with it: one to one, nearest origins
 /// first.
-pub fn matches<'a>(truth: &[KnownPose], prediction: &'a Prediction) -> Vec<Option<&'a ObjectPose>> {
+pub fn matches<'a>(truth: &[TruePose], prediction: &'a Prediction) -> Vec<Option<&'a ObjectPose>> {
     let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
     for (t, known) in truth.iter().enumerate() {
         for (p, found) in prediction.objects.iter().enumerate() {
@@ -37,7 +37,7 @@ pub fn unmatched(matched: &[Option<&ObjectPose>], prediction: &Prediction) -> us
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mvtop_core::known::KnownBoxes;
+    use mvtop_core::annotations::GivenBoxes;
     use mvtop_core::prediction::{Sigma, Timings};
     use nalgebra::Isometry3;
 
@@ -47,8 +47,8 @@ mod tests {
 
     #[test]
     fn objects_are_matched_one_to_one_nearest_first_within_their_class() {
-        let truth = [("nut", 0.0), ("nut", 1.0), ("bolt", 1.1)].map(|(class, x)| KnownPose {
-            seen: KnownBoxes {
+        let truth = [("nut", 0.0), ("nut", 1.0), ("bolt", 1.1)].map(|(class, x)| TruePose {
+            seen: GivenBoxes {
                 class: class.into(),
                 boxes: Default::default(),
             },

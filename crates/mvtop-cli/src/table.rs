@@ -1,6 +1,6 @@
 //! Poses as text for people.
 
-use mvtop_core::known::KnownPose;
+use mvtop_core::annotations::TruePose;
 use mvtop_core::pose::{rotation_error_deg, translation_error, wxyz};
 use mvtop_core::prediction::ObjectPose;
 use mvtop_core::{Prediction, Rig};
@@ -48,7 +48,7 @@ pub fn objects(prediction: &Prediction, rig: &Rig) -> String {
 }
 
 /// Predicted poses beside the known ones.
-pub fn compared(prediction: &Prediction, truth: &[KnownPose], rig: &Rig) -> String {
+pub fn compared(prediction: &Prediction, truth: &[TruePose], rig: &Rig) -> String {
     let world_from_ref = rig.cameras()[prediction.reference].world_from_cam();
     let mut lines = Vec::new();
     for (known, found) in truth.iter().zip(matches(truth, prediction)) {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use mvtop_core::Rig;
-use mvtop_core::known::load_poses;
+use mvtop_core::annotations::load_truth;
 use nalgebra::Isometry3;
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -27,7 +27,7 @@ fn translation_mm(pose: &Isometry3<f64>) -> Vec<f64> {
 fn write_dataset(dir: &Path, one_frame: bool) {
     let sample = root().join("fixtures/tiny/sample");
     let rig = Rig::load(&sample.join("rig.json")).unwrap();
-    let truth = &load_poses(&sample.join("truth.json")).unwrap()[0];
+    let truth = &load_truth(&sample.join("truth.json")).unwrap()[0];
     let scene = dir.join("test/000001");
     let files = |end: &str, frames: &[(usize, &mvtop_core::Camera)]| {
         fs::create_dir_all(scene.join(format!("rgb{end}"))).unwrap();
@@ -45,7 +45,7 @@ fn write_dataset(dir: &Path, one_frame: bool) {
                 "obj_id": 1, "cam_R_m2c": rotation(&cam_from_obj),
                 "cam_t_m2c": translation_mm(&cam_from_obj),
             }]);
-            let [x0, y0, x1, y1] = truth.seen.boxes[camera.id()];
+            let [x0, y0, x1, y1] = truth.seen.boxes[camera.id()].into();
             info[&key] = json!([{"bbox_obj": [x0, y0, x1 - x0, y1 - y0]}]);
             let image = scene.join(format!("rgb{end}/{frame:06}.png"));
             fs::copy(sample.join(format!("{}.png", camera.id())), image).unwrap();

@@ -24,18 +24,20 @@ pub struct Bundle {
     pub dir: PathBuf,
     /// Name of the training preset.
     pub preset: String,
+    /// What the images are brought to.
     pub input: Input,
-    /// Cell sizes of the feature levels, px of the network input, finest first.
-    pub strides: Vec<usize>,
+    /// What the decoder is told of a cell's line of sight.
     pub los_encoding: LosEncoding,
     /// The objects, in the order of the network's class index.
     pub classes: Vec<Class>,
+    /// Settings of the detector.
     pub detector: Detector,
-    /// `None`: poses are decoded from the whole images.
-    pub closeup: Option<CloseUps>,
-    /// On whole images. Absolute or relative to the current folder, like `dir`.
+    /// What the poses are decoded from.
+    pub poses: PoseInput,
+    /// The graph that runs on whole images: the detector, and the encoder where poses are decoded from
+    /// these. Absolute or relative to the current folder, like `dir`.
     pub features: PathBuf,
-    /// Likewise.
+    /// The graph that decodes poses, likewise.
     pub decoder: PathBuf,
     /// Whether the graphs use standard operators only.
     pub portable: bool,
@@ -43,12 +45,24 @@ pub struct Bundle {
     pub provenance: serde_json::Value,
 }
 
+/// What the network is shown of an object to decode its pose from.
+#[derive(Debug, Clone, PartialEq)]
+pub enum PoseInput {
+    /// The images, as the detector sees them.
+    WholeImages {
+        /// Cell sizes of the feature levels, px of the network's input, finest first.
+        strides: Vec<usize>,
+    },
+    /// A close-up for each of its boxes.
+    CloseUps(CloseUps),
+}
+
 /// How poses are decoded from close-ups, see [`crate::closeup`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct CloseUps {
     /// Side of the pictures, px.
     pub size: u32,
-    /// Of the feature levels that are used of them, px, finest first.
+    /// Cell sizes of the feature levels that are used of them, px, finest first.
     pub strides: Vec<usize>,
     /// The graph that runs on them. Absolute or relative to the current folder.
     pub graph: PathBuf,
@@ -57,20 +71,22 @@ pub struct CloseUps {
 /// What the images are brought to.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Input {
-    /// px
+    /// Width, px.
     pub width: u32,
-    /// px
+    /// Height, px.
     pub height: u32,
-    /// Of each channel R, G, B scaled to 0..1.
+    /// Mean of each channel R, G, B, scaled to 0..1.
     pub mean: [f32; 3],
-    /// Likewise.
+    /// Standard deviation, likewise.
     pub std: [f32; 3],
 }
 
 /// One object class.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Class {
+    /// Number in the data set that the network was trained on.
     pub id: i64,
+    /// Name, unique in the bundle.
     pub name: String,
     /// Largest distance between two surface points, metres.
     pub diameter_m: f64,
@@ -155,6 +171,7 @@ impl Bundle {
         let manifest: Manifest =
             serde_json::from_str(&text).map_err(|e| refuse(format!("is not valid: {e}")))?;
         manifest.check().map_err(refuse)?;
+        let poses = manifest.poses(dir).map_err(refuse)?;
         for (name, record) in &manifest.files {
             record.check(&dir.join(name))?;
         }
@@ -181,18 +198,10 @@ impl Bundle {
             dir: dir.to_owned(),
             preset: manifest.preset,
             input: manifest.input,
-            strides: manifest.strides.iter().map(|&s| s as usize).collect(),
             los_encoding: manifest.los_encoding,
             classes,
             detector: manifest.detector,
-            closeup: manifest
-                .closeup
-                .zip(manifest.graphs.closeup)
-                .map(|(closeup, graph)| CloseUps {
-                    size: closeup.size,
-                    strides: closeup.strides.iter().map(|&s| s as usize).collect(),
-                    graph: dir.join(graph),
-                }),
+            poses,
             features: dir.join(manifest.graphs.features),
             decoder: dir.join(manifest.graphs.decoder),
             portable: manifest.portable,

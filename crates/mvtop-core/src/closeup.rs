@@ -1,4 +1,5 @@
-//! Close-ups: what a box shows, through a virtual camera of its own.
+//! Close-ups: what a box shows, through a virtual camera of its own. A close-up is a crop of the
+//! image's region of interest (RoI), taken as a camera would take it instead of cut out.
 //!
 //! The camera stands where the real one does, looks at the middle of the box, turned as little as
 //! possible, and has the focal length at which the box's longer side fills [`FILL`] of the picture.
@@ -10,6 +11,7 @@ use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};
 use ndarray::{Array2, Array3, Axis};
 use rayon::prelude::*;
 
+use crate::BBox;
 use crate::camera::{Camera, Intrinsics, Projection};
 use crate::image::Letterbox;
 use crate::rays::camera_rays;
@@ -22,21 +24,22 @@ const MAX_TAPS: u32 = 8;
 /// A virtual pinhole camera that looks at a box of a real one's image.
 #[derive(Debug, Clone)]
 pub struct CloseUp {
+    /// The virtual camera; its id is the real one's.
     pub camera: Camera,
-    /// The box in its picture, `[x0, y0, x1, y1]`, px.
-    pub bbox: [f64; 4],
+    /// The box in its picture.
+    pub bbox: BBox,
     /// Samples along each axis of a pixel.
     taps: u32,
     cam_from_close: UnitQuaternion<f64>,
 }
 
 impl CloseUp {
-    /// The close-up of `size` px a side of the box `bbox` (px) of an image of `camera`.
+    /// The close-up of `size` px a side of a box in an image of `camera`.
     ///
     /// `None` where the lens gives no rays for the box, or it spans half the view around.
-    pub fn new(camera: &Camera, bbox: [f64; 4], size: u32) -> Option<Self> {
-        let [x0, y0, x1, y1] = bbox;
-        let (xc, yc) = ((x0 + x1) / 2.0, (y0 + y1) / 2.0);
+    pub fn new(camera: &Camera, bbox: BBox, size: u32) -> Option<Self> {
+        let BBox { x0, y0, x1, y1 } = bbox;
+        let (xc, yc) = (bbox.center().x, bbox.center().y);
         let ray = |u, v| camera.intrinsics().unproject(&Point2::new(u, v));
         let close_from_cam =
             UnitQuaternion::rotation_between_axis(&ray(xc, yc)?, &Vector3::z_axis())?;
@@ -50,14 +53,16 @@ impl CloseUp {
         let reach = (-left).max(right).max(-top).max(bottom);
         let side = f64::from(size);
         let (focal, middle) = (FILL * side / 2.0 / reach, (side - 1.0) / 2.0);
-        let taps = ((x1 - x0).max(y1 - y0) / (FILL * side)).ceil();
+        let taps = (bbox.width().max(bbox.height()) / (FILL * side)).ceil();
         let cam_from_close = close_from_cam.inverse();
         let intrinsics = Intrinsics::new(focal, focal, middle, middle, Projection::Pinhole).ok()?;
         let world_from_close = camera.world_from_cam()
             * Isometry3::from_parts(Vector3::zeros().into(), cam_from_close);
         Some(Self {
             camera: Camera::new(camera.id(), [size; 2], intrinsics, world_from_close).ok()?,
-            bbox: [left, top, right, bottom].map(|x| x * focal + middle),
+            bbox: [left, top, right, bottom]
+                .map(|x| x * focal + middle)
+                .into(),
             taps: (taps as u32).clamp(1, MAX_TAPS),
             cam_from_close,
         })

@@ -2,11 +2,10 @@
 
 use ndarray::{ArrayView2, ArrayView3};
 
+use crate::BBox;
+
 /// Objects of one class kept in one view; bounds the work of [`crate::associate`] on any map.
 const MAX_PER_CLASS: usize = 50;
-
-/// Boxes that are thinner than this carry no direction worth reading.
-const MIN_SIDE_PX: f64 = 1.0;
 
 /// One object seen in one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,8 +14,8 @@ pub struct Detection {
     pub class: usize,
     /// Between 0 and 1.
     pub score: f64,
-    /// `[x0, y0, x1, y1]`, px; of the network's input in [`peaks`], of the camera's image elsewhere.
-    pub bbox: [f64; 4],
+    /// Of the network's input in [`peaks`], of the camera's image elsewhere.
+    pub bbox: BBox,
 }
 
 /// Detections of one view, best first, in pixels of the network's input.
@@ -38,13 +37,13 @@ pub fn peaks(
         let mut candidates: Vec<Detection> = local_maxima(map, score_threshold)
             .into_iter()
             .filter_map(|(row, column)| {
-                let bbox = [0, 1, 2, 3].map(|side| {
+                let bbox = BBox::from([0, 1, 2, 3].map(|side| {
                     boxes
                         .get((side, row, column))
                         .map_or(f64::NAN, |&value| f64::from(value))
-                });
+                }));
                 let score = f64::from(map[(row, column)]);
-                is_box(&bbox).then_some(Detection { class, score, bbox })
+                bbox.is_proper().then_some(Detection { class, score, bbox })
             })
             .collect();
         candidates.sort_by(|a, b| b.score.total_cmp(&a.score));
@@ -52,39 +51,6 @@ pub fn peaks(
     }
     kept.sort_by(|a, b| b.score.total_cmp(&a.score));
     kept
-}
-
-/// The box within the image, or `None` where nothing of it is left.
-///
-/// The image spans `[-0.5, width - 0.5]` by `[-0.5, height - 0.5]` px, pixel centers being integers.
-pub fn clip(bbox: [f64; 4], width: u32, height: u32) -> Option<[f64; 4]> {
-    let (right, bottom) = (f64::from(width) - 0.5, f64::from(height) - 0.5);
-    let clipped = [
-        bbox[0].clamp(-0.5, right),
-        bbox[1].clamp(-0.5, bottom),
-        bbox[2].clamp(-0.5, right),
-        bbox[3].clamp(-0.5, bottom),
-    ];
-    let wide_enough = clipped[2] - clipped[0] >= MIN_SIDE_PX;
-    let high_enough = clipped[3] - clipped[1] >= MIN_SIDE_PX;
-    (is_box(&clipped) && wide_enough && high_enough).then_some(clipped)
-}
-
-/// Area shared by two boxes over the area they cover together, 0 to 1.
-pub fn iou(a: &[f64; 4], b: &[f64; 4]) -> f64 {
-    let area = |r: &[f64; 4]| (r[2] - r[0]).max(0.0) * (r[3] - r[1]).max(0.0);
-    let shared = area(&[
-        a[0].max(b[0]),
-        a[1].max(b[1]),
-        a[2].min(b[2]),
-        a[3].min(b[3]),
-    ]);
-    let covered = area(a) + area(b) - shared;
-    if covered > 0.0 { shared / covered } else { 0.0 }
-}
-
-fn is_box(bbox: &[f64; 4]) -> bool {
-    bbox.iter().all(|side| side.is_finite()) && bbox[0] < bbox[2] && bbox[1] < bbox[3]
 }
 
 fn local_maxima(map: ArrayView2<f32>, threshold: f64) -> Vec<(usize, usize)> {
@@ -114,7 +80,7 @@ fn suppress(sorted: Vec<Detection>, max_iou: f64) -> Vec<Detection> {
         }
         if kept
             .iter()
-            .all(|better| iou(&better.bbox, &candidate.bbox) <= max_iou)
+            .all(|better| better.bbox.iou(&candidate.bbox) <= max_iou)
         {
             kept.push(candidate);
         }
@@ -154,9 +120,9 @@ mod tests {
         );
         let found = peaks(scores.view(), boxes.view(), 0.3, 0.5);
         assert_eq!(found.len(), 2);
-        assert_eq!(found[0].bbox, [30., 20., 44., 30.]);
+        assert_eq!(found[0].bbox, [30., 20., 44., 30.].into());
         assert!((found[0].score - 0.9).abs() < 1e-6);
-        assert_eq!(found[1].bbox, [0., 0., 8., 8.]);
+        assert_eq!(found[1].bbox, [0., 0., 8., 8.].into());
     }
 
     #[test]
@@ -171,7 +137,7 @@ mod tests {
         );
         let found = peaks(scores.view(), boxes.view(), 0.3, 0.5);
         assert_eq!(found.len(), 1);
-        assert_eq!(found[0].bbox, [0., 0., 8., 8.]);
+        assert_eq!(found[0].bbox, [0., 0., 8., 8.].into());
     }
 
     #[test]
@@ -217,22 +183,6 @@ mod tests {
         // Fewer box planes than four: nothing to read, and no panic.
         let short = Array3::<f32>::zeros((3, 1, 8));
         assert!(peaks(scores.view(), short.view(), 0.3, 0.5).is_empty());
-    }
-
-    #[test]
-    fn iou_of_half_shifted_squares_is_one_third() {
-        let shifted = iou(&[0., 0., 2., 2.], &[1., 0., 3., 2.]);
-        assert!((shifted - 1. / 3.).abs() < 1e-12);
-        assert_eq!(iou(&[0., 0., 2., 2.], &[2., 0., 4., 2.]), 0.0);
-        assert_eq!(iou(&[0., 0., 0., 0.], &[0., 0., 0., 0.]), 0.0);
-    }
-
-    #[test]
-    fn clip_keeps_the_part_inside_the_image() {
-        assert_eq!(clip([-9., 2., 5., 99.], 10, 8), Some([-0.5, 2., 5., 7.5]));
-        assert_eq!(clip([20., 2., 30., 5.], 10, 8), None);
-        assert_eq!(clip([f64::NAN, 2., 5., 6.], 10, 8), None);
-        assert_eq!(clip([3., 2., 3.4, 6.], 10, 8), None);
     }
 
     #[test]

@@ -150,6 +150,60 @@ pub enum Error {
     /// A data set's file or folder that holds something else than it should.
     #[error("{0}")]
     Data(String),
+
+    /// A file of true poses that is refused.
+    #[error("{}: {problem}", path.display())]
+    Annotations {
+        /// The file.
+        path: PathBuf,
+        /// Which object, what was expected and what came.
+        problem: String,
+    },
+
+    /// A camera that the rig does not have.
+    #[error("{role}: no camera `{id}` in the rig, expected one of: {}", known.join(", "))]
+    UnknownCamera {
+        /// What the camera was named for.
+        role: String,
+        /// Its id.
+        id: String,
+        /// Ids of the rig's cameras.
+        known: Vec<String>,
+    },
+
+    /// A class that the model does not know.
+    #[error("{role}: no class `{class}` in the model, expected one of: {}", known.join(", "))]
+    UnknownClass {
+        /// What the class was named for.
+        role: String,
+        /// Its name.
+        class: String,
+        /// Names of the model's classes.
+        known: Vec<String>,
+    },
+
+    /// An image of another size than its camera's.
+    #[error(
+        "camera `{camera}`: expected an image of {}x{} px as in the rig, got {}x{}",
+        expected[0], expected[1], got[0], got[1]
+    )]
+    ImageSize {
+        /// Id of the camera.
+        camera: String,
+        /// Width and height in the rig, px.
+        expected: [u32; 2],
+        /// Width and height of the image, px.
+        got: [u32; 2],
+    },
+
+    /// Fewer images than are asked for.
+    #[error("images: expected at least {expected}, got {got}")]
+    TooFewImages {
+        /// One, or the fewest views of an object that are asked for.
+        expected: usize,
+        /// The number of images.
+        got: usize,
+    },
 }
 
 /// What an [`Error`] is about.
@@ -206,8 +260,12 @@ impl Error {
             Self::Provider { .. } => ErrorKind::Provider,
             Self::Network { .. } => ErrorKind::Network,
             Self::Bundle { .. } => ErrorKind::Bundle,
-            Self::Input(_) => ErrorKind::Input,
-            Self::Json { .. } | Self::Data(_) => ErrorKind::Data,
+            Self::Input(_)
+            | Self::UnknownCamera { .. }
+            | Self::UnknownClass { .. }
+            | Self::ImageSize { .. }
+            | Self::TooFewImages { .. } => ErrorKind::Input,
+            Self::Json { .. } | Self::Data(_) | Self::Annotations { .. } => ErrorKind::Data,
             Self::Pose(_) | Self::Rotation6d(_) => ErrorKind::Pose,
         }
     }

@@ -10,7 +10,7 @@ use image::{DynamicImage, ImageDecoder, ImageReader, Limits, RgbImage};
 use ndarray::{Array3, s};
 
 use crate::camera::Camera;
-use crate::{Error, Result};
+use crate::{BBox, Error, Result};
 
 /// Largest image file that is read.
 const MAX_FILE_BYTES: u64 = 1 << 29;
@@ -18,6 +18,15 @@ const MAX_FILE_BYTES: u64 = 1 << 29;
 const MAX_PIXEL_BYTES: u64 = 8;
 /// What a decoder may need beside the pixels.
 const DECODER_BYTES: u64 = 1 << 26;
+
+/// What one camera of a rig saw.
+#[derive(Debug, Clone)]
+pub struct ViewImage {
+    /// Index of the camera in the rig.
+    pub camera: usize,
+    /// Of the camera's size.
+    pub image: RgbImage,
+}
 
 /// Reads a PNG, JPEG, TIFF or BMP file taken by `camera`, as 8-bit RGB.
 ///
@@ -94,17 +103,21 @@ pub fn load(path: &Path, camera: &Camera) -> Result<RgbImage> {
 /// How an image lies in the network's input: scaled to fit, at the top left, the rest padded.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Letterbox {
-    /// Image size, px.
+    /// Width of the image, px.
     pub width: u32,
+    /// Height of the image, px.
     pub height: u32,
-    /// Size of the network's input, px.
+    /// Width of the network's input, px.
     pub net_width: u32,
+    /// Height of the network's input, px.
     pub net_height: u32,
-    /// Size of the scaled image in it, px.
+    /// Width of the scaled image in the input, px.
     pub resized_width: u32,
+    /// Height of the scaled image in the input, px.
     pub resized_height: u32,
-    /// Network pixels per image pixel, along each axis: exact, after rounding to whole pixels.
+    /// Network pixels per image pixel along u: exact, after rounding to whole pixels.
     pub su: f64,
+    /// The same along v.
     pub sv: f64,
 }
 
@@ -127,6 +140,20 @@ impl Letterbox {
             su: f64::from(resized_width) / w,
             sv: f64::from(resized_height) / h,
         }
+    }
+
+    /// A box of the image in the network's input.
+    pub fn net_box(&self, bbox: BBox) -> BBox {
+        let [x0, y0] = self.net_from_image([bbox.x0, bbox.y0]);
+        let [x1, y1] = self.net_from_image([bbox.x1, bbox.y1]);
+        BBox { x0, y0, x1, y1 }
+    }
+
+    /// A box of the network's input in the image; it may reach beyond the image.
+    pub fn image_box(&self, bbox: BBox) -> BBox {
+        let [x0, y0] = self.image_from_net([bbox.x0, bbox.y0]);
+        let [x1, y1] = self.image_from_net([bbox.x1, bbox.y1]);
+        BBox { x0, y0, x1, y1 }
     }
 
     /// Network pixel of an image pixel, `[u, v]`.

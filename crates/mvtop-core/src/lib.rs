@@ -2,46 +2,66 @@
 //!
 //! Modules in the order of the flow from images to poses, which [`estimator`] spells out.
 
+/// From images and a rig to poses: the whole way.
 pub mod estimator;
 
+/// Calibrated cameras in one world frame, from numbers or from a rig file.
 pub mod rig;
 
+/// One calibrated camera: between points and pixels, whatever its lens.
 pub mod camera;
 
-pub mod known;
+/// Rigid transforms from numbers, checked.
+pub mod transform;
 
+/// Boxes and poses that are known beforehand, from files.
+pub mod annotations;
+
+mod bbox;
+
+/// Images, from file to the network's input.
 pub mod image;
 
+/// Lines of sight, by which the network knows cameras.
 pub mod rays;
 
+/// The sampling of feature maps, as the network's operator does it.
 pub mod sampling;
 
+/// A model: its folder, checked.
 pub mod bundle;
 
+/// Networks in ONNX Runtime.
 pub mod onnx;
 
+/// The network's two halves as the estimator sees them.
 pub mod network;
 
-pub mod detect;
+mod detect;
 
-pub mod associate;
+mod associate;
 
+/// What a box shows, through a virtual camera of its own.
 pub mod closeup;
 
+/// Rotations, and errors of poses.
 pub mod pose;
 
+/// What the estimator answers.
 pub mod prediction;
 
+/// A prediction as JSON.
 pub mod report;
 
+/// Pictures of a prediction.
 pub mod overlay;
-
-pub mod transform;
 
 mod error;
 
+pub use bbox::BBox;
 pub use camera::{Camera, Intrinsics, Projection};
 pub use error::{Error, ErrorKind, Result};
 pub use estimator::{Estimator, Options, PredictOptions};
+pub use image::ViewImage;
 pub use prediction::Prediction;
 pub use rig::Rig;

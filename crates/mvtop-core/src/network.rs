@@ -1,45 +1,69 @@
-//! The network's two halves as the estimator sees them: images to features, queries to poses.
+//! The network's parts as the estimator sees them: images to boxes, pictures to memory, queries to
+//! poses.
 
-use ndarray::{Array1, Array2, Array3, Array4, ArrayView3};
+use ndarray::{Array1, Array2, Array3, Array4, ArrayView3, ArrayView4};
 
-use crate::bundle::Bundle;
-use crate::onnx::{self, Runtime, SessionOptions};
+use crate::bundle::{Bundle, PoseInput};
+use crate::onnx::{Outputs, Runtime, Session, SessionOptions};
 use crate::{Error, Result};
 
 /// What runs the network. [`crate::Estimator`] needs no more of it than this.
 pub trait Network: Send + Sync {
-    /// The backbone and detector, once for all whole images together; the encoder, too, where poses
-    /// are decoded from these.
+    /// Backbone and detector, once for all whole images together.
+    ///
+    /// Called alone where poses are decoded from close-ups.
+    ///
+    /// - `images`: `[V, 3, Hn, Wn]`, normalised
+    fn detect(&self, images: ArrayView4<f32>) -> Result<DetectorMaps>;
+
+    /// Backbone and encoder, once for some pictures together.
+    ///
+    /// Called alone where poses are decoded from close-ups, which these then are.
+    ///
+    /// - `pictures`: `[P, 3, Hp, Wp]`, normalised: whole images, or
+    ///   [`crate::closeup::CloseUp::picture`]
+    /// - `camera_rays`: `[P, N, 3]`, of their feature cells, from [`crate::rays::camera_rays`] or
+    ///   [`crate::closeup::CloseUp::camera_rays`]
+    /// - returns: memory, `[P, N, C]`
+    fn encode(
+        &self,
+        pictures: ArrayView4<f32>,
+        camera_rays: ArrayView3<f32>,
+    ) -> Result<Array3<f32>>;
+
+    /// [`Network::detect`] and [`Network::encode`] of the same whole images, where poses are decoded
+    /// from these. The backbone need run only once.
     ///
     /// - `images`: `[V, 3, Hn, Wn]`, normalised
     /// - `camera_rays`: `[V, N, 3]`, from [`crate::rays::camera_rays`]
-    fn features(&self, images: Array4<f32>, camera_rays: Array3<f32>) -> Result<Features>;
-
-    /// The backbone and encoder, once for all close-ups together, of bundles that have them.
-    ///
-    /// - `pictures`: `[P, 3, size, size]`, from [`crate::closeup::CloseUp::picture`]
-    /// - `camera_rays`: `[P, N, 3]`, from [`crate::closeup::CloseUp::camera_rays`]
-    /// - returns: memory, `[P, N, C]`
-    fn closeups(&self, pictures: Array4<f32>, camera_rays: Array3<f32>) -> Result<Array3<f32>>;
+    /// - returns: with the memory, `[V, N, C]`
+    fn detect_and_encode(
+        &self,
+        images: ArrayView4<f32>,
+        camera_rays: ArrayView3<f32>,
+    ) -> Result<(DetectorMaps, Array3<f32>)> {
+        Ok((
+            self.detect(images.view())?,
+            self.encode(images, camera_rays)?,
+        ))
+    }
 
     /// The pose decoder, for objects that share an anchor: the view that comes first.
     ///
-    /// - `memory`: `[V, N, C]`
+    /// - `memory`: `[V, N, C]`, of the views' pictures
     fn decode(&self, memory: ArrayView3<f32>, queries: &Queries) -> Result<Decoded>;
 
     /// What executes the dense layers, for example `cpu`.
     fn provider(&self) -> &str;
 }
 
-/// What is known of the views before any object is.
+/// The detector's maps, per cell of its finest level.
 #[derive(Debug, Clone)]
-pub struct Features {
-    /// `[V, N, C]`; `None` where poses are decoded from close-ups
-    pub memory: Option<Array3<f32>>,
-    /// `[V, classes, h, w]`, 0 to 1, per cell of the finest level
-    pub det_scores: Array4<f32>,
+pub struct DetectorMaps {
+    /// `[V, classes, h, w]`, 0 to 1
+    pub scores: Array4<f32>,
     /// `[V, 4, h, w]`, x0 y0 x1 y1, px of the network's input
-    pub det_boxes: Array4<f32>,
+    pub boxes: Array4<f32>,
 }
 
 /// Objects to decode and where each view sees them; everything in the frame of view 0.
@@ -51,7 +75,7 @@ pub struct Queries {
     pub centers: Array3<f32>,
     /// `[V, Q, 2]`, half the boxes' sides over the input's; 0 where not detected
     pub half_sizes: Array3<f32>,
-    /// `[V, Q, 12]`, from [`crate::rays::box_rays`]; 0 where not detected
+    /// `[V, Q, 12]`, from [`crate::rays::BoxRays::encode`]; 0 where not detected
     pub box_rays: Array3<f32>,
     /// `[V, Q]`, 1 where detected, else 0
     pub valid: Array2<f32>,
@@ -70,15 +94,18 @@ pub struct Decoded {
     pub sigma: Array2<f32>,
 }
 
-impl Features {
+impl DetectorMaps {
+    fn take(outputs: &mut Outputs) -> Result<Self> {
+        Ok(Self {
+            scores: outputs.take("det_scores")?,
+            boxes: outputs.take("det_boxes")?,
+        })
+    }
+
     /// Refuses maps that belong to other views or classes.
     pub(crate) fn check(&self, views: usize, classes: usize) -> Result<()> {
-        let (scores, boxes) = (self.det_scores.shape(), self.det_boxes.shape());
+        let (scores, boxes) = (self.scores.shape(), self.boxes.shape());
         let cells = &scores[2..];
-        if let Some(memory) = &self.memory {
-            let memory = memory.shape();
-            expect("memory", memory, &[views, memory[1], memory[2]])?;
-        }
         expect("det_scores", scores, &[views, classes, cells[0], cells[1]])?;
         expect("det_boxes", boxes, &[views, 4, cells[0], cells[1]])
     }
@@ -105,10 +132,11 @@ fn expect(name: &'static str, got: &[usize], expected: &[usize]) -> Result<()> {
 }
 
 /// The graphs of a bundle in ONNX Runtime.
-pub struct OnnxNetwork {
-    features: onnx::Network,
-    closeup: Option<onnx::Network>,
-    decoder: onnx::Network,
+pub(crate) struct OnnxNetwork {
+    /// On whole images; gives memory as well where there is no `closeup`.
+    features: Session,
+    closeup: Option<Session>,
+    decoder: Session,
     provider: String,
 }
 
@@ -118,9 +146,9 @@ impl OnnxNetwork {
     pub fn load(runtime: &Runtime, bundle: &Bundle, options: &SessionOptions) -> Result<Self> {
         Ok(Self {
             features: runtime.session(&bundle.features, options)?,
-            closeup: match &bundle.closeup {
-                Some(closeup) => Some(runtime.session(&closeup.graph, options)?),
-                None => None,
+            closeup: match &bundle.poses {
+                PoseInput::WholeImages { .. } => None,
+                PoseInput::CloseUps(closeups) => Some(runtime.session(&closeups.graph, options)?),
             },
             decoder: runtime.session(&bundle.decoder, options)?,
             provider: options.provider.to_string(),
@@ -129,32 +157,34 @@ impl OnnxNetwork {
 }
 
 impl Network for OnnxNetwork {
-    fn features(&self, images: Array4<f32>, camera_rays: Array3<f32>) -> Result<Features> {
-        let mut outputs = self.features.run(&[
-            ("images", images.view().into()),
-            ("camera_rays", camera_rays.view().into()),
-        ])?;
-        Ok(Features {
-            memory: match self.closeup {
-                Some(_) => None,
-                None => Some(outputs.take("memory")?),
-            },
-            det_scores: outputs.take("det_scores")?,
-            det_boxes: outputs.take("det_boxes")?,
-        })
+    fn detect(&self, images: ArrayView4<f32>) -> Result<DetectorMaps> {
+        let mut outputs = self.features.run(&[("images", images.into())])?;
+        DetectorMaps::take(&mut outputs)
     }
 
-    fn closeups(&self, pictures: Array4<f32>, camera_rays: Array3<f32>) -> Result<Array3<f32>> {
-        let Some(closeup) = &self.closeup else {
-            return Err(Error::Input(
-                "the bundle has no network for close-ups".into(),
-            ));
-        };
-        let mut outputs = closeup.run(&[
-            ("images", pictures.view().into()),
-            ("camera_rays", camera_rays.view().into()),
+    fn encode(
+        &self,
+        pictures: ArrayView4<f32>,
+        camera_rays: ArrayView3<f32>,
+    ) -> Result<Array3<f32>> {
+        let graph = self.closeup.as_ref().unwrap_or(&self.features);
+        let mut outputs = graph.run(&[
+            ("images", pictures.into()),
+            ("camera_rays", camera_rays.into()),
         ])?;
         outputs.take("memory")
+    }
+
+    fn detect_and_encode(
+        &self,
+        images: ArrayView4<f32>,
+        camera_rays: ArrayView3<f32>,
+    ) -> Result<(DetectorMaps, Array3<f32>)> {
+        let mut outputs = self.features.run(&[
+            ("images", images.into()),
+            ("camera_rays", camera_rays.into()),
+        ])?;
+        Ok((DetectorMaps::take(&mut outputs)?, outputs.take("memory")?))
     }
 
     fn decode(&self, memory: ArrayView3<f32>, queries: &Queries) -> Result<Decoded> {

@@ -1,11 +1,11 @@
-//! Networks in ONNX Runtime: the only module, with its children, that knows the `ort` crate.
+//! Graphs in ONNX Runtime: the only module, with its children, that knows the `ort` crate.
 //!
 //! The ONNX Runtime library is loaded when the program runs, so that any recent one will do; it is
 //! loaded once and stays until the process ends.
 
 use crate::{Error, Result};
 use ndarray::{ArrayD, ArrayViewD, CowArray, Dimension, IxDyn};
-use ort::session::{Session, SessionInputValue};
+use ort::session::SessionInputValue;
 use ort::value::TensorRef;
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -17,22 +17,24 @@ mod operator;
 mod provider;
 mod runtime;
 
-pub use locate::Attempt;
 pub use provider::Provider;
-pub use runtime::{Doctor, Runtime};
+pub use runtime::Runtime;
 
-/// How a network is run.
+/// How a graph is run.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct SessionOptions {
+    /// What runs it.
     pub provider: Provider,
     /// Threads inside one operation; 0 leaves the number to ONNX Runtime (one per physical core).
     pub threads: usize,
 }
 
-/// An input of a network: borrowed when contiguous, copied otherwise.
+/// An input of a graph: borrowed when contiguous, copied otherwise.
 #[derive(Debug, Clone)]
 pub enum Tensor<'a> {
+    /// 32-bit floats.
     F32(ArrayViewD<'a, f32>),
+    /// 64-bit integers.
     I64(ArrayViewD<'a, i64>),
 }
 
@@ -50,17 +52,17 @@ impl<'a, D: Dimension> From<ndarray::ArrayView<'a, i64, D>> for Tensor<'a> {
 
 /// One loaded graph.
 #[derive(Debug)]
-pub struct Network {
+pub struct Session {
     path: PathBuf,
     inputs: Vec<String>,
     outputs: Vec<String>,
     // ONNX Runtime's `Run` is thread-safe but `ort` asks for `&mut`. Nothing runs on rayon while
     // this is held, so a rayon task may wait for it.
-    session: Mutex<Session>,
+    session: Mutex<ort::session::Session>,
 }
 
-impl Network {
-    fn new(path: &Path, session: Session) -> Self {
+impl Session {
+    fn new(path: &Path, session: ort::session::Session) -> Self {
         let names =
             |outlets: &[ort::value::Outlet]| outlets.iter().map(|o| o.name().to_owned()).collect();
         Self {
@@ -132,7 +134,7 @@ impl Network {
     }
 }
 
-/// What a network has computed.
+/// What a graph has computed.
 #[derive(Debug, Clone)]
 pub struct Outputs {
     path: PathBuf,

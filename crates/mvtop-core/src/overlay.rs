@@ -1,7 +1,6 @@
 //! Pictures of a prediction: each object's points and axes through the camera's true lens.
 
 mod canvas;
-mod font;
 
 use image::RgbImage;
 use image::imageops::{FilterType, replace, resize};
@@ -9,8 +8,9 @@ use nalgebra::{Isometry3, Point2, Point3};
 
 use self::canvas::{Canvas, Color};
 use crate::bundle::Class;
+use crate::image::ViewImage;
 use crate::prediction::{ObjectPose, Prediction};
-use crate::{Camera, Rig};
+use crate::{BBox, Camera, Rig};
 
 /// One color per object, in turn; none of them is one of the axes'.
 const OBJECT_COLORS: [Color; 4] = [[0, 229, 255], [255, 64, 208], [255, 196, 0], [178, 255, 89]];
@@ -29,20 +29,22 @@ const SHEET_GAP: u32 = 6;
 /// An object to draw.
 #[derive(Debug, Clone)]
 pub struct Drawn<'a> {
+    /// Object frame to camera frame, metres.
     pub cam_from_obj: Isometry3<f64>,
     /// On the object's surface, in its frame, metres.
     pub points: &'a [Point3<f64>],
     /// The object's diameter, metres; the axes are a little longer than its radius.
     pub diameter_m: f64,
-    /// `[x0, y0, x1, y1]`, px.
-    pub bbox: Option<[f64; 4]>,
+    /// In the camera's image.
+    pub bbox: Option<BBox>,
+    /// What is written above the box.
     pub label: String,
 }
 
 /// A copy of a camera's image with the objects drawn onto it and the camera's id in a corner.
 pub fn draw(image: &RgbImage, camera: &Camera, objects: &[Drawn]) -> RgbImage {
-    let mut canvas = Canvas {
-        image: image.clone(),
+    let Some(mut canvas) = Canvas::new(image) else {
+        return image.clone();
     };
     let unit = f64::from(image.height()) / NOMINAL_HEIGHT;
     let text_scale = unit.round().clamp(1.0, 16.0) as u32 * 2;
@@ -51,7 +53,7 @@ pub fn draw(image: &RgbImage, camera: &Camera, objects: &[Drawn]) -> RgbImage {
         draw_points(&mut canvas, camera, object, unit, color);
     }
     for (object, &color) in colored() {
-        if let Some([x0, y0, x1, y1]) = object.bbox {
+        if let Some(BBox { x0, y0, x1, y1 }) = object.bbox {
             let corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)];
             let corners = corners.map(|(x, y)| Point2::new(x, y));
             canvas.polyline(&corners, 1.5 * unit, color, 0.9);
@@ -61,7 +63,7 @@ pub fn draw(image: &RgbImage, camera: &Camera, objects: &[Drawn]) -> RgbImage {
     for (object, &color) in colored() {
         let corner = object
             .bbox
-            .map(|bbox| Point2::new(bbox[0], bbox[1]))
+            .map(|bbox| Point2::new(bbox.x0, bbox.y0))
             .or_else(|| {
                 let reach = object.diameter_m / 2.0;
                 let center = Point3::from(object.cam_from_obj.translation.vector);
@@ -78,30 +80,30 @@ pub fn draw(image: &RgbImage, camera: &Camera, objects: &[Drawn]) -> RgbImage {
         }
     }
     canvas.text(camera.id(), 0.0, 0.0, text_scale, [255; 3]);
-    canvas.image
+    canvas.image()
 }
 
 /// [`draw`] for every image, with the objects as predicted.
 ///
 /// - `classes`: of the bundle that the prediction was made with
-/// - `images`: those that the prediction was made from, each with the index of its camera
+/// - `images`: those that the prediction was made from
 /// - returns: in the order of `images`
 pub fn draw_prediction(
     prediction: &Prediction,
     classes: &[Class],
     rig: &Rig,
-    images: &[(usize, RgbImage)],
+    images: &[ViewImage],
 ) -> Vec<RgbImage> {
     let points: Vec<Vec<Point3<f64>>> = classes
         .iter()
         .map(|class| class.points.iter().map(|p| p.position.into()).collect())
         .collect();
-    let drawn = |(index, image): &(usize, RgbImage)| {
+    let drawn = |ViewImage { camera, image }: &ViewImage| {
         let in_camera = |object: &ObjectPose| {
             let class = classes
                 .iter()
                 .position(|class| class.name == object.class)?;
-            let seen = object.cameras.iter().find(|seen| seen.camera == *index)?;
+            let seen = object.cameras.iter().find(|seen| seen.camera == *camera)?;
             Some(Drawn {
                 cam_from_obj: seen.cam_from_obj,
                 points: &points[class],
@@ -112,22 +114,22 @@ pub fn draw_prediction(
         };
         let objects: Vec<Drawn> = prediction.objects.iter().filter_map(in_camera).collect();
         rig.cameras()
-            .get(*index)
+            .get(*camera)
             .map_or_else(|| image.clone(), |camera| draw(image, camera, &objects))
     };
     images.iter().map(drawn).collect()
 }
 
-/// A copy of a camera's image with the axes of a known pose: thin white lines that end in a dot of
+/// A copy of a camera's image with the axes of the true pose: thin white lines that end in a dot of
 /// the axis' color beyond the predicted ones, so that both can be seen where they agree.
-pub fn draw_known(
+pub fn draw_truth(
     image: &RgbImage,
     camera: &Camera,
     world_from_obj: &Isometry3<f64>,
     diameter_m: f64,
 ) -> RgbImage {
-    let mut canvas = Canvas {
-        image: image.clone(),
+    let Some(mut canvas) = Canvas::new(image) else {
+        return image.clone();
     };
     let unit = f64::from(image.height()) / NOMINAL_HEIGHT;
     let cam_from_obj = camera.world_from_cam().inv_mul(world_from_obj);
@@ -139,7 +141,7 @@ pub fn draw_known(
             canvas.dot(*end, 3.0 * unit, color, 1.0);
         }
     }
-    canvas.image
+    canvas.image()
 }
 
 /// The images side by side, at one height; empty without images.
@@ -256,20 +258,20 @@ mod tests {
     }
 
     #[test]
-    fn known_axes_are_white_and_end_in_their_color() {
+    fn true_axes_are_white_and_end_in_their_color() {
         // The camera stands at x = 1 m; the object is a metre before it.
         let camera = camera()
             .moved_to(Isometry3::translation(1.0, 0.0, 0.0))
             .unwrap();
         let world_from_obj = Isometry3::translation(1.0, 0.0, 1.0);
-        let drawn = draw_known(&RgbImage::new(640, 480), &camera, &world_from_obj, 0.2);
+        let drawn = draw_truth(&RgbImage::new(640, 480), &camera, &world_from_obj, 0.2);
         // 0.17 m at 1 m and 500 px: 85 px to the right and down.
         assert_eq!(drawn.get_pixel(360, 240), &Rgb([255; 3]));
         assert_eq!(drawn.get_pixel(405, 240), &Rgb(AXIS_COLORS[0]));
         assert_eq!(drawn.get_pixel(320, 325), &Rgb(AXIS_COLORS[1]));
         assert_eq!(drawn.get_pixel(415, 240), &Rgb([0; 3]));
         let behind = Isometry3::translation(1.0, 0.0, -1.0);
-        let untouched = draw_known(&RgbImage::new(640, 480), &camera, &behind, 0.2);
+        let untouched = draw_truth(&RgbImage::new(640, 480), &camera, &behind, 0.2);
         assert_eq!(untouched, RgbImage::new(640, 480));
     }
 
@@ -284,11 +286,9 @@ mod tests {
                 bbox: None,
                 label: "".into(),
             };
-            let mut canvas = Canvas {
-                image: RgbImage::new(640, 480),
-            };
+            let mut canvas = Canvas::new(&RgbImage::new(640, 480)).unwrap();
             draw_points(&mut canvas, &camera(), &object, 1.0, [100; 3]);
-            canvas.image.get_pixel(320, 240).0[0]
+            canvas.image().get_pixel(320, 240).0[0]
         };
         let ahead = Isometry3::translation(0.0, 0.0, 1.0);
         assert_eq!(shown(ahead, &points), 60, "one dot, not two on each other");
@@ -319,7 +319,7 @@ mod tests {
                 cam_from_obj: Isometry3::translation(1.0, -3.0, z),
                 points: &points,
                 diameter_m: 0.2,
-                bbox: Some([f64::NAN, -1e9, 1e9, 3.0]),
+                bbox: Some([f64::NAN, -1e9, 1e9, 3.0].into()),
                 label: "ball".into(),
             };
             draw(&RgbImage::new(2, 1), &camera(), &[object]);

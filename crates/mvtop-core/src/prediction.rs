@@ -3,6 +3,8 @@
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
+use crate::BBox;
+
 /// Poses of all objects, and how long each stage took.
 #[derive(Debug, Clone)]
 pub struct Prediction {
@@ -10,6 +12,7 @@ pub struct Prediction {
     pub reference: usize,
     /// Best score first, or in the order of the given boxes; empty where nothing was detected.
     pub objects: Vec<ObjectPose>,
+    /// How long each stage took.
     pub timings: Timings,
     /// What executed the dense layers, for example `cpu`.
     pub provider: String,
@@ -18,7 +21,9 @@ pub struct Prediction {
 /// One object.
 #[derive(Debug, Clone)]
 pub struct ObjectPose {
+    /// Name of the class in the bundle.
     pub class: String,
+    /// Number of the class in the bundle.
     pub class_id: i64,
     /// Probability that not all views that detected the object are wrong, `1 - Π (1 - s)` over the
     /// detector's scores; 1 for given boxes.
@@ -27,6 +32,7 @@ pub struct ObjectPose {
     pub ref_from_obj: Isometry3<f64>,
     /// Object frame to the world frame, metres.
     pub world_from_obj: Isometry3<f64>,
+    /// How far the network expects to be off.
     pub sigma: Sigma,
     /// Every camera that gave an image, in the rig's order.
     pub cameras: Vec<CameraPose>,
@@ -48,8 +54,8 @@ pub struct CameraPose {
     pub camera: usize,
     /// Object frame to camera frame, metres.
     pub cam_from_obj: Isometry3<f64>,
-    /// `[x0, y0, x1, y1]`, px of the camera's image; `None` where the object was not detected.
-    pub bbox: Option<[f64; 4]>,
+    /// In the camera's image; `None` where the object was not detected.
+    pub bbox: Option<BBox>,
 }
 
 /// Wall time of each stage, milliseconds.
@@ -65,5 +71,6 @@ pub struct Timings {
     pub closeup: f64,
     /// Pose decoder.
     pub decode: f64,
+    /// All of these together.
     pub total: f64,
 }

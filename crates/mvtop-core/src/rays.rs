@@ -1,11 +1,12 @@
 //! Lines of sight: where each cell of the network's feature maps looks.
 
 use glam::{Mat3, Vec3};
-use nalgebra::{Isometry3, Point2};
+use nalgebra::{Isometry3, Point2, Vector3};
 use ndarray::{Array2, ArrayView2};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::BBox;
 use crate::camera::Camera;
 use crate::image::Letterbox;
 
@@ -29,6 +30,7 @@ pub enum LosEncoding {
 }
 
 impl LosEncoding {
+    /// Every encoding.
     pub const ALL: [Self; 4] = [
         Self::Direction,
         Self::OriginDirection,
@@ -116,29 +118,47 @@ pub fn encode(
     lines
 }
 
-/// Lines of sight of a box: camera center, direction through the box's center, and how far the
-/// directions to its sides lie to the left and right, and above and below.
-///
-/// - `bounds`: `[x0, y0, x1, y1]`, image px
-/// - returns: `[o, d, 10 e_x, 10 e_y]` in the reference camera's frame, `o` in metres,
-///   `e_x = (ray(x1, yc) - ray(x0, yc)) / 2`, `e_y = (ray(xc, y1) - ray(xc, y0)) / 2`; `None` where
-///   one of these pixels has no ray
-pub fn box_rays(
-    camera: &Camera,
-    bounds: [f64; 4],
-    ref_from_cam: &Isometry3<f64>,
-) -> Option<[f32; 12]> {
-    let [x0, y0, x1, y1] = bounds;
-    let (xc, yc) = ((x0 + x1) / 2.0, (y0 + y1) / 2.0);
-    let ray = |u, v| {
-        let ray = camera.intrinsics().unproject(&Point2::new(u, v))?;
-        Some(ref_from_cam.rotation * ray.into_inner())
-    };
-    let parts = [
-        ref_from_cam.translation.vector,
-        ray(xc, yc)?,
-        (ray(x1, yc)? - ray(x0, yc)?) / 2.0 * EXTENT_SCALE,
-        (ray(xc, y1)? - ray(xc, y0)?) / 2.0 * EXTENT_SCALE,
-    ];
-    Some(std::array::from_fn(|i| parts[i / 3][i % 3] as f32))
+/// Lines of sight of a box, in its camera's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoxRays {
+    /// Unit direction through the box's center, `ray(xc, yc)`.
+    pub center: Vector3<f64>,
+    /// Half the way from the left side's direction to the right one's,
+    /// `(ray(x1, yc) - ray(x0, yc)) / 2`.
+    pub half_x: Vector3<f64>,
+    /// The same from the top to the bottom side, `(ray(xc, y1) - ray(xc, y0)) / 2`.
+    pub half_y: Vector3<f64>,
+}
+
+impl BoxRays {
+    /// Of a box in the camera's image; `None` where one of its pixels has no ray.
+    pub fn new(camera: &Camera, bbox: BBox) -> Option<Self> {
+        let ray = |u, v| {
+            Some(
+                camera
+                    .intrinsics()
+                    .unproject(&Point2::new(u, v))?
+                    .into_inner(),
+            )
+        };
+        let (BBox { x0, y0, x1, y1 }, center) = (bbox, bbox.center());
+        Some(Self {
+            center: ray(center.x, center.y)?,
+            half_x: (ray(x1, center.y)? - ray(x0, center.y)?) / 2.0,
+            half_y: (ray(center.x, y1)? - ray(center.x, y0)?) / 2.0,
+        })
+    }
+
+    /// What the network is told of the box: `[o, d, 10 e_x, 10 e_y]`, camera center (metres), center
+    /// direction and half widths, in the reference camera's frame.
+    pub fn encode(&self, ref_from_cam: &Isometry3<f64>) -> [f32; 12] {
+        let turn = &ref_from_cam.rotation;
+        let parts = [
+            ref_from_cam.translation.vector,
+            turn * self.center,
+            turn * self.half_x * EXTENT_SCALE,
+            turn * self.half_y * EXTENT_SCALE,
+        ];
+        std::array::from_fn(|i| parts[i / 3][i % 3] as f32)
+    }
 }

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use crate::pose::wxyz;
 use crate::prediction::{CameraPose, ObjectPose, Prediction, Sigma, Timings};
-use crate::{Camera, Rig};
+use crate::{BBox, Camera, Rig};
 
 /// Raised when a key changes its meaning or goes away; new keys leave it as it is.
 pub const SCHEMA_VERSION: u32 = 1;
@@ -13,10 +13,13 @@ pub const SCHEMA_VERSION: u32 = 1;
 /// The whole document.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
+    /// [`SCHEMA_VERSION`].
     pub schema_version: u32,
     /// Id of the reference camera.
     pub reference: String,
+    /// Best score first, or in the order of the given boxes.
     pub objects: Vec<Object>,
+    /// Wall time of each stage, milliseconds.
     pub timings_ms: Timings,
     /// What executed the dense layers.
     pub provider: String,
@@ -25,8 +28,11 @@ pub struct Report {
 /// One object.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Object {
+    /// Name of the class in the bundle.
     pub class: String,
+    /// Number of the class in the bundle.
     pub class_id: i64,
+    /// See [`ObjectPose::score`].
     pub score: f64,
     /// Object frame to reference camera frame: rows of the homogeneous matrix, metres.
     #[serde(rename = "T_ref_obj")]
@@ -38,6 +44,7 @@ pub struct Object {
     pub t_m: [f64; 3],
     /// Rotation of `T_ref_obj` as a unit quaternion, `w >= 0`.
     pub q_wxyz: [f64; 4],
+    /// How far the network expects to be off.
     pub sigma: Sigma,
     /// Every camera that gave an image.
     pub cameras: Vec<ObjectInCamera>,
@@ -46,17 +53,21 @@ pub struct Object {
 /// One object as one camera sees it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ObjectInCamera {
+    /// Id of the camera.
     pub id: String,
     /// Object frame to camera frame.
     #[serde(rename = "T_cam_obj")]
     pub t_cam_obj: [[f64; 4]; 4],
-    /// `[x0, y0, x1, y1]`, px.
+    /// In the camera's image, null where the object was not detected.
     #[serde(rename = "box")]
-    pub bbox: Option<[f64; 4]>,
+    pub bbox: Option<BBox>,
+    /// Whether there is a box.
     pub detected: bool,
 }
 
 impl Report {
+    /// The document of a prediction.
+    ///
     /// - `rig`: the one that the prediction was made with
     pub fn new(prediction: &Prediction, rig: &Rig) -> Self {
         let id = |camera: usize| {
@@ -140,7 +151,7 @@ mod tests {
                     rot_deg: 4.0,
                     t_m: 0.01,
                 },
-                cameras: vec![seen(0, Some([1., 2., 3., 4.])), seen(1, None)],
+                cameras: vec![seen(0, Some([1., 2., 3., 4.].into())), seen(1, None)],
             }],
             timings: Timings {
                 total: 7.0,

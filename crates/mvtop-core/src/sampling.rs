@@ -167,9 +167,59 @@ impl<'a> Sampling<'a> {
         })
     }
 
-    /// Length of the output `[B, Q, H·D]`.
+    /// The problem of arrays in standard layout.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] when an array has another layout, or the shapes do not belong together.
+    pub fn of_arrays(
+        levels: &'a LevelShapes,
+        value: ArrayView4<'a, f32>,
+        locations: ArrayView6<'a, f32>,
+        weights: ArrayView5<'a, f32>,
+    ) -> Result<Self> {
+        let (batch, _, heads, head_dim) = value.dim();
+        let (_, queries, _, _, points) = weights.dim();
+        let expect = |name, got: &[usize], expected: &[usize]| match got == expected {
+            true => Ok(()),
+            false => Err(shape_error(name, format!("{expected:?}"), got)),
+        };
+        let taps = [batch, queries, heads, levels.len(), points];
+        let cells = [batch, levels.cells(), heads, head_dim];
+        expect("value", value.shape(), &cells)?;
+        expect("weights", weights.shape(), &taps)?;
+        expect("locations", locations.shape(), &[&taps[..], &[2]].concat())?;
+        let contiguous = |name, shape: &[usize]| shape_error(name, "a contiguous array", shape);
+        let dims = Dims {
+            batch,
+            heads,
+            head_dim,
+            queries,
+            points,
+        };
+        Self::new(
+            levels,
+            dims,
+            value
+                .to_slice()
+                .ok_or_else(|| contiguous("value", value.shape()))?,
+            locations
+                .to_slice()
+                .ok_or_else(|| contiguous("locations", locations.shape()))?,
+            weights
+                .to_slice()
+                .ok_or_else(|| contiguous("weights", weights.shape()))?,
+        )
+    }
+
+    /// Length of the output.
     pub fn output_len(&self) -> usize {
-        self.dims.batch * self.output_per_batch()
+        self.output_shape().iter().product()
+    }
+
+    /// Shape of the output `[B, Q, H·D]`.
+    pub fn output_shape(&self) -> [usize; 3] {
+        let Dims { batch, queries, .. } = self.dims;
+        [batch, queries, self.dims.heads * self.dims.head_dim]
     }
 
     /// Samples in parallel over batches and blocks of queries, in rayon's current pool.
@@ -337,41 +387,14 @@ pub fn deformable_sampling(
     levels: &[(usize, usize)],
 ) -> Result<Array3<f32>> {
     let levels = LevelShapes::new(levels)?;
-    let (batch, cells, heads, head_dim) = value.dim();
-    let (_, queries, _, _, points) = weights.dim();
-    let expect = |name, got: &[usize], expected: &[usize]| match got == expected {
-        true => Ok(()),
-        false => Err(shape_error(name, format!("{expected:?}"), got)),
-    };
-    let taps = [batch, queries, heads, levels.len(), points];
-    expect(
-        "value",
-        &[batch, cells, heads, head_dim],
-        &[batch, levels.cells(), heads, head_dim],
-    )?;
-    expect("weights", weights.shape(), &taps)?;
-    expect("locations", locations.shape(), &[&taps[..], &[2]].concat())?;
-
     let value = value.as_standard_layout();
     let locations = locations.as_standard_layout();
     let weights = weights.as_standard_layout();
-    let contiguous = || shape_error("sampling", "contiguous arrays", &[]);
-    let sampling = Sampling::new(
-        &levels,
-        Dims {
-            batch,
-            heads,
-            head_dim,
-            queries,
-            points,
-        },
-        value.as_slice().ok_or_else(contiguous)?,
-        locations.as_slice().ok_or_else(contiguous)?,
-        weights.as_slice().ok_or_else(contiguous)?,
-    )?;
-    let mut out = Array3::zeros((batch, queries, heads * head_dim));
-    sampling.forward(out.as_slice_mut().ok_or_else(contiguous)?)?;
-    Ok(out)
+    let sampling = Sampling::of_arrays(&levels, value.view(), locations.view(), weights.view())?;
+    let mut out = vec![0.0; sampling.output_len()];
+    sampling.forward(&mut out)?;
+    Array3::from_shape_vec(sampling.output_shape(), out)
+        .map_err(|_| shape_error("output", "contiguous numbers", &sampling.output_shape()))
 }
 
 fn check_len(name: &'static str, len: usize, shape: &[usize]) -> Result<()> {

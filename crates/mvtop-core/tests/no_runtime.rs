@@ -2,7 +2,7 @@
 //! loaded the library once keeps it.
 
 use mvtop_core::Error;
-use mvtop_core::onnx::{Doctor, Runtime};
+use mvtop_core::onnx::Runtime;
 use std::path::Path;
 
 fn problem(path: &Path) -> String {
@@ -73,15 +73,4 @@ fn a_library_that_is_too_old_is_an_error_with_both_versions_and_the_fix() {
     for part in ["1.19.2", "1.20 or newer", "pip install -U"] {
         assert!(problem.contains(part), "{problem}");
     }
-}
-
-#[test]
-fn the_doctor_says_what_is_wrong() {
-    let doctor = Doctor::examine(Some(Path::new("/no/such/libonnxruntime.so")));
-    assert_eq!(doctor.library, None);
-    let text = doctor.to_string();
-    assert!(
-        text.contains("not found") && text.contains("/no/such/libonnxruntime.so"),
-        "{text}"
-    );
 }

@@ -3,10 +3,10 @@
 use image::RgbImage;
 use mvtop_core::transform;
 use nalgebra::{Isometry3, Matrix3, Rotation3};
-use ndarray::{ArrayD, ArrayViewD, Axis};
+use ndarray::{ArrayD, ArrayViewD, Axis, Dimension};
 use numpy::{
-    AllowTypeChange, Element, PyArrayDyn, PyArrayLikeDyn, PyReadonlyArray3, PyUntypedArray,
-    PyUntypedArrayMethods, ToPyArray,
+    AllowTypeChange, Element, PyArray, PyArrayDyn, PyArrayLikeDyn, PyArrayMethods, PyReadonlyArray,
+    PyReadonlyArray3, PyReadwriteArray, PyUntypedArray, PyUntypedArrayMethods, ToPyArray,
 };
 use pyo3::inspect::PyStaticExpr;
 use pyo3::prelude::*;
@@ -106,6 +106,60 @@ impl ArrayLike<'_> {
     /// A rigid transform: rows of the homogeneous matrix.
     pub fn pose(&self, name: &str) -> PyResult<Isometry3<f64>> {
         pose(name, self.read::<f64>(name, Some(0), &[4, 4])?.view())
+    }
+}
+
+/// An array of NumPy's that is read or written where it lies: C-contiguous, of float32.
+pub struct ArrayInPlace<'py>(Bound<'py, PyAny>);
+
+impl<'py> FromPyObject<'_, 'py> for ArrayInPlace<'py> {
+    type Error = PyErr;
+    const INPUT_TYPE: PyStaticExpr = F32::OUTPUT_TYPE;
+
+    fn extract(any: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        Ok(Self(any.to_owned()))
+    }
+}
+
+impl<'py> ArrayInPlace<'py> {
+    pub fn read<D: Dimension>(&self, name: &str) -> PyResult<PyReadonlyArray<'py, f32, D>> {
+        let array = self.array::<D>(name)?.try_readonly();
+        array.map_err(|cause| value(format!("{name}: {cause}")))
+    }
+
+    /// Refuses what does not have this shape, is read-only, or is read or written already.
+    pub fn write<D: Dimension>(
+        &self,
+        name: &str,
+        shape: &[usize],
+    ) -> PyResult<PyReadwriteArray<'py, f32, D>> {
+        let array = self.array::<D>(name)?;
+        if array.shape() != shape {
+            let got = array.shape();
+            return Err(value(format!(
+                "{name}: expected shape {shape:?}, got {got:?}"
+            )));
+        }
+        let array = array.try_readwrite();
+        array.map_err(|cause| value(format!("{name}: {cause}")))
+    }
+
+    fn array<D: Dimension>(&self, name: &str) -> PyResult<&Bound<'py, PyArray<f32, D>>> {
+        let array = self.0.cast::<PyArray<f32, D>>().ok();
+        array.filter(|a| a.is_c_contiguous()).ok_or_else(|| {
+            let axes = D::NDIM.unwrap_or(0);
+            let got = match self.0.cast::<PyUntypedArray>() {
+                Ok(array) => {
+                    let order = ["of other strides", "C-contiguous"];
+                    let order = order[usize::from(array.is_c_contiguous())];
+                    format!("{} of shape {:?}, {order}", array.dtype(), array.shape())
+                }
+                Err(_) => self.0.get_type().to_string(),
+            };
+            value(format!(
+                "{name}: expected a C-contiguous array of float32 with {axes} axes, got {got}"
+            ))
+        })
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::io;
 
-use mvtop_core::Error;
+use mvtop_core::{Error, ErrorKind};
 use pyo3::PyErr;
 use pyo3::exceptions::{PyFileNotFoundError, PyValueError};
 
@@ -18,15 +18,15 @@ pub fn python(error: Error) -> PyErr {
         // Of the cause's kind, so that a missing file is a `FileNotFoundError`.
         Error::Read { cause, .. } => io::Error::new(cause.kind(), sentence).into(),
         Error::Bundle { path, .. } if !path.exists() => PyFileNotFoundError::new_err(sentence),
-        Error::Rig { .. }
-        | Error::Camera(_)
-        | Error::Transform { .. }
-        | Error::Json { .. }
-        | Error::Image { .. }
-        | Error::Shape { .. }
-        | Error::Input(_)
-        | Error::Rotation6d(_) => PyValueError::new_err(sentence),
-        _ => imported::Error::new_err(sentence),
+        Error::Rotation6d(_) => value(sentence),
+        error => match error.kind() {
+            ErrorKind::Runtime
+            | ErrorKind::Provider
+            | ErrorKind::Network
+            | ErrorKind::Bundle
+            | ErrorKind::Pose => imported::Error::new_err(sentence),
+            _ => value(sentence),
+        },
     }
 }
 

@@ -4,12 +4,13 @@ use std::collections::BTreeMap;
 use std::mem::ManuallyDrop;
 use std::path::PathBuf;
 use std::process;
+use std::sync::Arc;
 
-use ::image::RgbImage;
-use mvtop_core::known::KnownBoxes;
+use mvtop_core::annotations::GivenBoxes;
 use mvtop_core::onnx::{Provider, SessionOptions};
-use mvtop_core::report::Report;
-use mvtop_core::{Estimator, Options, PredictOptions, Prediction, image, overlay};
+use mvtop_core::pose::wxyz;
+use mvtop_core::report::{self, Report};
+use mvtop_core::{Estimator, Options, PredictOptions, Prediction, ViewImage, image, overlay};
 use pyo3::prelude::*;
 
 use crate::convert::{self, F64, Rgb, shaped};
@@ -27,9 +28,100 @@ pub struct NativeEstimator {
     process: u32,
 }
 
-/// What the core's estimator answered, for drawing.
+/// What the core's estimator answered.
 #[pyclass(frozen, module = "mvtop._mvtop")]
-pub struct NativePrediction(Prediction);
+pub struct NativePrediction {
+    prediction: Prediction,
+    rig: Arc<mvtop_core::Rig>,
+}
+
+/// One object, by the names of `mvtop.ObjectPose`.
+#[derive(IntoPyObject)]
+pub struct Found {
+    class_name: String,
+    class_id: i64,
+    score: f64,
+    ref_from_obj: F64,
+    world_from_obj: F64,
+    quat_wxyz: F64,
+    /// Degrees, metres.
+    sigma: (f64, f64),
+    /// Id, `cam_from_obj`, box.
+    cameras: Vec<(String, F64, Option<F64>)>,
+}
+
+#[pymethods]
+impl NativePrediction {
+    /// Id of the reference camera.
+    #[getter]
+    fn reference(&self) -> String {
+        self.id(self.prediction.reference)
+    }
+
+    /// Wall time of each stage and their total, milliseconds.
+    #[getter]
+    fn timings_ms(&self) -> Vec<(&'static str, f64)> {
+        let t = &self.prediction.timings;
+        let stages = [
+            "prepare", "features", "detect", "closeup", "decode", "total",
+        ];
+        let times = [
+            t.prepare, t.features, t.detect, t.closeup, t.decode, t.total,
+        ];
+        stages.into_iter().zip(times).collect()
+    }
+
+    /// What executed the network.
+    #[getter]
+    fn provider(&self) -> &str {
+        &self.prediction.provider
+    }
+
+    fn objects(&self) -> Vec<Found> {
+        let matrix = |pose| F64(ndarray::arr2(&report::rows(pose)).into_dyn());
+        let numbers = |four: [f64; 4]| F64(ndarray::arr1(&four).into_dyn());
+        let objects = self.prediction.objects.iter();
+        objects
+            .map(|found| Found {
+                class_name: found.class.clone(),
+                class_id: found.class_id,
+                score: found.score,
+                ref_from_obj: matrix(&found.ref_from_obj),
+                world_from_obj: matrix(&found.world_from_obj),
+                quat_wxyz: numbers(wxyz(&found.ref_from_obj.rotation)),
+                sigma: (found.sigma.rot_deg, found.sigma.t_m),
+                cameras: found
+                    .cameras
+                    .iter()
+                    .map(|seen| {
+                        let bounds = seen.bbox.map(|b| numbers(b.into()));
+                        (self.id(seen.camera), matrix(&seen.cam_from_obj), bounds)
+                    })
+                    .collect(),
+            })
+            .collect()
+    }
+
+    /// What `mvtop-cli infer --json` prints.
+    fn to_json(&self) -> PyResult<String> {
+        serde_json::to_string(&Report::new(&self.prediction, &self.rig))
+            .map_err(|cause| value(format!("report: {cause}")))
+    }
+
+    fn __repr__(&self) -> String {
+        let count = self.prediction.objects.len();
+        format!("NativePrediction({count} objects)")
+    }
+}
+
+impl NativePrediction {
+    fn id(&self, camera: usize) -> String {
+        let camera = self.rig.cameras().get(camera);
+        camera
+            .map(|camera| camera.id().to_owned())
+            .unwrap_or_default()
+    }
+}
 
 #[pymethods]
 impl NativeEstimator {
@@ -77,7 +169,7 @@ impl NativeEstimator {
         Ok(F64(shaped(&[class.points.len(), 3], numbers)?))
     }
 
-    /// The prediction, and its report as JSON. Images are given by the index of their camera.
+    /// Images are given by the index of their camera.
     fn predict<'py>(
         &self,
         py: Python<'py>,
@@ -86,23 +178,24 @@ impl NativeEstimator {
         reference: Option<String>,
         boxes: Option<Vec<Boxes>>,
         min_views: usize,
-    ) -> PyResult<(NativePrediction, String)> {
-        let rig = rig.core();
-        let images = load(py, rig, images)?;
+    ) -> PyResult<NativePrediction> {
+        let rig = rig.core().clone();
+        let images = load(py, &rig, images)?;
         let boxes = boxes.map(|all| {
-            let known = |(class, boxes)| KnownBoxes { class, boxes };
-            all.into_iter().map(known).collect()
+            let given = |(class, boxes): Boxes| GivenBoxes {
+                class,
+                boxes: boxes.into_iter().map(|(id, b)| (id, b.into())).collect(),
+            };
+            all.into_iter().map(given).collect()
         });
         let options = PredictOptions {
             reference,
             boxes,
             min_views,
         };
-        let prediction = compute(py, || self.estimator.predict(rig, &images, &options))?;
+        let prediction = compute(py, || self.estimator.predict(&rig, &images, &options))?;
         let prediction = prediction.map_err(python)?;
-        let report = serde_json::to_string(&Report::new(&prediction, rig))
-            .map_err(|cause| value(format!("report: {cause}")))?;
-        Ok((NativePrediction(prediction), report))
+        Ok(NativePrediction { prediction, rig })
     }
 
     /// The images as arrays.
@@ -113,7 +206,7 @@ impl NativeEstimator {
         images: Vec<(usize, Bound<'py, PyAny>)>,
     ) -> PyResult<Vec<Rgb>> {
         let images = load(py, rig.core(), images)?;
-        Ok(images.into_iter().map(|(_, image)| Rgb(image)).collect())
+        Ok(images.into_iter().map(|view| Rgb(view.image)).collect())
     }
 
     /// Copies of the images with the predicted objects drawn onto them.
@@ -121,14 +214,19 @@ impl NativeEstimator {
         &self,
         py: Python<'py>,
         prediction: PyRef<NativePrediction>,
-        rig: PyRef<Rig>,
         images: Vec<(usize, Bound<'py, PyAny>)>,
     ) -> PyResult<Vec<Rgb>> {
-        let (rig, prediction) = (rig.core(), &prediction.0);
+        let NativePrediction { prediction, rig } = &*prediction;
         let images = load(py, rig, images)?;
         let classes = &self.estimator.bundle().classes;
         let drawn = py.detach(|| overlay::draw_prediction(prediction, classes, rig, &images));
         Ok(drawn.into_iter().map(Rgb).collect())
+    }
+
+    fn __repr__(&self) -> String {
+        let bundle = self.estimator.bundle();
+        let classes: Vec<_> = bundle.classes.iter().map(|c| c.name.as_str()).collect();
+        format!("NativeEstimator({})", classes.join(", "))
     }
 }
 
@@ -147,7 +245,7 @@ fn load(
     py: Python,
     rig: &mvtop_core::Rig,
     images: Vec<(usize, Bound<PyAny>)>,
-) -> PyResult<Vec<(usize, RgbImage)>> {
+) -> PyResult<Vec<ViewImage>> {
     let mut loaded = Vec::with_capacity(images.len());
     for (index, any) in images {
         let Some(camera) = rig.cameras().get(index) else {
@@ -167,7 +265,10 @@ fn load(
                 py.detach(|| image::load(&path, camera)).map_err(python)?
             }
         };
-        loaded.push((index, picture));
+        loaded.push(ViewImage {
+            camera: index,
+            image: picture,
+        });
     }
     Ok(loaded)
 }

@@ -25,11 +25,15 @@ mod _mvtop {
         rotation_error_deg, translation_error, vsd,
     };
     #[pymodule_export]
+    use super::process::set_num_threads;
+    #[pymodule_export]
     use super::rays::{box_rays, camera_rays, encode_rays};
     #[pymodule_export]
     use super::rig::{Camera, Rig};
     #[pymodule_export]
     use super::rotations::rotation_from_6d;
     #[pymodule_export]
-    use super::sampling::deformable_sampling;
+    use super::sampling::{
+        deformable_sampling, deformable_sampling_backward, deformable_sampling_forward,
+    };
 }

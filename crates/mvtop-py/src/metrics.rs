@@ -22,14 +22,9 @@ impl Symmetries {
     ///
     /// - discrete: (S, 4, 4), without the identity, in the unit of the points
     /// - continuous: axis and a point on it, (3,) each
-    /// - max_step: of the turns, as a share of the diameter; 0.01 is BOP's
     #[new]
-    #[pyo3(signature = (discrete = None, continuous = vec![], *, max_step = 0.01))]
-    fn new(
-        discrete: Option<ArrayLike>,
-        continuous: Vec<(ArrayLike, ArrayLike)>,
-        max_step: f64,
-    ) -> PyResult<Self> {
+    #[pyo3(signature = (discrete = None, continuous = vec![]))]
+    fn new(discrete: Option<ArrayLike>, continuous: Vec<(ArrayLike, ArrayLike)>) -> PyResult<Self> {
         let discrete = match discrete {
             Some(array) => poses("discrete", &array.read("discrete", Some(1), &[4, 4])?)?,
             None => Vec::new(),
@@ -42,13 +37,18 @@ impl Symmetries {
             let offset = Point3::from(offset.vector::<3>("offset")?);
             axes.push(metrics::ContinuousSymmetry { axis, offset });
         }
-        let all = metrics::Symmetries::new(&discrete, &axes, max_step).map_err(python)?;
+        let all =
+            metrics::Symmetries::new(&discrete, &axes, metrics::BOP_MAX_STEP).map_err(python)?;
         Ok(Self(all))
     }
 
     /// Number of motions.
     fn __len__(&self) -> usize {
         self.0.motions().len()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Symmetries({} motions)", self.__len__())
     }
 }
 
@@ -57,7 +57,10 @@ impl Symmetries {
 /// Poses are (..., 4, 4), object frame to any one frame, in the unit of the points; one of truth
 /// and estimate may be a single one. Errors are (...), in the unit of the points.
 #[pyclass(frozen, module = "mvtop.metrics")]
-pub struct Surface(metrics::Surface);
+pub struct Surface {
+    surface: metrics::Surface,
+    points: usize,
+}
 
 #[pymethods]
 impl Surface {
@@ -66,13 +69,18 @@ impl Surface {
     fn new(points: ArrayLike) -> PyResult<Self> {
         let points = points.any_number("points", Some(1), &[3])?;
         let surface = metrics::Surface::new(&points3(&points)).map_err(python)?;
-        Ok(Self(surface))
+        let points = points.len() / 3;
+        Ok(Self { surface, points })
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Surface({} points)", self.points)
     }
 
     /// ADD: average distance of the points under both poses (Hinterstoisser et al. 2012).
     fn add(&self, py: Python, truth: ArrayLike, estimate: ArrayLike) -> PyResult<F64> {
         pairs(py, POSE, &truth, &estimate, |truth, estimate| {
-            self.0.add(truth, estimate)
+            self.surface.add(truth, estimate)
         })
     }
 
@@ -80,7 +88,7 @@ impl Surface {
     /// under the estimated one.
     fn add_s(&self, py: Python, truth: ArrayLike, estimate: ArrayLike) -> PyResult<F64> {
         pairs(py, POSE, &truth, &estimate, |truth, estimate| {
-            self.0.add_s(truth, estimate)
+            self.surface.add_s(truth, estimate)
         })
     }
 
@@ -93,7 +101,7 @@ impl Surface {
         symmetric: bool,
     ) -> PyResult<F64> {
         pairs(py, POSE, &truth, &estimate, |truth, estimate| {
-            self.0.add_or_add_s(truth, estimate, symmetric)
+            self.surface.add_or_add_s(truth, estimate, symmetric)
         })
     }
 
@@ -108,7 +116,7 @@ impl Surface {
     ) -> PyResult<F64> {
         let symmetries = or_none(symmetries);
         pairs(py, POSE, &truth, &estimate, |truth, estimate| {
-            self.0.mssd(truth, estimate, &symmetries)
+            self.surface.mssd(truth, estimate, &symmetries)
         })
     }
 
@@ -128,14 +136,18 @@ impl Surface {
         let symmetries = or_none(symmetries);
         let intrinsics = &camera.core().intrinsics();
         pairs(py, POSE, &truth, &estimate, |truth, estimate| {
-            self.0.mspd(truth, estimate, &symmetries, intrinsics)
+            self.surface.mspd(truth, estimate, &symmetries, intrinsics)
         })
     }
 }
 
 /// A triangle mesh in the object's frame, for depth images.
 #[pyclass(frozen, module = "mvtop.metrics")]
-pub struct Mesh(metrics::Mesh);
+pub struct Mesh {
+    mesh: metrics::Mesh,
+    /// Numbers of vertices and of triangles.
+    size: [usize; 2],
+}
 
 #[pymethods]
 impl Mesh {
@@ -144,8 +156,14 @@ impl Mesh {
     #[new]
     fn new(vertices: ArrayLike, triangles: Vec<[u32; 3]>) -> PyResult<Self> {
         let vertices = points3(&vertices.any_number("vertices", Some(1), &[3])?);
+        let size = [vertices.len(), triangles.len()];
         let mesh = metrics::Mesh::new(vertices, triangles).map_err(python)?;
-        Ok(Self(mesh))
+        Ok(Self { mesh, size })
+    }
+
+    fn __repr__(&self) -> String {
+        let [vertices, triangles] = self.size;
+        format!("Mesh({vertices} vertices, {triangles} triangles)")
     }
 
     /// Depth image, in the unit of the vertices and the pose.
@@ -170,7 +188,7 @@ impl Mesh {
         };
         let size = [camera.width(), camera.height()];
         let depth = compute(py, || {
-            self.0.depth(&pose, &camera.intrinsics(), size, center)
+            self.mesh.depth(&pose, &camera.intrinsics(), size, center)
         })?;
         Ok(F32(depth.map_err(python)?.into_dyn()))
     }
@@ -184,10 +202,9 @@ impl Mesh {
 /// - delta: how far a surface may lie behind the measured one and still be seen; BOP: 15 mm
 /// - taus: misalignment tolerances; BOP's shares of the diameter by default
 /// - diameter: divides distances where given, as BOP does
-/// - truncated_linear: the cost of the first definition, of 2016, instead of a step
 /// - returns: one number for each tolerance, 0 to 1
 #[pyfunction]
-#[pyo3(signature = (estimate, truth, measured, camera, *, delta, taus = None, diameter = None, truncated_linear = false))]
+#[pyo3(signature = (estimate, truth, measured, camera, *, delta, taus = None, diameter = None))]
 #[allow(clippy::too_many_arguments)] // as many as the definition has
 pub fn vsd(
     py: Python,
@@ -198,7 +215,6 @@ pub fn vsd(
     delta: f64,
     taus: Option<Vec<f64>>,
     diameter: Option<f64>,
-    truncated_linear: bool,
 ) -> PyResult<Vec<f64>> {
     let depth = |name: &str, array: &ArrayLike| {
         let image = array.read::<f32>(name, Some(2), &[])?;
@@ -212,10 +228,7 @@ pub fn vsd(
         delta,
         taus: taus.unwrap_or_else(|| metrics::VSD_TAUS.to_vec()),
         diameter,
-        cost: match truncated_linear {
-            true => metrics::MatchingCost::TruncatedLinear,
-            false => metrics::MatchingCost::Step,
-        },
+        cost: metrics::MatchingCost::Step,
     };
     let intrinsics = &camera.core().intrinsics();
     py.detach(|| metrics::vsd(&estimate, &truth, &measured, intrinsics, &options))

@@ -6,7 +6,7 @@
 use std::process;
 use std::ptr;
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicPtr, Ordering};
+use std::sync::atomic::{AtomicPtr, AtomicUsize, Ordering};
 
 use pyo3::prelude::*;
 use rayon::ThreadPool;
@@ -15,40 +15,59 @@ use crate::error::value;
 
 /// The process in which rayon's global pool has its threads.
 static FIRST: OnceLock<u32> = OnceLock::new();
-/// The pool of a forked process. A pointer, because a lock may be held at the moment of a fork.
-static FORKED: AtomicPtr<Pool> = AtomicPtr::new(ptr::null_mut());
+/// As [`set_num_threads`] has it.
+static THREADS: AtomicUsize = AtomicUsize::new(0);
+/// The pool of a forked process, or of a number of threads that was asked for. A pointer, because a
+/// lock may be held at the moment of a fork.
+static OWN: AtomicPtr<Pool> = AtomicPtr::new(ptr::null_mut());
 
 struct Pool {
     process: u32,
+    count: usize,
     threads: ThreadPool,
+}
+
+/// Sets the number of threads that mvtop's own computations use, in this process and those that are
+/// forked from it. A network's are chosen where it is loaded.
+///
+/// - count: 0 for one per processor, as it is at first
+#[pyfunction]
+pub fn set_num_threads(count: usize) {
+    THREADS.store(count, Ordering::Relaxed);
 }
 
 /// Does some work, in this process's own rayon threads and without Python's lock.
 pub fn compute<T: Send>(py: Python, work: impl FnOnce() -> T + Send) -> PyResult<T> {
     py.detach(|| {
-        if *FIRST.get_or_init(process::id) == process::id() {
-            Ok(work())
-        } else {
-            Ok(forked()?.threads.install(work))
+        let first = *FIRST.get_or_init(process::id) == process::id();
+        match THREADS.load(Ordering::Relaxed) {
+            0 if first => Ok(work()),
+            count => Ok(own(count)?.threads.install(work)),
         }
     })
 }
 
-fn forked() -> PyResult<&'static Pool> {
-    let known = FORKED.load(Ordering::Acquire);
+fn own(count: usize) -> PyResult<&'static Pool> {
+    let process = process::id();
+    let known = OWN.load(Ordering::Acquire);
     // SAFETY: what is stored comes from `Box::leak`.
     if let Some(pool) = unsafe { known.as_ref() }
-        && pool.process == process::id()
+        && (pool.process, pool.count) == (process, count)
     {
         return Ok(pool);
     }
     let threads = rayon::ThreadPoolBuilder::new()
+        .num_threads(count)
         .build()
-        .map_err(|cause| value(format!("threads of a forked process: {cause}")))?;
-    let process = process::id();
-    let pool = Box::leak(Box::new(Pool { process, threads }));
-    // Two threads that come here at once make a pool each; both work, one is kept.
-    FORKED.store(pool, Ordering::Release);
+        .map_err(|cause| value(format!("{count} threads: {cause}")))?;
+    let pool = Box::leak(Box::new(Pool {
+        process,
+        count,
+        threads,
+    }));
+    // Two threads that come here at once make a pool each; both work, one is kept. A pool of
+    // another number stays, asleep: other threads may be in it.
+    OWN.store(pool, Ordering::Release);
     Ok(pool)
 }
 

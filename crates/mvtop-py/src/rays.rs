@@ -1,7 +1,7 @@
 //! Lines of sight.
 
 use mvtop_core::image::Letterbox;
-use mvtop_core::rays::LosEncoding;
+use mvtop_core::rays::{BoxRays, LosEncoding};
 use ndarray::Ix2;
 use pyo3::prelude::*;
 
@@ -83,8 +83,8 @@ pub fn box_rays(
     r#box: ArrayLike,
     ref_from_cam: ArrayLike,
 ) -> PyResult<Option<F32>> {
-    let bounds = r#box.vector("box")?;
+    let bbox: [f64; 4] = r#box.vector("box")?;
     let pose = ref_from_cam.pose("ref_from_cam")?;
-    let rays = mvtop_core::rays::box_rays(camera.core(), bounds, &pose);
-    Ok(rays.map(|rays| F32(ndarray::arr1(&rays).into_dyn())))
+    let rays = BoxRays::new(camera.core(), bbox.into());
+    Ok(rays.map(|rays| F32(ndarray::arr1(&rays.encode(&pose)).into_dyn())))
 }

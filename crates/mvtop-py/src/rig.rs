@@ -6,7 +6,7 @@ use mvtop_core::{Intrinsics, Projection, report};
 use nalgebra::{Isometry3, Point2, Point3};
 use ndarray::{ArrayD, Axis};
 use pyo3::prelude::*;
-use pyo3::types::PyType;
+use pyo3::types::{PyDict, PyType};
 
 use crate::convert::{self, ArrayLike, F64, shaped};
 use crate::error::{python, value};
@@ -118,6 +118,19 @@ impl Camera {
             let ray = intrinsics.unproject(&Point2::new(p[0], p[1]));
             ray.map(|ray| [ray.x, ray.y, ray.z])
         })
+    }
+
+    /// For pickle: the arguments by position and by name.
+    fn __getnewargs_ex__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<((F64, (u32, u32)), Bound<'py, PyDict>)> {
+        let named = PyDict::new(py);
+        named.set_item("distortion", self.distortion())?;
+        named.set_item("model", self.model())?;
+        named.set_item("world_from_cam", self.world_from_cam())?;
+        named.set_item("id", self.id())?;
+        Ok(((self.intrinsics()?, self.size()), named))
     }
 
     fn __repr__(&self) -> String {

@@ -1,5 +1,8 @@
 """Cameras, rays, sampling and rotations as functions of arrays."""
 
+import copy
+import pickle
+
 import cv2
 import numpy as np
 import pytest
@@ -89,6 +92,39 @@ def test_rigs_from_arrays_from_cameras_and_from_text_are_the_same(rng):
         "cam1",
         "cam2",
     ]
+
+
+def test_coefficients_of_zero_are_no_distortion():
+    plain, zeros = mvtop.Camera(K, (64, 48)), mvtop.Camera(K, (64, 48), distortion=np.zeros(5))
+    assert zeros.distortion.size == 0
+    triangle = mvtop.metrics.Mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]])
+    ahead = np.eye(4)
+    ahead[:3, 3] = -0.5, -0.4, 1
+    depth = triangle.depth(ahead, zeros)
+    assert depth.any()
+    np.testing.assert_array_equal(depth, triangle.depth(ahead, plain))
+
+
+@pytest.mark.parametrize("model, distortion", [("pinhole", BROWN), ("fisheye", KANNALA)])
+def test_pickled_and_copied_cameras_are_the_same(model, distortion, rng):
+    camera = mvtop.Camera(
+        K, (640, 480), distortion=distortion, model=model, world_from_cam=pose(rng), id="left"
+    )
+    for again in (pickle.loads(pickle.dumps(camera)), copy.deepcopy(camera)):
+        assert (again.id, again.size, again.model) == (camera.id, camera.size, camera.model)
+        np.testing.assert_array_equal(again.K, camera.K)
+        np.testing.assert_array_equal(again.distortion, camera.distortion)
+        np.testing.assert_allclose(again.world_from_cam, camera.world_from_cam, atol=1e-12)
+
+
+def test_objects_say_what_they_are():
+    camera = mvtop.Camera(K, (640, 480), id="left")
+    assert repr(camera) == 'Camera("left", 640x480 px, pinhole)'
+    assert repr(mvtop.Rig([camera])) == "Rig(left; reference left)"
+    assert repr(mvtop.metrics.Surface(np.zeros((7, 3)))) == "Surface(7 points)"
+    assert repr(mvtop.metrics.Symmetries()) == "Symmetries(1 motions)"
+    triangle = mvtop.metrics.Mesh(np.eye(3), [[0, 1, 2]])
+    assert repr(triangle) == "Mesh(3 vertices, 1 triangles)"
 
 
 EYE = np.eye(4)
@@ -206,6 +242,74 @@ def test_sampling_is_a_weighted_sum_of_bilinear_reads(rng):
     np.testing.assert_allclose(sampled, expected.reshape(2, 7, 15), atol=1e-5)
     with pytest.raises(ValueError, match="value: expected"):
         mvtop.deformable_sampling(value[:, 1:], locations, weights, levels)
+
+
+LEVELS = [(4, 6), (2, 3)]
+
+
+def sampling_inputs(rng):
+    """Value, locations and weights, float32."""
+    arrays = rng.normal(size=(2, 30, 3, 5)), rng.uniform(-0.2, 1.2, size=(2, 7, 3, 2, 4, 2))
+    return [array.astype(np.float32) for array in (*arrays, rng.uniform(size=(2, 7, 3, 2, 4)))]
+
+
+def test_sampling_writes_into_the_arrays_that_it_is_given(rng):
+    inputs = sampling_inputs(rng)
+    expected = mvtop.deformable_sampling(*inputs, LEVELS)
+    out = np.full_like(expected, np.nan)
+    for threads in (1, 3, 0):
+        mvtop.set_num_threads(threads)
+        out[:] = np.nan
+        mvtop.deformable_sampling_forward(*inputs, LEVELS, out)
+        np.testing.assert_array_equal(out, expected)
+
+
+def test_gradients_of_sampling_are_slopes(rng):
+    """Along a random direction in all inputs, against a central difference of float64 sums."""
+    inputs = sampling_inputs(rng)
+    grad_out = rng.normal(size=(2, 7, 15)).astype(np.float32)
+    grads = [np.full_like(array, np.nan) for array in inputs]
+    mvtop.deformable_sampling_backward(*inputs, LEVELS, grad_out, *grads)
+    for which, grad in enumerate(grads):
+        # One entry of each: reads are smooth but where a location crosses from cell to cell.
+        index = np.unravel_index(np.abs(grad).argmax(), grad.shape)
+        sums = []
+        for step in (1e-3, -1e-3):
+            moved = [array.copy() for array in inputs]
+            moved[which][index] += step
+            out = mvtop.deformable_sampling(*moved, LEVELS)
+            sums.append((out.astype(float) * grad_out).sum())
+        assert grad[index] == pytest.approx((sums[0] - sums[1]) / 2e-3, rel=0.01)
+
+
+IN_PLACE = "expected a C-contiguous array of float32 with"
+
+
+@pytest.mark.parametrize(
+    "change, sentence",
+    [
+        (lambda a: a.update(value=a["value"].astype(float)), f"value: {IN_PLACE} 4 axes, got fl"),
+        (lambda a: a.update(value=a["value"].tolist()), f"value: {IN_PLACE} 4 axes, got <class"),
+        (lambda a: a.update(locations=a["locations"][..., ::-1]), f"locations: {IN_PLACE} 6"),
+        (lambda a: a.update(weights=a["weights"][..., 0]), f"weights: {IN_PLACE} 5 axes"),
+        (lambda a: a.update(weights=a["weights"][:1].copy()), "weights: expected"),
+        (lambda a: a.update(levels=[(4, 6)]), "value: expected"),
+        (lambda a: a.update(levels=[(4, 0), (2, 3)]), "level: expected"),
+        (lambda a: a.update(out=a["out"].reshape(2, 15, 7)), "out: expected shape [2, 7, 15], got"),
+        (lambda a: a["out"].setflags(write=False), "out: "),
+        (lambda a: a.update(out=a["value"].reshape(-1)[:210].reshape(2, 7, 15)), "out: "),
+    ],
+)
+def test_sampling_in_place_refuses_what_it_would_have_to_copy(change, sentence, rng):
+    names = ("value", "locations", "weights")
+    arguments = dict(zip(names, sampling_inputs(rng), strict=True))
+    arguments |= {"levels": LEVELS, "out": np.zeros((2, 7, 15), np.float32)}
+    mvtop.deformable_sampling_forward(**arguments)
+    change(arguments)
+    with pytest.raises(ValueError) as refusal:
+        mvtop.deformable_sampling_forward(**arguments)
+    assert sentence in str(refusal.value)
+    assert "\n" not in str(refusal.value)
 
 
 def test_six_numbers_give_the_rotation_of_the_conventions(rng):

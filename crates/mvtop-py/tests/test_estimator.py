@@ -152,6 +152,18 @@ def test_overlay_is_the_command_lines(prediction, cli, paths, tmp_path):
         np.testing.assert_array_equal(picture, expected)
 
 
+def test_objects_say_what_they_are(estimator, prediction):
+    (known,) = estimator.classes
+    assert repr(known).startswith("ObjectClass('mvball', id 1, ")
+    assert repr(prediction.objects[0]).startswith("ObjectPose('mvball', score 1.00, expected off")
+    assert repr(prediction).startswith("Prediction(mvball 1.00; reference cam0; ")
+
+
+def test_only_load_makes_an_estimator(estimator):
+    with pytest.raises(TypeError, match=r"expected Estimator.load\(path\)"):
+        mvtop.Estimator(estimator._path)
+
+
 def test_classes_have_their_points(estimator):
     (known,) = estimator.classes
     assert (known.name, known.id) == ("mvball", 1)

@@ -148,6 +148,28 @@ assert pose(estimator) == here
     in_new_process(script)
 
 
+def test_a_number_of_threads_holds_in_forked_processes_too(in_new_process):
+    script = """
+import os
+import numpy as np, mvtop
+def threads():
+    return len(os.listdir("/proc/self/task"))
+def sample():
+    mvtop.deformable_sampling(np.ones((1, 1, 1, 1)), np.ones((1, 999, 1, 1, 1, 2)),
+                              np.ones((1, 999, 1, 1, 1)), [(1, 1)])
+before = threads()
+mvtop.set_num_threads(3)
+sample(); sample()
+assert threads() == before + 3, threads()
+child = os.fork()
+if child == 0:
+    sample()
+    os._exit(threads() != 1 + 3)
+assert os.waitpid(child, 0)[1] == 0
+"""
+    in_new_process(script)
+
+
 def test_interrupt_ends_the_command_at_once(tmp_path):
     # Without a handler of its own, the program dies of the signal, as every command does.
     program = Path(sys.executable).parent / "mvtop-cli"

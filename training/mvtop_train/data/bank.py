@@ -1,4 +1,4 @@
-"""Backbone features of many close-ups, computed once: the pose network then trains on these alone.
+"""Backbone features of many views, computed once: the pose network then trains on these alone.
 
 The backbone is frozen, as in the paper, so a step costs only encoder, decoder and heads. A bank is
 a folder of arrays; making one goes on after a kill.
@@ -7,54 +7,55 @@ a folder of arrays; making one goes on after a kill.
 import json
 from pathlib import Path
 
-import cv2
 import numpy as np
 import torch
 from tqdm import tqdm
 
 from ..errors import UserError
-from . import batches, choice, closeup
+from . import bop
+from .inputs import normalised
+from .views import ViewMaker
 
-BATCH = 64  # close-ups through the backbone at once
+BATCH = 64  # views through the backbone at once
 META = {"k": (3, 3), "cam_from_world": (4, 4), "cam_from_obj": (4, 4), "box": (4,)}
 
 
-class Pictures(torch.utils.data.Dataset):
-    """Item n: close-up n of a bank, drawn from (seed, n) alone."""
+class Copies(torch.utils.data.Dataset):
+    """Item n: a view of image n, drawn from (seed, n) alone."""
 
-    def __init__(self, images, config, bounds, seed: int):
-        self.images, self.config, self.bounds, self.seed = images, config, bounds, seed
+    def __init__(self, images: list[bop.Image], maker: ViewMaker, seed: int):
+        self.images, self.maker, self.seed = images, maker, seed
 
     def __len__(self):
         return len(self.images)
 
-    def __getitem__(self, n: int) -> dict:
-        cv2.setNumThreads(1)
-        rng = np.random.default_rng([self.seed, n])
-        return closeup.make_view(self.images[n], self.config, self.bounds, rng, True)
+    def __getitem__(self, n: int) -> dict[str, np.ndarray]:
+        return self.maker.make_view(self.images[n], np.random.default_rng([self.seed, n]))
 
 
 class Bank:
-    """Close-ups of every image of `scenes`, each seen `copies` times.
+    """A source of views (`batches.Batches`): every image of `scenes`, seen `copies` times.
 
-    arrays   features [N, cells, C] float16, inside [N, cells], and those of `META` [N, ...]
-    numbers  numbers[scene][image]: which of the N show it
+    arrays    features [N, cells, C] float16, inside [N, cells], and those of `META` [N, ...]
+    numbers   which of the N show an image, by its path
+    backbone  [B, 3, S, S] -> maps at `config.strides`, of the maker's config
     """
 
-    def __init__(self, folder: Path, scenes, model, bounds, copies: int, seed: int, workers=1):
-        config = model.config
-        order = [(s, i) for s, scene in enumerate(scenes) for i in range(len(scene))] * copies
-        images = [scenes[s][i] for s, i in order]
-        self.scenes, self.numbers = scenes, [[[] for _ in scene] for scene in scenes]
-        for n, (s, i) in enumerate(order):
-            self.numbers[s][i].append(n)
+    def __init__(
+        self, folder: Path, scenes, maker: ViewMaker, backbone, copies: int, seed: int, workers=1
+    ):
+        self.scenes, self.config, self.numbers = scenes, maker.config, {}
+        config, size = self.config, self.config.closeup
+        images = [image for scene in scenes for image in scene] * copies
+        for n, image in enumerate(images):
+            self.numbers.setdefault(image.path, []).append(n)
         recipe = {
-            "images": len(images), "copies": copies, "seed": seed, "size": config.closeup,
+            "images": len(images), "copies": copies, "seed": seed, "size": size,
             "strides": list(config.pose_strides),
         }  # fmt: skip
         state = folder / "state.json"
         done = self._done(state, recipe)
-        cells = sum(rows * columns for rows, columns in config.decoder_shapes())
+        cells = sum(rows * columns for rows, columns in config.level_shapes(size, size))
         kinds = {name: (shape, np.float64) for name, shape in META.items()}
         kinds |= {"features": ((cells, config.d_model), np.float16), "inside": ((cells,), np.bool_)}
         folder.mkdir(parents=True, exist_ok=True)
@@ -67,9 +68,16 @@ class Bank:
             for name, (shape, kind) in kinds.items()
         }
         if done < len(images):
-            pictures = Pictures(images, config, bounds, seed)
-            for count in self._fill(model, pictures, done, workers):
+            views = Copies(images, maker, seed)
+            for count in self._fill(backbone, views, done, workers):
                 state.write_text(json.dumps({**recipe, "done": count}))
+
+    def view(self, image: bop.Image, rng) -> dict[str, np.ndarray]:
+        """One of the image's copies, its features instead of its picture."""
+        return self.row(rng.choice(self.numbers[image.path]))
+
+    def row(self, n: int) -> dict[str, np.ndarray]:
+        return {name: array[n] for name, array in self.arrays.items()}
 
     @staticmethod
     def _done(state: Path, recipe: dict) -> int:
@@ -85,20 +93,17 @@ class Bank:
         return done
 
     @torch.no_grad()
-    def _fill(self, model, pictures, done: int, workers: int):
+    def _fill(self, backbone, views: Copies, done: int, workers: int):
         """Computes what is missing; yields how many are there, after each batch."""
-        device = next(model.parameters()).device
-        mean, std = (torch.tensor(x, device=device) for x in (model.config.mean, model.config.std))
-        rest = torch.utils.data.Subset(pictures, range(done, len(pictures)))
+        device, config = next(backbone.parameters()).device, self.config
+        rest = torch.utils.data.Subset(views, range(done, len(views)))
         loader = torch.utils.data.DataLoader(rest, BATCH, num_workers=workers)
-        with tqdm(total=len(pictures), initial=done, unit="picture", desc="features") as bar:
+        with tqdm(total=len(views), initial=done, unit="view", desc="features") as bar:
             for batch in loader:
-                x = (batch["image"].to(device).float() / 255 - mean) / std
-                x = (x * batch["on_image"].to(device)[..., None]).permute(0, 3, 1, 2)
+                x = normalised(batch["image"].to(device), batch["on_image"].to(device), config)
                 with torch.autocast(device.type, dtype=torch.bfloat16):
-                    levels = model.features.pose_levels(
-                        model.features.backbone(x.contiguous(memory_format=torch.channels_last))
-                    )
+                    maps = backbone(x.contiguous(memory_format=torch.channels_last))
+                levels = [maps[config.strides.index(stride)] for stride in config.pose_strides]
                 tokens = torch.cat([level.flatten(2).transpose(1, 2) for level in levels], 1)
                 rows = slice(done, done + len(x))
                 self.arrays["features"][rows] = tokens.half().cpu().numpy()
@@ -107,28 +112,3 @@ class Bank:
                 done = rows.stop
                 bar.update(len(x))
                 yield done
-
-
-class Batches(torch.utils.data.Dataset):
-    """Item `step` is that step's batch, drawn from (seed, step) alone; as `batches.Batches`."""
-
-    def __init__(self, bank: Bank, images: int, views, seed: int, rank: int, processes: int):
-        self.bank, self.images, self.views, self.seed = bank, images, np.array(views), seed
-        self.rank, self.processes = rank, processes
-
-    def __getitem__(self, step: int) -> dict[str, torch.Tensor]:
-        rng = np.random.default_rng([self.seed, step])
-        scenes = self.bank.scenes
-        views, enough = choice.draw_views(scenes, self.views, rng)
-        chosen = []
-        for number in batches.share_of(self.images // views, self.rank, self.processes):
-            rng = np.random.default_rng([self.seed, step, number])
-            s = enough[rng.integers(len(enough))]
-            images = choice.choose_views(scenes[s], views, rng)
-            chosen.append([rng.choice(self.bank.numbers[s][_index(scenes[s], x)]) for x in images])
-        rows = np.array(chosen)
-        return closeup.collate({name: array[rows] for name, array in self.bank.arrays.items()})
-
-
-def _index(scene, image) -> int:
-    return next(i for i, other in enumerate(scene) if other is image)

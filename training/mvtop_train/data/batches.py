@@ -2,13 +2,13 @@
 
 import itertools
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 import torch
 
-from . import bop, boxes, choice, collate, crops
+from . import bop, choice, crops, views
 from .objects import Object
 
 REFRESH_SECONDS = 30
@@ -36,9 +36,31 @@ class Scenes:
         self.training += [scene for scene in (bop.read_scene(p, self.obj) for p in new) if scene]
 
 
-def share_of(count: int, rank: int, processes: int) -> range:
-    """Numbers of one process's items; every process has equally many."""
-    return range(rank, count - count % processes, processes)
+class Fresh:
+    """A source of views that are made when they are asked for."""
+
+    def __init__(self, scenes: Scenes, maker: views.ViewMaker):
+        self._scenes, self.maker = scenes, maker
+
+    @property
+    def scenes(self) -> list[list[bop.Image]]:
+        self._scenes.refresh()
+        return self._scenes.training
+
+    def view(self, image: bop.Image, rng) -> dict[str, np.ndarray]:
+        return self.maker.make_view(image, rng)
+
+
+@dataclass(frozen=True)
+class Negatives:
+    """Crops without the object that come on top of a batch: `count` of them."""
+
+    scenes: Scenes
+    crops: crops.Crops
+    count: int
+
+    def make(self, rng) -> dict[str, np.ndarray] | None:
+        return crops.make_negative(self.scenes.training, self.crops, rng)
 
 
 class Batches(torch.utils.data.Dataset):
@@ -48,39 +70,45 @@ class Batches(torch.utils.data.Dataset):
     on as if it had never stopped (as long as the data set stays the same). Of several `processes`
     each gets its part, `rank`, of the same batch.
 
-    views: shares of batches with 1, 2, ... views; negatives: crops without the object that come on
-    top, as a share of `images`.
+    source  `Fresh` or a `bank.Bank`: its scenes, and a view of each of their images
+    shares  of batches with 1, 2, ... views
     """
 
-    def __init__(self, scenes: Scenes, size, images, views, negatives, seed, aug, rank, processes):
-        self.scenes, self.size, self.aug, self.seed = scenes, size, aug, seed
-        self.images, self.views = images, np.array(views)
-        self.negatives = round(negatives * images)
-        self.rank, self.processes = rank, processes
-        self.boxes_of = boxes.amodal_boxes(scenes.obj.bounds)
+    def __init__(
+        self, source, images: int, shares, seed: int, rank: int, processes: int,
+        negatives: Negatives | None = None,
+    ):  # fmt: skip
+        self.source, self.images, self.shares, self.seed = source, images, np.array(shares), seed
+        self.rank, self.processes, self.negatives = rank, processes, negatives
 
     def _mine(self, count: int) -> range:
-        return share_of(count, self.rank, self.processes)
+        """Numbers of this process's items; every process has equally many."""
+        return range(self.rank, count - count % self.processes, self.processes)
 
     def __getitem__(self, step: int) -> dict[str, torch.Tensor]:
-        cv2.setNumThreads(1)  # the processes share the cores
-        self.scenes.refresh()
-        training = self.scenes.training
-        rng = np.random.default_rng([self.seed, step])
-        views, enough = choice.draw_views(training, self.views, rng)
+        scenes = self.source.scenes
+        count, enough = choice.draw_views(
+            scenes, self.shares, np.random.default_rng([self.seed, step])
+        )
         items = []
-        for number in self._mine(self.images // views):
+        for number in self._mine(self.images // count):
             rng = np.random.default_rng([self.seed, step, number])
-            scene = training[enough[rng.integers(len(enough))]]
-            chosen = choice.choose_views(scene, views, rng)
-            items.append([crops.make_view(image, self.size, rng, self.aug) for image in chosen])
-        batch = collate.collate(items, self.boxes_of, self.aug.jitter)
-        absent = []
-        for number in self._mine(self.negatives):
-            rng = np.random.default_rng([self.seed, step, self.images + number])
-            absent.append(crops.make_negative(training, self.size, rng, self.aug))
-        absent = [crop for crop in absent if crop is not None]
-        return batch | (collate.collate_negatives(absent) if absent else {})
+            chosen = choice.choose_views(scenes[enough[rng.integers(len(enough))]], count, rng)
+            items.append([self.source.view(image, rng) for image in chosen])
+        return views.collate(items) | self._absent(step)
+
+    def _absent(self, step: int) -> dict[str, torch.Tensor]:
+        """negative_image [M, H, W, 3] uint8 and negative_on_image [M, H, W] bool."""
+        if self.negatives is None:
+            return {}
+        rngs = (
+            np.random.default_rng([self.seed, step, self.images + number])
+            for number in self._mine(self.negatives.count)
+        )
+        made = [crop for crop in map(self.negatives.make, rngs) if crop is not None]
+        names = ("image", "on_image") if made else ()
+        stacked = {name: np.stack([crop[name] for crop in made]) for name in names}
+        return {f"negative_{name}": torch.from_numpy(x) for name, x in stacked.items()}
 
 
 def loader(batches: Batches, start: int, workers: int, pinned: bool):

@@ -15,6 +15,8 @@ import cv2
 import numpy as np
 
 from ..errors import UserError
+from ..network.coordinates import STEPS, ZERO
+from .boxes import amodal_boxes
 from .objects import Object
 from .rendered import View, amodal_box, object_coordinates
 
@@ -38,14 +40,9 @@ class Image:
 
 
 def encode_coords(coords: np.ndarray, extent_m: float) -> np.ndarray:
-    """Metres [.., 3] (NaN: none) to uint8, half the object's extent on either side of 128."""
-    code = np.round(128 + coords / extent_m * 120)
+    """Metres [.., 3] (NaN: none) to uint8; back by `network.coordinates.decode`."""
+    code = np.round(ZERO + coords / extent_m * STEPS)
     return np.where(np.isnan(coords), 0, code).astype(np.uint8)
-
-
-def decode_coords(code: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Object coordinates in units of the object's extent [.., 3], and the mask [..]."""
-    return (code.astype(np.float32) - 128) / 120, (code != 0).all(-1)
 
 
 def read_rgb(path: Path) -> np.ndarray:
@@ -227,6 +224,4 @@ def _box(folder, about: dict, k, cam_from_obj, obj: Object | None) -> np.ndarray
             f"{folder}/scene_gt_info.json: expected bbox_obj, got none; "
             "fix: give the object, from which boxes follow"
         )
-    pixels = (obj.bounds @ cam_from_obj[:3, :3].T + cam_from_obj[:3, 3]) @ k.T
-    pixels = pixels[:, :2] / pixels[:, 2:]
-    return np.concatenate([pixels.min(0), pixels.max(0)])
+    return amodal_boxes(obj.bounds, k, cam_from_obj)

@@ -3,13 +3,14 @@
 import numpy as np
 
 
-def amodal_boxes(points: np.ndarray):
-    """A function (k, cam_from_obj) -> boxes [..., 4] that project `points` [n, 3], metres."""
+def amodal_boxes(points: np.ndarray, k: np.ndarray, cam_from_obj: np.ndarray) -> np.ndarray:
+    """Boxes [..., 4] px of an object in cameras.
 
-    def boxes_of(k, cam_from_obj):
-        in_cam = points @ cam_from_obj[..., :3, :3].swapaxes(-1, -2)
-        pixels = (in_cam + cam_from_obj[..., None, :3, 3]) @ k.swapaxes(-1, -2)
-        pixels = pixels[..., :2] / pixels[..., 2:]
-        return np.concatenate([pixels.min(-2), pixels.max(-2)], -1)
-
-    return boxes_of
+    points        [n, 3] the object's outermost, metres
+    k             [..., 3, 3] px
+    cam_from_obj  [..., 4, 4] metres
+    """
+    in_cam = points @ cam_from_obj[..., :3, :3].swapaxes(-1, -2)
+    pixels = (in_cam + cam_from_obj[..., None, :3, 3]) @ k.swapaxes(-1, -2)
+    pixels = pixels[..., :2] / pixels[..., 2:]
+    return np.concatenate([pixels.min(-2), pixels.max(-2)], -1)

@@ -1,18 +1,15 @@
-"""Random views of a scene through exact virtual cameras: the crops that a network learns from.
-
-Every view is a crop at the network's scale, scaled and rolled at random: for a pinhole this is
-another pinhole at the same place, so poses and lines of sight stay exact.
-"""
+"""Crops at the network's scale, scaled, rolled and shifted at random: what a detector learns from,
+and with it the backbone."""
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from . import bop
+from .boxes import amodal_boxes
+from .closeup import roll_by
 from .color import photometric
-
-COORDINATE_STRIDE = 4
+from .views import VirtualCamera, warp
 
 
 @dataclass
@@ -29,40 +26,40 @@ class Augmentation:
     negative_zoom: tuple[float, float] = (0.75, 1.6)  # of crops without the object, as `zoom`
 
 
-def virtual_camera(
-    image: bop.Image, size: int, rng: np.random.Generator, aug: Augmentation, augment: bool
-):
-    """A crop as a new camera: (crop_from_image [2, 3] in px, k [3, 3], new_from_old [3, 3])."""
-    center = (image.box[:2] + image.box[2:]) / 2
-    diameter = (image.box[2:] - image.box[:2]).max()
-    if not augment:
-        zoom, roll, target = aug.scale, 0.0, size / 2 + rng.uniform(-0.05, 0.05, 2) * size
-    else:
-        wanted = np.exp(rng.uniform(*np.log(aug.diameter_px)))
-        zoom = aug.scale * np.clip(wanted / diameter, *aug.zoom)
-        roll = rng.uniform(-np.pi, np.pi) if rng.random() < 0.3 else rng.normal(0, 0.4)
-        room = max(size / 2 - 0.42 * diameter * zoom, 4)
-        target = size / 2 + rng.uniform(-room, room, 2)
-    cos, sin = np.cos(roll), np.sin(roll)
-    turn = np.array([[cos, -sin], [sin, cos]])
-    # The camera is turned, not the picture: with fx unlike fy these differ.
-    focal = np.diag([image.k[0, 0], image.k[1, 1]])
-    crop_from_image = np.zeros((2, 3))
-    crop_from_image[:, :2] = zoom * focal @ turn @ np.linalg.inv(focal)
-    crop_from_image[:, 2] = target - crop_from_image[:, :2] @ center
-    k = np.eye(3)
-    k[:2, :2] = zoom * focal
-    k[:2, 2] = crop_from_image[:, :2] @ image.k[:2, 2] + crop_from_image[:, 2]
-    new_from_old = np.eye(3)
-    new_from_old[:2, :2] = turn
-    return crop_from_image, k, new_from_old
+def noisy(box: np.ndarray, rng: np.random.Generator, jitter: float) -> np.ndarray:
+    """A box [4] with each side off by a little; `jitter`: standard deviation in box sizes."""
+    extent = np.concatenate([box[2:] - box[:2]] * 2)
+    return box + rng.normal(0, 1, 4).clip(-2.5, 2.5) * jitter * extent
 
 
-def warp(rgb: np.ndarray, crop_from_image: np.ndarray, size: int) -> np.ndarray:
-    grey = (127, 127, 127)  # never seen: `inputs.to_views` sets what is off the image to 0
-    return cv2.warpAffine(
-        rgb, crop_from_image, (size, size), flags=cv2.INTER_LINEAR, borderValue=grey
-    )
+@dataclass(frozen=True)
+class Crops:
+    """Chooses a crop, `size` px a side, in which the object is somewhere."""
+
+    size: int
+    aug: Augmentation
+
+    def __call__(self, image: bop.Image, bounds, rng, augment: bool) -> VirtualCamera:
+        size, aug = self.size, self.aug
+        center = (image.box[:2] + image.box[2:]) / 2
+        diameter = (image.box[2:] - image.box[:2]).max()
+        if not augment:
+            zoom, roll, target = aug.scale, 0.0, size / 2 + rng.uniform(-0.05, 0.05, 2) * size
+        else:
+            wanted = np.exp(rng.uniform(*np.log(aug.diameter_px)))
+            zoom = aug.scale * np.clip(wanted / diameter, *aug.zoom)
+            roll = rng.uniform(-np.pi, np.pi) if rng.random() < 0.3 else rng.normal(0, 0.4)
+            room = max(size / 2 - 0.42 * diameter * zoom, 4)
+            target = size / 2 + rng.uniform(-room, room, 2)
+        # The camera is turned, not the picture: with fx unlike fy these differ.
+        turn = roll_by(roll)
+        k = np.diag([zoom * image.k[0, 0], zoom * image.k[1, 1], 1.0])
+        ray = turn @ np.linalg.inv(image.k) @ [*center, 1.0]
+        k[:2, 2] = target - (k @ ray)[:2] / ray[2]
+        turned = np.eye(4)
+        turned[:3, :3] = turn
+        box = amodal_boxes(bounds, k, turned @ image.cam_from_obj)
+        return VirtualCamera(k, turn, size, noisy(box, rng, aug.jitter))
 
 
 def negative_camera(image: bop.Image, shape, size: int, rng, aug: Augmentation, tries: int = 30):
@@ -90,55 +87,15 @@ def negative_camera(image: bop.Image, shape, size: int, rng, aug: Augmentation, 
     return None
 
 
-def make_negative(scenes, size: int, rng, aug: Augmentation) -> dict | None:
-    """A crop without the object, for the detector alone; None where 20 images have no room."""
+def make_negative(scenes, crops: Crops, rng) -> dict | None:
+    """image and on_image (as of views) of a crop without the object, for the detector alone;
+    None where 20 images have no room."""
     for _ in range(20):
         scene = scenes[rng.integers(len(scenes))]
         image = scene[rng.integers(len(scene))]
         rgb = bop.read_rgb(image.path)
-        a = negative_camera(image, rgb.shape[:2], size, rng, aug)
+        a = negative_camera(image, rgb.shape[:2], crops.size, rng, crops.aug)
         if a is not None:
-            crop = photometric(warp(rgb, a, size), rng)
-            return {
-                "image": crop,
-                "image_from_crop": cv2.invertAffineTransform(a),
-                "image_size": np.array(rgb.shape[1::-1]),
-            }
+            picture, on_image = warp(rgb, np.vstack([a, [0, 0, 1]]), crops.size)
+            return {"image": photometric(picture, rng), "on_image": on_image}
     return None
-
-
-def make_view(image: bop.Image, size: int, rng, aug: Augmentation, augment: bool = True):
-    """One view as a dict of arrays; see `network.views.Views` and `collate`."""
-    rgb = bop.read_rgb(image.path)
-    a, k, turn = virtual_camera(image, size, rng, aug, augment)
-    crop = warp(rgb, a, size)
-    if augment:
-        crop = photometric(crop, rng)
-    new_from_old = np.eye(4)
-    new_from_old[:3, :3] = turn
-    return {
-        "image": crop,
-        "k": k,
-        "cam_from_world": new_from_old @ image.cam_from_world,
-        "cam_from_obj": new_from_old @ image.cam_from_obj,
-        "coords": coordinates(image, a, size),
-        "image_from_crop": cv2.invertAffineTransform(a),
-        "image_size": np.array(rgb.shape[1::-1]),
-        "box_noise": rng.normal(0, 1, 4).clip(-2.5, 2.5),
-    }
-
-
-def coordinates(image: bop.Image, crop_from_image: np.ndarray, size: int) -> np.ndarray:
-    """Coded object coordinates [cells, cells, 3], one per COORDINATE_STRIDE px, at the center of
-    its block; 0 off the object, and everywhere if the data set has none."""
-    cells = size // COORDINATE_STRIDE
-    if image.coords_path is None:
-        return np.zeros((cells, cells, 3), np.uint8)
-    code = bop.read_rgb(image.coords_path)
-    shift = crop_from_image.copy()
-    if image.visible_box is not None:
-        shift[:, 2] += shift[:, :2] @ image.visible_box[:2]
-    s = 1 / COORDINATE_STRIDE
-    shift[:, 2] = (shift[:, 2] + 0.5) * s - 0.5
-    shift[:, :2] *= s
-    return cv2.warpAffine(code, shift, (cells, cells), flags=cv2.INTER_NEAREST)

@@ -49,19 +49,6 @@ def surface_points(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     return points[order], color[order].round()
 
 
-def models_info() -> dict:
-    """BOP `models_info.json` entry, millimetres."""
-    low, high = -BALL_RADIUS * 1e3, EXTENT * 1e3
-    ball = BALL_RADIUS * 1e3
-    return {
-        str(OBJ_ID): {
-            "diameter": DIAMETER * 1e3,
-            "min_x": low, "min_y": low, "min_z": low,
-            "size_x": high - low, "size_y": high - low, "size_z": 2 * ball,
-        }
-    }  # fmt: skip
-
-
 def bounding_points(n: int = 600) -> np.ndarray:
     """Points [m, 3] whose projections' extent is the amodal box, metres."""
     return surface_points(n, seed=1)[0]

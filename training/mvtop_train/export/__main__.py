@@ -8,7 +8,6 @@ Rust finds the boxes and computes the lines of sight. Networks with close-ups ha
 is the custom operator `mvtop::DeformableSampling`; `--portable` writes standard operators instead.
 """
 
-import argparse
 import datetime
 import subprocess
 from pathlib import Path
@@ -16,7 +15,7 @@ from pathlib import Path
 import torch
 
 from ..data import objects
-from ..errors import command
+from ..errors import argument_parser, command
 from ..network import config as configs
 from ..network.model import Mvtop
 from ..training.checkpoint import load_weights
@@ -31,9 +30,7 @@ def _commit() -> str | None:
 
 @command
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argument_parser(__doc__)
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--weights", type=Path, help="last.pt of a run")
     source.add_argument("--untrained", choices=configs.PRESETS, help="random weights of a preset")

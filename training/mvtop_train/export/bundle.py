@@ -35,7 +35,9 @@ class ExportedFeatures(nn.Module):
         self.features = model.features
 
     def forward(self, images, camera_rays):
-        memory, _, scores, boxes = self.features(images, camera_rays)
+        levels = self.features.backbone(images)
+        scores, boxes = self.features.detector(levels[0])
+        memory = self.features.encoder(self.features.pose_levels(levels), camera_rays)
         return memory, scores.sigmoid(), boxes
 
 

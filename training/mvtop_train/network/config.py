@@ -2,9 +2,19 @@
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Literal
 
-# "none" is PoET's: for comparison, not exported.
-LOS_CHANNELS = {"none": 0, "direction": 3, "origin_direction": 6, "plucker": 6, "plucker_origin": 9}
+from ..errors import UserError
+
+LOS_CHANNELS = {"direction": 3, "origin_direction": 6, "plucker": 6, "plucker_origin": 9}
+# Where in this project what a config names is. The study's are named, not imported: what is
+# shipped does not need them.
+BACKBONES = {"conv": "network.features:ConvBackbone", "resnet50_fpn": "study.paper:ResNetFpn"}
+GEOMETRIES = {
+    "rays": "network.geometry:RAYS",
+    "image": "study.paper:IMAGE",
+    "image_hypotheses": "study.baselines:IMAGE_HYPOTHESES",
+}
 
 
 @dataclass(frozen=True)
@@ -18,17 +28,15 @@ class ObjectClass:
 class Config:
     """Everything that decides the shape of a network.
 
-    `geometry` chooses how positions enter it. "image": as in the paper and PoET, in fractions of
-    the image; the translation is regressed in metres. "rays": only through lines of sight, so
-    that nothing depends on where the image ends and a network trained on crops runs on whole
-    images: box rays make the queries, offsets are in box units, and what a view contributes is
-    turned into the reference frame by the view's own rays (`decoder.Lift`).
+    `geometry` chooses how positions enter it (`geometry.py`): "rays", only through lines of sight,
+    so that a network trained on crops runs on whole images; "image", the paper's and PoET's, in
+    fractions of the image (`study/paper.py`).
     """
 
     preset: str
     width: int  # network input, px
     height: int
-    backbone: str  # "conv" or "resnet50_fpn"
+    backbone: Literal[*BACKBONES]
     channels: tuple[int, ...]  # of "conv", at strides 4, 8, 16, 32
     strides: tuple[int, ...]
     d_model: int
@@ -37,13 +45,23 @@ class Config:
     encoder_layers: int
     decoder_layers: int
     ffn: int
-    los_encoding: str
-    geometry: str
+    los_encoding: Literal[*LOS_CHANNELS]
+    geometry: Literal[*GEOMETRIES]
     classes: tuple[ObjectClass, ...] = ()  # what it detects; a preset leaves them open
     mean: tuple[float, float, float] = (0.5, 0.5, 0.5)
     std: tuple[float, float, float] = (0.25, 0.25, 0.25)
     closeup: int = 0  # side of the close-ups that poses are decoded from, px; 0: whole images
     closeup_strides: tuple[int, ...] = ()  # of the levels that are used of close-ups
+
+    def __post_init__(self):
+        for key, known in (
+            ("backbone", BACKBONES), ("geometry", GEOMETRIES), ("los_encoding", LOS_CHANNELS),
+        ):  # fmt: skip
+            if getattr(self, key) not in known:
+                raise UserError(
+                    f"network: {key}: expected one of {', '.join(known)}, "
+                    f"got {getattr(self, key)!r}; fix: choose one of these"
+                )
 
     @property
     def los_channels(self) -> int:

@@ -1,40 +1,12 @@
 """Deformable encoder, each view on its own (Deformable DETR, Zhu et al. 2021; post-norm)."""
 
-import math
-
 import torch
 import torch.nn.functional as F
 from torch import nn
 
+from .layers import feed_forward, ring_offsets
 from .rays import cell_centers
 from .sampling import deformable_sampling
-
-
-def ring_offsets(heads: int, points: int) -> torch.Tensor:
-    """Initial offsets [H, K, 2]: head m looks along angle 2 pi m / H, point k at k + 1 cells."""
-    theta = torch.arange(heads) * (2 * math.pi / heads)
-    direction = torch.stack([theta.cos(), theta.sin()], -1)
-    direction = direction / direction.abs().amax(-1, keepdim=True)
-    return direction[:, None] * torch.arange(1, points + 1)[None, :, None]
-
-
-def sine_positions(shape, channels: int, device=None) -> torch.Tensor:
-    """DETR's sine position encoding [rows * columns, channels]: y half, then x half."""
-    rows, columns = shape
-    half = channels // 2
-    frequency = 10000 ** (2 * (torch.arange(half, device=device) // 2) / half)
-    parts = []
-    for length, index in ((rows, 0), (columns, 1)):
-        angle = (torch.arange(length, device=device) + 0.5) / (length + 1e-6) * 2 * math.pi
-        x = angle[:, None] / frequency
-        x = torch.stack([x[:, 0::2].sin(), x[:, 1::2].cos()], -1).flatten(1)
-        x = x[:, None] if index == 0 else x[None]
-        parts.append(x.expand(rows, columns, half))
-    return torch.cat(parts, -1).reshape(rows * columns, channels)
-
-
-def feed_forward(d_model: int, hidden: int) -> nn.Module:
-    return nn.Sequential(nn.Linear(d_model, hidden), nn.ReLU(), nn.Linear(hidden, d_model))
 
 
 class DeformableAttention(nn.Module):
@@ -92,12 +64,17 @@ class Encoder(nn.Module):
     def __init__(self, config):
         super().__init__()
         d = config.d_model
-        self.strides, self.geometry = config.pose_strides, config.geometry
+        self.strides = config.pose_strides
         self.level_embedding = nn.Parameter(torch.randn(len(config.pose_strides), d) * 0.1)
-        if self.geometry == "rays":
-            self.position = nn.Linear(3, d)
-            self.norm = nn.LayerNorm(d)
+        self._add_positions(d)
         self.layers = nn.ModuleList(EncoderLayer(config) for _ in range(config.encoder_layers))
+
+    def _add_positions(self, d: int):
+        self.position, self.norm = nn.Linear(3, d), nn.LayerNorm(d)
+
+    def _placed(self, tokens, camera_rays, shapes):
+        """Tokens [V, N, C] of levels of `shapes` as the layers take them, and where each is."""
+        return self.norm(tokens), self.position(camera_rays)
 
     def forward(self, levels, camera_rays):
         """levels: L maps [V, C, h, w]; camera_rays [V, N, 3] unit, in each camera's own frame."""
@@ -105,13 +82,8 @@ class Encoder(nn.Module):
         tokens = torch.cat([level.flatten(2).transpose(1, 2) for level in levels], 1)
         counts = torch.tensor([rows * columns for rows, columns in shapes])
         embedding = self.level_embedding.repeat_interleave(counts.to(tokens.device), 0)
-        if self.geometry == "rays":
-            tokens = self.norm(tokens)
-            position = embedding + self.position(camera_rays)
-        else:
-            d = tokens.shape[-1]
-            sine = torch.cat([sine_positions(shape, d, tokens.device) for shape in shapes])
-            position = (embedding + sine)[None]
+        tokens, position = self._placed(tokens, camera_rays, shapes)
+        position = embedding + position
         size = torch.tensor(
             [shapes[0][1] * self.strides[0], shapes[0][0] * self.strides[0]], device=tokens.device
         )

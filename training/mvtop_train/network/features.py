@@ -35,9 +35,10 @@ class Residual(nn.Module):
 class ConvBackbone(nn.Module):
     """Small residual network with a top-down path; returns one map per stride 8, 16, 32."""
 
-    def __init__(self, channels, d_model: int):
+    def __init__(self, config):
         super().__init__()
-        c4, c8, c16, c32 = channels
+        d_model = config.d_model
+        c4, c8, c16, c32 = config.channels
         self.stem = nn.Sequential(Conv(3, c4 // 2, 2), Conv(c4 // 2, c4, 2), Residual(c4))
         self.stage8 = nn.Sequential(Conv(c4, c8, 2), Residual(c8))
         self.stage16 = nn.Sequential(Conv(c8, c16, 2), Residual(c16))
@@ -57,35 +58,6 @@ class ConvBackbone(nn.Module):
     @staticmethod
     def _merge(fine, coarse, smooth):
         return smooth(fine + F.interpolate(coarse, size=fine.shape[-2:], mode="nearest"))
-
-
-class ResNetFpnBackbone(nn.Module):
-    """The backbone of torchvision's Mask R-CNN: FPN maps 2, 3 and pool, and one level more.
-
-    Strides 16, 32, 64, 128, as PoET takes them. Weights are random here; a Mask R-CNN checkpoint
-    fits `body` under torchvision's own names.
-    """
-
-    def __init__(self, d_model: int):
-        super().__init__()
-        from torchvision.models.detection.backbone_utils import resnet_fpn_backbone
-
-        self.body = resnet_fpn_backbone(backbone_name="resnet50", weights=None, trainable_layers=5)
-        self.extra = nn.Conv2d(256, 256, 3, 2, 1)
-        self.project = nn.ModuleList(
-            nn.Sequential(nn.Conv2d(256, d_model, 1), nn.GroupNorm(32, d_model)) for _ in range(4)
-        )
-
-    def forward(self, images):
-        maps = self.body(images)
-        levels = [maps["2"], maps["3"], maps["pool"], self.extra(maps["pool"])]
-        return [project(level) for project, level in zip(self.project, levels, strict=True)]
-
-
-def build_backbone(config) -> nn.Module:
-    if config.backbone == "conv":
-        return ConvBackbone(config.channels, config.d_model)
-    return ResNetFpnBackbone(config.d_model)
 
 
 class Detector(nn.Module):

@@ -6,50 +6,55 @@ import torch
 from torch import nn
 
 from . import rays
-from .decoder import Boxes, Decoder
-from .encoder import Encoder
-from .features import Detector, build_backbone
-from .views import Views
+from .config import BACKBONES, GEOMETRIES
+from .decoder import Boxes
+from .features import Detector
+from .geometry import find
+from .views import Levels, Views
+
+
+@dataclass
+class Detections:
+    """What the finest level says of the images; of B * V images, then of the M negatives."""
+
+    scores: torch.Tensor  # [B * V + M, classes, h, w] logits
+    boxes: torch.Tensor  # [B * V + M, 4, h, w] px
+    coordinates: torch.Tensor  # [B * V, 3, 2h, 2w] in units of the object's extent
+
+
+@dataclass
+class Prediction:
+    """What the network says."""
+
+    poses: list  # per decoder layer: rotation_6d, translation, sigma
+    detections: Detections | None  # None where it was given `Levels`
 
 
 class Features(nn.Module):
-    """Images to encoded tokens and detections; one view does not see another here."""
+    """Images to pyramid levels, tokens and detections; one view does not see another here."""
 
     def __init__(self, config):
         super().__init__()
-        self.backbone = build_backbone(config)
+        self.backbone = find(BACKBONES[config.backbone])(config)
         self.detector = Detector(config.d_model, len(config.classes), config.strides[0])
-        self.encoder = Encoder(config)
+        self.encoder = find(GEOMETRIES[config.geometry]).encoder(config)
         self.used = [config.strides.index(stride) for stride in config.pose_strides]
         # Training only: object coordinates of what a cell shows, 2x2 per cell. They teach the
         # backbone to tell the object's parts; nothing of it is exported.
         self.coordinates = nn.Conv2d(config.d_model, 3 * 4, 1)
 
-    def forward(self, images, camera_rays, negatives=None):
-        """images [V, 3, H, W], camera_rays [V, N, 3] -> memory [V, N, C], levels, detections.
-
-        The detections of `negatives` [M, 3, H, W] follow those of the images.
-        """
+    def forward(self, images, negatives=None) -> tuple[list, Detections]:
+        """images [V, 3, H, W] -> the levels that poses are decoded from, and detections."""
         # In one pass, so that both are normalised by the same statistics.
         levels = self.backbone(images if negatives is None else torch.cat([images, negatives]))
         scores, boxes = self.detector(levels[0])
-        if negatives is not None:
-            levels = [level[: len(images)] for level in levels]
-        return self.encoder(self.pose_levels(levels), camera_rays), levels, scores, boxes
+        levels = [level[: len(images)] for level in levels]
+        coordinates = nn.functional.pixel_shuffle(self.coordinates(levels[0]), 2).float()
+        return self.pose_levels(levels), Detections(scores, boxes, coordinates)
 
     def pose_levels(self, levels: list) -> list:
         """Those of the backbone's maps that poses are decoded from."""
         return [levels[i] for i in self.used]
-
-
-@dataclass
-class Prediction:
-    """What the network says; poses alone where it was given levels instead of images."""
-
-    poses: list  # per decoder layer: rotation_6d, translation, sigma
-    scores: torch.Tensor | None = None  # [B * V + M, classes, h, w] logits; the M negatives last
-    boxes: torch.Tensor | None = None  # [B * V + M, 4, h, w] px
-    coordinates: torch.Tensor | None = None  # [B * V, 3, 2h, 2w] in units of the object's extent
 
 
 class Mvtop(nn.Module):
@@ -57,40 +62,25 @@ class Mvtop(nn.Module):
         super().__init__()
         self.config = config
         self.features = Features(config)
-        self.decoder = Decoder(config)
+        self.decoder = find(GEOMETRIES[config.geometry]).decoder(config)
 
     def forward(self, views: Views) -> Prediction:
-        if views.levels is not None:
-            levels = [level.flatten(0, 1) for level in views.levels]
-            size = [cells * self.config.pose_strides[0] for cells in levels[0].shape[-2:]]
-            camera_rays = self._camera_rays(views, *size)
-            memory = self.features.encoder(levels, camera_rays.flatten(0, 1))
-            return Prediction(self._poses(memory, camera_rays, views, *size))
-        size = views.images.shape[-2:]
-        camera_rays = self._camera_rays(views, *size)
-        memory, levels, scores, boxes = self.features(
-            views.images.flatten(0, 1), camera_rays.flatten(0, 1), views.negatives
-        )
-        coordinates = self.features.coordinates(levels[0])
-        coordinates = nn.functional.pixel_shuffle(coordinates, 2).float()
-        poses = self._poses(memory, camera_rays, views, *size)
-        return Prediction(poses, scores, boxes, coordinates)
-
-    def _camera_rays(self, views: Views, height: int, width: int):
-        """[B, V, N, 3], 0 for cells off the image."""
-        shapes, strides = self.config.level_shapes(height, width), self.config.pose_strides
+        if isinstance(views.shown, Levels):
+            levels, detections = [level.flatten(0, 1) for level in views.shown.maps], None
+        else:
+            levels, detections = self.features(
+                views.shown.images.flatten(0, 1), views.shown.negatives
+            )
+        shapes, strides = [level.shape[-2:] for level in levels], self.config.pose_strides
         with torch.autocast(views.k.device.type, enabled=False):  # geometry stays in fp32
             pixels = rays.cell_centers(shapes, strides, views.k.device)
-            return rays.unproject(views.k, pixels) * views.inside[..., None]
-
-    def _poses(self, memory, camera_rays, views: Views, height: int, width: int) -> list:
-        """memory [B * V, N, C], camera_rays [B, V, N, 3] -> see `Decoder`."""
-        with torch.autocast(memory.device.type, enabled=False):
+            camera_rays = rays.unproject(views.k, pixels) * views.inside[..., None]
             lines = rays.encode(camera_rays, views.ref_from_cam, self.config.los_encoding)
-            boxes = decoder_boxes(views, height, width)
+            boxes = decoder_boxes(views, *(cells * strides[0] for cells in shapes[0]))
+        memory = self.features.encoder(levels, camera_rays.flatten(0, 1))
         memory = memory.unflatten(0, views.k.shape[:2])
-        shapes = self.config.level_shapes(height, width)
-        return self.decoder(memory, lines, boxes, views.class_index, shapes)
+        poses = self.decoder(memory, lines, boxes, views.class_index, shapes)
+        return Prediction(poses, detections)
 
 
 def decoder_boxes(views: Views, height: int, width: int) -> Boxes:

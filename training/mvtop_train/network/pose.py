@@ -1,4 +1,7 @@
-"""Rotations from six numbers, pose errors and losses. Counterpart of `mvtop-core/src/pose.rs`."""
+"""Rotations from six numbers, and pose errors. Counterpart of `mvtop-core/src/pose.rs`.
+
+Errors are those that losses need, differentiable; poses are measured by `mvtop.metrics`.
+"""
 
 import torch
 import torch.nn.functional as F
@@ -35,15 +38,3 @@ def add_error(points, rotation_a, t_a, rotation_b, t_b):
     a = points @ rotation_a.transpose(-1, -2) + t_a[..., None, :]
     b = points @ rotation_b.transpose(-1, -2) + t_b[..., None, :]
     return (a - b).norm(dim=-1).mean(-1)
-
-
-def uncertainty_loss(sigma, rotation_error_deg, t_error):
-    """Negative log likelihoods that make `sigma` [..., 2] the expected errors.
-
-    Rotation: exponential distribution, minimal where sigma is the mean error. Translation:
-    isotropic Gaussian, minimal where 3 sigma^2 is the mean squared distance.
-    """
-    rot, t = sigma.unbind(-1)
-    rot_nll = rot.log() + rotation_error_deg.detach() / rot
-    t_nll = 3 * t.log() + t_error.detach() ** 2 / (2 * t**2)
-    return rot_nll + t_nll

@@ -47,7 +47,6 @@ def encode(camera_rays, ref_from_cam, encoding: str) -> torch.Tensor:
     o = ref_from_cam[..., None, :3, 3].expand_as(d)
     m = torch.linalg.cross(d, o)
     parts = {
-        "none": [d[..., :0]],
         "direction": [d],
         "origin_direction": [o, d],
         "plucker": [d, m],

@@ -5,29 +5,26 @@ times faster than `grid_sample`), plain PyTorch (GPU, and the reference of the t
 operator `mvtop::DeformableSampling` in exported graphs.
 """
 
-import ctypes
 import functools
-import os
-from pathlib import Path
 
 import torch
 import torch.nn.functional as F
 
-LIBRARY = "libmvtop_ffi.so"
-
 
 @functools.cache
-def _library():
-    """The Rust kernel, loaded when it is first asked for; None where it has not been built."""
-    folder = Path(__file__).resolve().parents[3]
-    target = Path(os.environ.get("CARGO_TARGET_DIR", folder / "target"))
-    path = Path(os.environ.get("MVTOP_FFI", target / "release" / LIBRARY))
-    return ctypes.CDLL(str(path)) if path.exists() else None
+def _kernel():
+    """mvtop with its Rust kernel, imported when it is first asked for; None where there is none."""
+    try:
+        import mvtop
+    except ImportError:
+        return None
+    mvtop.set_num_threads(torch.get_num_threads())
+    return mvtop
 
 
 def kernel_available() -> bool:
-    """Whether the Rust kernel was found (`cargo build --release -p mvtop-ffi` makes it)."""
-    return _library() is not None
+    """Whether mvtop's wheel, which has the Rust kernel, is installed (`make wheel` does it)."""
+    return _kernel() is not None
 
 
 def sample_torch(value, locations, weights, level_shapes):
@@ -47,45 +44,27 @@ def sample_torch(value, locations, weights, level_shapes):
     return summed.reshape(b, h * d, q).transpose(1, 2)
 
 
-def _pointer(tensor):
-    return ctypes.c_void_p(tensor.data_ptr())
+def _arrays(tensors):
+    """NumPy's views of tensors: nothing is copied."""
+    return [tensor.detach().numpy() for tensor in tensors]
 
 
 class _RustSampling(torch.autograd.Function):
     @staticmethod
-    def _sizes(value, locations, shapes):
-        b, n, h, d = value.shape
-        q, k = locations.shape[1], locations.shape[4]
-        numbers = [s for shape in shapes for s in shape]
-        array = (ctypes.c_int64 * len(numbers))(*numbers)
-        return array, [ctypes.c_size_t(x) for x in (len(shapes), b, n, h, d, q, k)]
-
-    @staticmethod
     def forward(ctx, value, locations, weights, shapes):
-        value, locations, weights = (t.contiguous() for t in (value, locations, weights))
-        ctx.save_for_backward(value, locations, weights)
+        inputs = [t.contiguous() for t in (value, locations, weights)]
+        ctx.save_for_backward(*inputs)
         ctx.shapes = shapes
-        array, sizes = _RustSampling._sizes(value, locations, shapes)
         out = value.new_empty(value.shape[0], locations.shape[1], value.shape[2] * value.shape[3])
-        status = _library().mvtop_deformable_sampling_forward(
-            _pointer(value), _pointer(locations), _pointer(weights), array, *sizes, _pointer(out)
-        )
-        if status != 0:
-            raise RuntimeError(f"mvtop sampling kernel: forward failed with status {status}")
+        _kernel().deformable_sampling_forward(*_arrays(inputs), shapes, *_arrays([out]))
         return out
 
     @staticmethod
     def backward(ctx, grad_out):
-        value, locations, weights = ctx.saved_tensors
-        grad_out = grad_out.contiguous()
-        grads = [torch.zeros_like(t) for t in (value, locations, weights)]
-        array, sizes = _RustSampling._sizes(value, locations, ctx.shapes)
-        status = _library().mvtop_deformable_sampling_backward(
-            _pointer(value), _pointer(locations), _pointer(weights), array, *sizes,
-            _pointer(grad_out), *(_pointer(g) for g in grads),
-        )  # fmt: skip
-        if status != 0:
-            raise RuntimeError(f"mvtop sampling kernel: backward failed with status {status}")
+        grads = [torch.empty_like(t) for t in ctx.saved_tensors]
+        _kernel().deformable_sampling_backward(
+            *_arrays(ctx.saved_tensors), ctx.shapes, *_arrays([grad_out.contiguous(), *grads])
+        )
         return *grads, None
 
 
@@ -121,7 +100,7 @@ def deformable_sampling(value, locations, weights, level_shapes):
         channels = int(value.shape[2] * value.shape[3])
         return _ExportedSampling.apply(value, locations, weights, level_shapes, channels)
     inputs = (value, locations, weights)
-    rust = _library() is not None and all(
+    rust = _kernel() is not None and all(
         x.device.type == "cpu" and x.dtype == torch.float32 for x in inputs
     )
     if rust and not torch.onnx.is_in_onnx_export():

@@ -6,22 +6,36 @@ import torch
 
 
 @dataclass
+class Pictures:
+    """Images [B, V, 3, H, W], normalised, 0 where they show nothing.
+
+    Training only: negatives [M, 3, H, W], images without the object, for the detector alone.
+    """
+
+    images: torch.Tensor
+    negatives: torch.Tensor | None = None
+
+
+@dataclass
+class Levels:
+    """What the backbone made of images before: maps [B, V, C, h, w] that poses are decoded from."""
+
+    maps: list[torch.Tensor]
+
+
+@dataclass
 class Views:
     """A batch of views as the network takes them (training: pinhole cameras).
 
-    images [B, V, 3, H, W] normalised; k [B, V, 3, 3] px; ref_from_cam [B, V, 4, 4] m, identity
-    for view 0; boxes [B, V, Q, 4] px; valid [B, V, Q] 1.0 where detected; class_index [B, Q];
-    inside [B, V, N] 1.0 where a cell's center lies on the image.
-    Training only: negatives [M, 3, H, W], images without the object, which only the detector is
-    given; levels, maps [B, V, C, h, w] that the backbone made of the images before (`bank.py`).
+    k [B, V, 3, 3] px; ref_from_cam [B, V, 4, 4] m, identity for view 0; boxes [B, V, Q, 4] px;
+    valid [B, V, Q] 1.0 where detected; class_index [B, Q]; inside [B, V, N] 1.0 where a cell's
+    center lies on the image.
     """
 
-    images: torch.Tensor | None
+    shown: Pictures | Levels
     k: torch.Tensor
     ref_from_cam: torch.Tensor
     boxes: torch.Tensor
     valid: torch.Tensor
     class_index: torch.Tensor
     inside: torch.Tensor
-    negatives: torch.Tensor | None = None
-    levels: list | None = None

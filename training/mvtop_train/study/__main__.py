@@ -3,11 +3,10 @@
     python -m mvtop_train.study --weights models/mvball.weights.pt --data data/mvball \
         --test data/test --out out/study
 
-Trains the transformer and heads of each variant on cached canonical views (`canonical.py`) and
-tests it on scenes that no training used. Finished variants are kept, so it resumes.
+Trains the transformer and heads of each variant on cached features of canonical views
+(`canonical.py`) and tests it on scenes that no training used. It resumes where it was stopped.
 """
 
-import argparse
 import dataclasses
 import json
 import time
@@ -15,8 +14,10 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from ..data import bop
-from ..errors import command
+from ..data import bop, mvball
+from ..data.bank import Bank
+from ..data.views import ViewMaker
+from ..errors import argument_parser, command
 from ..training.checkpoint import load_weights
 from . import canonical, variants
 from .variants import VARIANTS
@@ -24,9 +25,7 @@ from .variants import VARIANTS
 
 @command
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argument_parser(__doc__)
     parser.add_argument("--weights", type=Path, required=True, help="whose backbone is frozen")
     parser.add_argument("--data", type=Path, required=True, help="training scenes")
     parser.add_argument("--test", type=Path, required=True, help="test scenes: splits hard, easy")
@@ -38,19 +37,20 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--levels", type=int, nargs="+", default=[1, 2], help="pyramid levels")
     args = parser.parse_args()
-    backbone, trained, _ = load_weights(args.weights)
+    model, trained, _ = load_weights(args.weights)
     strides = tuple(trained.strides[level] for level in args.levels)
+    viewed = variants.config_of(VARIANTS["baseline"], trained, strides)
 
-    def cached(root: Path, split: str, scenes: int | None, copies: int, augment: bool):
+    def cached(root: Path, split: str, scenes: int | None, copies: int, augment: bool) -> Bank:
         index = bop.load_index(root, split)[:scenes]
-        name = f"{split}-{len(index)}x{copies}-levels{''.join(map(str, args.levels))}.pt"
-        return canonical.load_or_compute(
-            args.out / name, index, backbone, args.levels, copies, augment
-        )
+        name = f"{split}-{len(index)}x{copies}-levels{''.join(map(str, args.levels))}"
+        maker = ViewMaker(canonical.Canonical(), viewed, mvball.bounding_points(), augment)
+        return Bank(args.out / name, index, maker, model.features.backbone, copies, seed=0)
 
     for name in args.variants:
         variant = VARIANTS[name]
-        path = args.out / f"{name}-seed{args.seed}.json"
+        folder = args.out / f"{name}-seed{args.seed}"
+        path = folder.with_suffix(".json")
         if path.exists():
             continue
         control = variant.data == "control"
@@ -59,14 +59,15 @@ def main():
         )
         data = cached(args.data, train_split, args.scenes, args.copies, True)
         started = time.time()
-        model = variants.fit(variant, data, strides, args.steps, args.seed, name)
+        config = variants.config_of(variant, trained, strides)
+        fitted = variants.fit(variant, data, config, folder, args.weights, args.steps, args.seed)
         result = {
             "variant": dataclasses.asdict(variant) | {"name": name},
             "steps": args.steps, "images_per_step": variants.IMAGES, "seed": args.seed,
             "scenes": len(data.scenes), "seconds": round(time.time() - started),
         }  # fmt: skip
         for split in tests:
-            result[split] = variants.test(model, variant, cached(args.test, split, None, 1, False))
+            result[split] = variants.test(fitted, variant, cached(args.test, split, None, 1, False))
         path.write_text(json.dumps(result, indent=1) + "\n")
         tqdm.write(json.dumps({name: {split: result[split] for split in tests}}))
     (args.out / "study.md").write_text(variants.table(args.out) + "\n")

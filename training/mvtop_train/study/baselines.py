@@ -7,6 +7,7 @@ Ours, small, and faithful to what the papers describe; each is given the known c
   wins. `HypothesisHeads` makes them.
 """
 
+import mvtop
 import numpy as np
 import torch
 from scipy.optimize import least_squares
@@ -14,10 +15,13 @@ from scipy.spatial.transform import Rotation
 from torch import nn
 
 from ..network import pose
-from ..network.decoder import mlp
+from ..network.geometry import Geometry
+from ..network.layers import mlp
+from .paper import ImageDecoder, ImageEncoder
 
 INLIER = 0.02  # m, mean distance of model points: CosyPose's
 VOTE = 0.02  # m, sigma of Li et al.
+BINS = 512  # of rotations, 22 degrees apart
 
 
 def _moved(points, poses):
@@ -27,8 +31,8 @@ def _moved(points, poses):
 
 def _distances(points, poses):
     """Mean distances of the model points under every two of poses [m, 4, 4]: [m, m], metres."""
-    moved = _moved(points, poses)
-    return np.linalg.norm(moved[:, None] - moved[None], axis=-1).mean(-1)
+    surface = mvtop.metrics.Surface(points)
+    return np.stack([surface.add(pose, poses) for pose in poses])
 
 
 def late_fusion(candidates, ref_from_cam, k, points) -> tuple[np.ndarray, int]:
@@ -36,7 +40,7 @@ def late_fusion(candidates, ref_from_cam, k, points) -> tuple[np.ndarray, int]:
 
     candidates    [V, 4, 4] cam_from_obj, metres
     ref_from_cam  [V, 4, 4] metres
-    k             [3, 3] px, of every view
+    k             [V, 3, 3] px
     points        [n, 3] of the model, metres
     returns       ref_from_obj [4, 4], and how many views agree on it (1: it is the reference's own)
     """
@@ -51,10 +55,10 @@ def late_fusion(candidates, ref_from_cam, k, points) -> tuple[np.ndarray, int]:
     cam_from_ref = np.linalg.inv(ref_from_cam[views])
 
     def project(in_cam):
-        pixels = in_cam @ k.T
+        pixels = in_cam @ k[views].swapaxes(-1, -2)
         return pixels[..., :2] / pixels[..., 2:]
 
-    wanted = np.stack([project(_moved(points, candidates[v])) for v in views])
+    wanted = project(_moved(points, candidates[views]))
     start = in_ref[seed]
 
     def pose_of(step):
@@ -101,12 +105,12 @@ def rotation_bins(count: int) -> np.ndarray:
 class HypothesisHeads(nn.Module):
     """Scores of rotation bins, a rotation within each, and one translation (Li et al. 2018)."""
 
-    def __init__(self, config, bins: int):
+    def __init__(self, config):
         super().__init__()
         d = config.d_model
-        self.scores, self.translation = mlp(d, d, d, bins), mlp(d, d, d, 3)
-        self.within = mlp(d, d, d, 6 * bins)
-        bins = torch.from_numpy(rotation_bins(bins)).float()
+        self.scores, self.translation = mlp(d, d, d, BINS), mlp(d, d, d, 3)
+        self.within = mlp(d, d, d, 6 * BINS)
+        bins = torch.from_numpy(rotation_bins(BINS)).float()
         self.register_buffer("bins", bins, persistent=False)
 
     def forward(self, x, class_index, boxes):
@@ -115,6 +119,13 @@ class HypothesisHeads(nn.Module):
         within = 0.1 * self.within(x).unflatten(-1, (-1, 6)) + identity
         rotations = pose.rotation_from_6d(within) @ self.bins
         return self.scores(x), rotations, self.translation(x)
+
+
+class HypothesisDecoder(ImageDecoder):
+    parts = ImageDecoder.parts._replace(heads=HypothesisHeads)
+
+
+IMAGE_HYPOTHESES = Geometry(ImageEncoder, HypothesisDecoder)
 
 
 def hypothesis_loss(outputs, cam_from_obj):

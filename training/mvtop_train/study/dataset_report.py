@@ -6,7 +6,6 @@ Writes contact_sheet.png (pairs side by side, the amodal box drawn in), statisti
 statistics.png. Works on any data set in BOP layout with one object per image.
 """
 
-import argparse
 import json
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import cv2
 import numpy as np
 
 from ..data import bop, objects, pairs
-from ..errors import UserError, command
+from ..errors import UserError, argument_parser, command
 
 COLORS = {"green": (60, 200, 60), "red": (230, 60, 60)}  # of boxes, by the hemisphere in sight
 DIRECTIONS, ROLLS = 72, 12  # cells in which viewing directions and rolls are counted
@@ -163,9 +162,7 @@ def plot(stats: dict, path: Path, title: str):
 
 @command
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argument_parser(__doc__)
     parser.add_argument("--data", type=Path, default=Path("data/mvball"))
     parser.add_argument("--split", default="train")
     parser.add_argument("--object", type=int, metavar="ID", help="of the objects in --data")

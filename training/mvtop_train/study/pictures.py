@@ -7,7 +7,6 @@ view alone. Colored axes and points are predicted, thin white axes that end in a
 Rows are the first samples, not chosen ones. Reads the results and samples of `tables.py`.
 """
 
-import argparse
 import json
 import tempfile
 from pathlib import Path
@@ -15,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ..errors import UserError, command
+from ..errors import UserError, argument_parser, command
 from .tables import call
 
 CELL = 150  # px
@@ -93,9 +92,7 @@ def label(image: np.ndarray, text: str, column: int):
 
 @command
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argument_parser(__doc__)
     parser.add_argument("--results", type=Path, required=True, help="folder of `tables --out`")
     parser.add_argument("--samples", type=Path, required=True, help="the samples of these results")
     parser.add_argument("--split", choices=["hard", "easy"], default="hard")

@@ -9,7 +9,6 @@ these are not the scenes of `make eval` with two, and the figures differ a littl
 each show 300 pixels of a hemisphere hardly exist: those of the easy split have two.
 """
 
-import argparse
 import hashlib
 import shutil
 import subprocess
@@ -19,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import UserError, command
+from ..errors import UserError, argument_parser, command
 from . import results
 
 VIEWS = {"hard": 8, "easy": 2}  # of a sample
@@ -251,9 +250,7 @@ def pictures(out: Path, runs: dict[Condition, results.Results], splits: list[str
 
 @command
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argument_parser(__doc__)
     parser.add_argument("--model", type=Path, default=Path("models/mvball"), help="bundle")
     parser.add_argument("--pairs", type=int, default=100, help="samples of each split")
     parser.add_argument("--seed", type=int, default=0, help="of the samples")

@@ -4,21 +4,27 @@ import dataclasses
 import json
 from pathlib import Path
 
+import mvtop
 import numpy as np
 import torch
-from torch import nn
 from tqdm import tqdm
 
-from ..data import mvball, objects
-from ..network import config, pose, rays
-from ..network.decoder import Boxes, Decoder
-from ..network.encoder import Encoder
-from ..training import losses
-from ..training.optimise import learning_rate
+from ..data import batches, mvball, objects
+from ..data.bank import Bank
+from ..data.inputs import to_views
+from ..data.views import collate
+from ..network import losses, pose
+from ..network.config import Config
+from ..network.model import Mvtop
+from ..network.views import Views
+from ..training.checkpoint import TrainingState
+from ..training.optimise import autocast, descend, learning_rate
+from ..training.progress import Timer
 from . import baselines, canonical
 
-BINS = 512  # 22 degrees apart
 IMAGES = 64  # per step
+PEAK, WARMUP, CLIP = 1e-3, 100, 5.0  # learning rate, steps to it, norm of the gradient
+SAVE_MINUTES = 3.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,90 +60,51 @@ VARIANTS = {
 }
 
 
-class Transformer(nn.Module):
-    """Encoder, FLoSE, decoder and heads on given features."""
-
-    def __init__(self, variant: Variant, strides, channels: int):
-        super().__init__()
-        self.config = config.preset(
-            "small", objects.classes_of(objects.ball()), width=canonical.SIZE,
-            height=canonical.SIZE, strides=strides, geometry=variant.geometry,
-            los_encoding=variant.los_encoding, encoder_layers=variant.encoder_layers, closeup=0,
-        )  # fmt: skip
-        d = self.config.d_model
-        self.dummies = variant.queries - 1
-        self.project = nn.ModuleList(
-            nn.Sequential(nn.Linear(channels, d), nn.LayerNorm(d)) for _ in strides
-        )
-        self.encoder, self.decoder = Encoder(self.config), Decoder(self.config)
-        if variant.heads == "hypotheses":
-            self.decoder.heads = nn.ModuleList(
-                baselines.HypothesisHeads(self.config, BINS)
-                for _ in range(self.config.decoder_layers)
-            )
-
-    def forward(self, features, ref_from_cam, boxes):
-        """features [B, V, N, C]; ref_from_cam [B, V, 4, 4] m; boxes [B, V, 4] px."""
-        b, v = features.shape[:2]
-        shapes = self.config.level_shapes()
-        k = torch.from_numpy(canonical.K).float().expand(b, v, 3, 3)
-        with torch.autocast("cpu", enabled=False):  # geometry stays in fp32
-            camera_rays = rays.unproject(k, rays.cell_centers(shapes, self.config.strides))
-            lines = rays.encode(camera_rays, ref_from_cam, self.config.los_encoding)
-            box_rays = rays.box_rays(k, boxes[..., None, :], ref_from_cam)
-        counts = [rows * columns for rows, columns in shapes]
-        tokens = features.flatten(0, 1).split(counts, 1)
-        levels = [
-            project(t).transpose(1, 2).unflatten(-1, shape)
-            for project, t, shape in zip(self.project, tokens, shapes, strict=True)
-        ]
-        memory = self.encoder(levels, camera_rays.flatten(0, 1)).unflatten(0, (b, v))
-        queries = self._queries(boxes, box_rays)
-        outputs = self.decoder(memory, lines, queries, self._classes(b), shapes)
-        return [tuple(part[:, :1] for part in output) for output in outputs]
-
-    def _queries(self, boxes, box_rays) -> Boxes:
-        """The object's query, then PoET's dummies: boxes at -1, seen by self-attention."""
-        size = canonical.SIZE
-        low, high = (boxes[..., None, :2] + 0.5) / size, (boxes[..., None, 2:] + 0.5) / size
-        b, v = boxes.shape[:2]
-        dummies = torch.full((b, v, self.dummies, 2), -1.0)
-        # "Seen" by the reference view, on its axis: where there is no line, nothing can be placed.
-        seen = torch.zeros(b, v, self.dummies)
-        seen[:, 0] = 1
-        ahead = torch.tensor([0.0, 0, 0, 0, 0, 1, 1, 0, 0, 0, 1, 0]).expand(b, v, self.dummies, 12)
-        queries = 1 + self.dummies
-        return Boxes(
-            torch.cat([(low + high) / 2, dummies], 2),
-            torch.cat([(high - low) / 2, 0.5 * dummies], 2),
-            torch.cat([box_rays, ahead], 2),
-            torch.cat([torch.ones(b, v, 1), seen], -1),
-            attended=torch.ones(b, queries),
-        )
-
-    def _classes(self, b: int):
-        return torch.zeros(b, 1 + self.dummies, dtype=torch.long)
+def config_of(variant: Variant, trained: Config, strides: tuple[int, ...]) -> Config:
+    """The variant's network, for the features of the network `trained` at some of its strides."""
+    poses = variant.heads == "pose"
+    blind = variant.los_encoding == "none"  # see `given`
+    return dataclasses.replace(
+        trained,
+        geometry=variant.geometry if poses else f"{variant.geometry}_{variant.heads}",
+        los_encoding="direction" if blind else variant.los_encoding,
+        encoder_layers=variant.encoder_layers,
+        closeup=canonical.SIZE,
+        closeup_strides=strides,
+    )
 
 
-def draw(cached: canonical.Cached, rng, views: int) -> np.ndarray:
-    """View numbers [views] of a random scene; two show different hemispheres, if they can."""
-    scene = cached.scenes[rng.integers(len(cached.scenes))]
-    first = rng.choice(scene)
-    if views == 1:
-        return np.array([first])
-    return np.array([first, rng.choice(scene[cached.shows[scene] != cached.shows[first]])])
+def given(batch: dict, variant: Variant, config: Config, device="cpu") -> Views:
+    """A batch as the variant's network takes it.
+
+    Without lines of sight no cell has one. PoET's dummy queries follow the object's: boxes at -1
+    of the reference image, seen by self-attention.
+    """
+    views = to_views(batch, config, device)
+    if variant.los_encoding == "none":
+        views = dataclasses.replace(views, inside=torch.zeros_like(views.inside))
+    dummies = variant.queries - 1
+    # Of center and size -1, in px.
+    low, high = -0.5 * canonical.SIZE - 0.5, -1.5 * canonical.SIZE - 0.5
+    b, v = views.valid.shape[:2]
+    boxes = torch.tensor([low, low, high, high], device=device).expand(b, v, dummies, 4)
+    seen = torch.zeros(b, v, dummies, device=device)
+    seen[:, 0] = 1
+    return dataclasses.replace(
+        views,
+        boxes=torch.cat([views.boxes, boxes], 2),
+        valid=torch.cat([views.valid, seen], 2),
+        class_index=views.class_index.repeat(1, variant.queries),
+    )
 
 
-def batch_of(cached: canonical.Cached, numbers: np.ndarray, rng):
-    """Views `numbers` [B, V] as the inputs of a `Transformer`, and the poses [B, V, 4, 4]."""
-    cam_from_world = cached.cam_from_world[numbers]
-    ref_from_cam = cam_from_world[:, :1] @ np.linalg.inv(cam_from_world)
-    features = cached.features[torch.from_numpy(numbers)].float()
-    inputs = [torch.from_numpy(x).float() for x in (ref_from_cam, cached.boxes(numbers, rng))]
-    return (features, *inputs), torch.from_numpy(cached.cam_from_obj[numbers]).float()
+def outputs_of(model: Mvtop, views: Views) -> list:
+    """What each decoder layer says of the object, not of the dummies."""
+    return [tuple(part[:, :1] for part in output) for output in model(views).poses]
 
 
-def loss_of(model, outputs, truth, variant: Variant):
+def loss_of(model: Mvtop, outputs, truth, variant: Variant):
+    """truth [B, V, 4, 4] cam_from_obj"""
     truth = truth[:, :1]
     if variant.heads == "hypotheses":
         outputs = [
@@ -148,34 +115,37 @@ def loss_of(model, outputs, truth, variant: Variant):
     return losses.ROTATION * rot.mean((1, 2)).sum() + losses.TRANSLATION * t.mean((1, 2)).sum()
 
 
-def fit(variant: Variant, cached, strides, steps: int, seed: int, name: str) -> Transformer:
-    """Train one variant."""
+def fit(
+    variant: Variant, bank: Bank, config: Config, folder: Path, weights: Path, steps: int, seed: int
+) -> Mvtop:
+    """Train one variant in a run folder of its own, which a later call goes on with.
+
+    `weights`: of the network whose backbone's features `bank` has.
+    """
+    device = "cuda" if torch.cuda.is_available() else "cpu"
     torch.manual_seed(seed)
-    rng = np.random.default_rng(seed)
-    model = Transformer(variant, strides, cached.features.shape[-1])
-    optimizer = torch.optim.AdamW(model.parameters(), lr=1e-3, weight_decay=1e-4)
-    average = torch.optim.swa_utils.AveragedModel(
-        model, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(0.99)
-    )
-    bar = tqdm(range(steps), unit="step", desc=name)
-    for step in bar:
-        for group in optimizer.param_groups:
-            group["lr"] = learning_rate(step, step / steps, peak=1e-3, warmup=100)
-        numbers = np.stack(
-            [draw(cached, rng, variant.views) for _ in range(IMAGES // variant.views)]
-        )
-        inputs, truth = batch_of(cached, numbers, rng)
-        with torch.autocast("cpu", dtype=torch.bfloat16):
-            outputs = model(*inputs)
-        loss = loss_of(model, outputs, truth, variant)
-        optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        nn.utils.clip_grad_norm_(model.parameters(), 5.0)
-        optimizer.step()
-        average.update_parameters(model)
-        if step % 20 == 0:
+    state = TrainingState(folder, config, device, backbone=weights)
+    shares = [float(views == variant.views) for views in range(1, variant.views + 1)]
+    stream = batches.Batches(bank, IMAGES, shares, seed, 0, 1)
+    loader = batches.loader(stream, state.step, workers=0, pinned=False)
+    saving = Timer(SAVE_MINUTES)
+    bar = tqdm(total=steps, initial=state.step, unit="step", desc=folder.name)
+    while state.step < steps:
+        batch = next(loader)
+        views = given(batch, variant, config, device)
+        with autocast(device):
+            outputs = outputs_of(state.model, views)
+        loss = loss_of(state.model, outputs, batch["cam_from_obj"].to(device), variant)
+        descend(state, loss, learning_rate(state.step, state.step / steps, PEAK, WARMUP), CLIP)
+        state.update_average()
+        state.step += 1
+        bar.update()
+        if state.step % 20 == 0:
             bar.set_postfix_str(f"loss {loss.item():.2f}")
-    return average.module.eval()
+        if saving.due() or state.step == steps:
+            state.save()
+    bar.close()
+    return state.average.cpu()
 
 
 def poses_of(output) -> np.ndarray:
@@ -200,32 +170,31 @@ def hypotheses_of(output, count: int) -> np.ndarray:
 
 def errors(estimates: np.ndarray, truth: np.ndarray) -> dict:
     """Mean errors of poses [B, 4, 4], degrees and metres."""
-    a, b = torch.from_numpy(estimates).float(), torch.from_numpy(truth).float()
-    angle = torch.rad2deg(pose.rotation_angle(a[:, :3, :3], b[:, :3, :3]))
-    points = torch.from_numpy(objects.ball().points).float()
-    add = pose.add_error(points, a[:, :3, :3], a[:, :3, 3], b[:, :3, :3], b[:, :3, 3])
+    angle = mvtop.metrics.rotation_error_deg(truth, estimates)
+    add = mvtop.metrics.Surface(objects.ball().points).add(truth, estimates)
     return {
-        "pairs": len(a),
-        "rot_mean_deg": angle.mean().item(),
-        "rot_median_deg": angle.median().item(),
-        "share_over_30_deg": (angle > 30).float().mean().item(),
-        "add_mean_m": add.mean().item(),
+        "pairs": len(angle),
+        "rot_mean_deg": float(angle.mean()),
+        "rot_median_deg": float(np.median(angle)),
+        "share_over_30_deg": float((angle > 30).mean()),
+        "add_mean_m": float(add.mean()),
     }
 
 
 @torch.no_grad()
-def test(model: Transformer, variant: Variant, cached, seed=0) -> dict[str, dict]:
+def test(model: Mvtop, variant: Variant, bank: Bank) -> dict[str, dict]:
     """Errors on the pairs of a test split, by how its views are put together."""
-    rng = np.random.default_rng(seed)
-    pairs = np.stack([scene[:2] for scene in cached.scenes])
-    with torch.autocast("cpu", dtype=torch.bfloat16):
-        if variant.views == 2:
-            inputs, truth = batch_of(cached, pairs, rng)
-            return {"two_views": errors(poses_of(model(*inputs)[-1]), truth[:, 0].numpy())}
-        inputs, truth = batch_of(cached, pairs.reshape(-1, 1), rng)
-        output = tuple(part.float() for part in model(*inputs)[-1])
-    truth = truth[:, 0].numpy().reshape(-1, 2, 4, 4)
-    world = cached.cam_from_world[pairs]
+    pairs = [[bank.row(bank.numbers[image.path][0]) for image in s[:2]] for s in bank.scenes]
+    items = pairs if variant.views == 2 else [[view] for views in pairs for view in views]
+    views = given(collate(items), variant, model.config)
+    with autocast("cpu"):
+        output = tuple(part.float() for part in outputs_of(model, views)[-1])
+    world, truth, k = (
+        np.array([[view[name] for view in views] for views in pairs])
+        for name in ("cam_from_world", "cam_from_obj", "k")
+    )
+    if variant.views == 2:
+        return {"two_views": errors(poses_of(output), truth[:, 0])}
     ref_from_cam = world[:, :1] @ np.linalg.inv(world)
     points = mvball.bounding_points(200)
     if variant.heads == "hypotheses":
@@ -237,8 +206,7 @@ def test(model: Transformer, variant: Variant, cached, seed=0) -> dict[str, dict
         return results | {"one_view": errors(every[:, 0, 0], truth[:, 0])}
     every = poses_of(output).reshape(-1, 2, 4, 4)
     fused = [
-        baselines.late_fusion(c, r, canonical.K, points)
-        for c, r in zip(every, ref_from_cam, strict=True)
+        baselines.late_fusion(*views, points) for views in zip(every, ref_from_cam, k, strict=True)
     ]
     late = errors(np.stack([f for f, _ in fused]), truth[:, 0])
     late["share_agreeing"] = float(np.mean([views > 1 for _, views in fused]))

@@ -7,7 +7,6 @@ describes it. BOP's `mask_visib/`, where it is there, tells which pixels show th
 hidden parts are coded as if they were seen, so it suits images in which nothing hides the object.
 """
 
-import argparse
 from pathlib import Path
 
 import cv2
@@ -16,7 +15,7 @@ import numpy as np
 from tqdm import tqdm
 
 from ..data import bop, objects, rendered
-from ..errors import command
+from ..errors import argument_parser, command
 from .gl import open_gl
 from .parts import Part
 from .render import Renderer
@@ -70,9 +69,7 @@ def write(image: bop.Image, render: CoordinateRenderer, obj: objects.Object) -> 
 
 @command
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argument_parser(__doc__)
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--split", default="train")
     parser.add_argument("--object", type=int, metavar="ID", help="of the objects in --data")

@@ -9,7 +9,6 @@ first cameras as two. No split shares scenes with training (`recipe.SPLITS`). Wi
 samples are pairs of a data set in BOP layout (`pairs.py`), spread evenly over the split.
 """
 
-import argparse
 import json
 import os
 from pathlib import Path
@@ -19,7 +18,7 @@ import numpy as np
 from tqdm import tqdm
 
 from ..data import bop, mvball, objects, pairs, rendered
-from ..errors import UserError, command
+from ..errors import UserError, argument_parser, command
 from . import workers
 from .generate import scene_views
 from .gl import open_gl
@@ -101,9 +100,7 @@ def _work(job):
 
 @command
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argument_parser(__doc__)
     parser.add_argument("--out", required=True)
     parser.add_argument("--split", default="hard", help="easy, hard, or one of --data")
     parser.add_argument("--data", type=Path, help="a data set in BOP layout; nothing is rendered")

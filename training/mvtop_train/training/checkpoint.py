@@ -1,5 +1,6 @@
 """Everything of a run that survives a kill: network, moving average, optimiser, progress."""
 
+import contextlib
 import copy
 import json
 from pathlib import Path
@@ -13,7 +14,7 @@ from ..network.model import Mvtop
 AVERAGE = "module."  # prefix of the average's tensors in a file
 
 
-class Run:
+class TrainingState:
     """Model, its moving average and optimiser, saved to and restored from one file.
 
     last.pt     all of it, to go on from
@@ -21,10 +22,10 @@ class Run:
     """
 
     def __init__(
-        self, folder: Path, config, device: str, init: Path | None = None,
-        backbone: Path | None = None,
-    ):  # fmt: skip
-        self.folder, self.config, self.step, self.elapsed = Path(folder), config, 0, 0.0
+        self, folder: Path, config: configs.Config, device: str, init: str = "", backbone: str = ""
+    ):
+        self.folder, self.config, self.device = Path(folder), config, device
+        self.step, self.elapsed = 0, 0.0  # seconds
         self.folder.mkdir(parents=True, exist_ok=True)
         self.model = Mvtop(config).to(device, memory_format=torch.channels_last)
         self.average = copy.deepcopy(self.model).eval().requires_grad_(False)
@@ -41,24 +42,21 @@ class Run:
             with _fits(init):
                 self._load_average(_read(init))
             self.model.load_state_dict(self.average.state_dict())
+        self.model.train()
         if backbone:
             self._freeze(backbone)
+            self.model.features.backbone.eval()
 
-    def _freeze(self, path: Path):
+    def _freeze(self, path: str):
         """Take all that works on images alone from another run's average, and keep it as it is."""
         given = _average_of(_read(path))
-        for model in (self.model, self.average):
-            for name in ("backbone", "detector", "coordinates"):
-                part, prefix = getattr(model.features, name), f"features.{name}."
+        for name in ("backbone", "detector", "coordinates"):
+            own = f"features.{name}."
+            part = {k.removeprefix(own): x for k, x in given.items() if k.startswith(own)}
+            for model in (self.model, self.average):
                 with _fits(path):
-                    part.load_state_dict(
-                        {
-                            k.removeprefix(prefix): x
-                            for k, x in given.items()
-                            if k.startswith(prefix)
-                        }
-                    )
-                part.requires_grad_(False)
+                    getattr(model.features, name).load_state_dict(part)
+                getattr(model.features, name).requires_grad_(False)
 
     @property
     def path(self) -> Path:
@@ -120,35 +118,29 @@ def _write(state: dict, path: Path):
     part.replace(path)  # a kill leaves the old file or the new one
 
 
-def _read(path: Path) -> dict:
+def _read(path: Path | str) -> dict:
     try:  # to the CPU, where Adam's counts stay; what belongs on the device is copied there
         return torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError:
         raise UserError(f"{path}: no such file; fix: name a checkpoint") from None
     except Exception as error:
-        kind = type(error).__name__
         raise UserError(
             f"{path}: expected a checkpoint of a run, got a file that does not load "
-            f"({kind}); fix: use last.pt or weights.pt of a run"
+            f"({type(error).__name__}); fix: use last.pt or weights.pt of a run"
         ) from None
 
 
-class _fits:
+@contextlib.contextmanager
+def _fits(path: Path | str):
     """Turns what `load_state_dict` says of a network of another shape into one sentence."""
-
-    def __init__(self, path: Path):
-        self.path = path
-
-    def __enter__(self):
-        pass
-
-    def __exit__(self, kind, error, _):
-        if kind in (RuntimeError, ValueError, KeyError):
-            lines = str(error).strip().splitlines()
-            raise UserError(
-                f"{self.path}: expected weights of this network, got others "
-                f"({lines[min(1, len(lines) - 1)].strip()}); fix: the preset it was trained with"
-            ) from None
+    try:
+        yield
+    except (RuntimeError, ValueError, KeyError) as error:
+        lines = str(error).strip().splitlines()
+        raise UserError(
+            f"{path}: expected weights of this network, got others "
+            f"({lines[min(1, len(lines) - 1)].strip()}); fix: the preset it was trained with"
+        ) from None
 
 
 def _average_of(state: dict) -> dict:

@@ -1,103 +1,79 @@
 """The training loop, resumed by itself from the run folder."""
 
-import json
+import functools
 import time
 from pathlib import Path
 
 import torch
-from tqdm import tqdm
 
-from ..data import bank, batches, objects
+from ..data import bank, batches, crops, objects
+from ..data.views import ViewMaker
 from ..network import sampling
-from . import processes, runconfig
-from .checkpoint import Run
+from . import processes
+from .checkpoint import TrainingState
+from .monitor import Monitor
 from .optimise import learning_rate, optimise
-from .progress import Clock, Log, Meter, Timer
-from .validate import validate
+from .progress import Clock
+from .runconfig import RunConfig, keep_copy
+from .validate import pose_views
 
 
-def train(settings: runconfig.RunConfig, folder: Path):
+def train(settings: RunConfig, folder: Path):
+    """Train as `settings` say, from where the run in `folder` stands to its end."""
     me = processes.join()
-    device, first = me.device, me.rank == 0
-    if device == "cpu" and first and not sampling.kernel_available():
-        print("note: Rust sampling kernel not found, training is several times slower; "
-              "fix: cargo build --release -p mvtop-ffi")  # fmt: skip
+    if me.device == "cpu" and me.rank == 0 and not sampling.kernel_available():
+        print("note: mvtop's sampling kernel is not installed, training is several times slower; "
+              "fix: make wheel")  # fmt: skip
     obj = objects.read(Path(settings.data), settings.object or None)
-    config = settings.network_config(objects.classes_of(obj))
     scenes = batches.Scenes(Path(settings.data), obj, settings.held_out)
-    if first:
-        runconfig.keep_copy(settings, folder)
+    if me.rank == 0:
+        keep_copy(settings, folder)
     torch.manual_seed(settings.seed)  # all processes start from the same weights
-    given = [Path(path) if path else None for path in (settings.init, settings.backbone)]
-    run = Run(folder, config, device, *given)
-    run.model.train()
+    config = settings.network_config(objects.classes_of(obj))
+    state = TrainingState(folder, config, me.device, settings.init, settings.backbone)
     # Torchvision's FPN makes maps that are not used.
-    model = processes.distributed(run.model, me, unused=config.backbone != "conv")
-    aug = settings.augmentation_of(config)
-    clock = Clock(settings, run, device, alone=me.count == 1)
-    if settings.backbone:
-        run.model.features.backbone.eval()
+    model = processes.distributed(state.model, me, unused=config.backbone != "conv")
+    clock = Clock(settings, state, alone=me.count == 1)
+    stream = batches_of(settings, state, scenes, me)
+    loader = batches.loader(stream, state.step, settings.workers, pinned=me.device != "cpu")
+    monitor = Monitor(settings, state, scenes, me.count) if me.rank == 0 else None
+    train_steps(settings, state, model, loader, clock, monitor)
+    processes.leave()
 
-        def features():
-            return bank.Bank(
-                folder / "features", scenes.training, run.average, obj.bounds, settings.copies,
-                settings.seed, settings.workers,
-            )  # fmt: skip
 
-        made = features() if first else None
-        processes.from_first(0.0, device)  # the others wait until they are all there
-        stream = bank.Batches(
-            made or features(), settings.images, settings.views, settings.seed, me.rank, me.count
-        )
-    else:
-        stream = batches.Batches(
-            scenes, settings.crop, settings.images, settings.views, settings.negatives,
-            settings.seed, aug, me.rank, me.count,
-        )  # fmt: skip
-    loader = batches.loader(stream, run.step, settings.workers, pinned=device != "cpu")
-    saving, validating = Timer(settings.save_minutes), Timer(settings.validate_minutes)
-    meter, log = Meter(), Log(run) if first else None
-    bar = tqdm(
-        total=settings.steps or None, initial=run.step, unit="step", smoothing=0.02,
-        disable=not first,
-    )  # fmt: skip
-
-    def validation():
-        for n in (1, 2):
-            if any(len(scene) >= n for scene in scenes.held):
-                result = validate(
-                    run.average, scenes.held, obj.bounds, config, settings.crop, device, n, aug,
-                    precision=settings.precision,
-                )  # fmt: skip
-                log.write({"validation_views": n, **result}, f"validation_{n}_views")
-                bar.write(f"step {run.step}, {n} view(s): {json.dumps(result)}")
-
+def train_steps(
+    settings: RunConfig, state: TrainingState, model, loader, clock: Clock, monitor: Monitor | None
+):
+    """Steps on batches of `loader` until the clock says that the run is over."""
     progress = clock.begun
     while progress < 1:
         mark = time.monotonic()
         batch = next(loader)
         waited = time.monotonic() - mark
-        lr = learning_rate(run.step, progress, settings.lr, settings.warmup)
-        parts = optimise(run, model, batch, settings, lr, device)
-        run.update_average()
-        run.step += 1
+        lr = learning_rate(state.step, progress, settings.lr, settings.warmup)
+        terms = optimise(state, model, batch, settings, lr)
+        state.update_average()
+        state.step += 1
         progress = clock.progress()
-        scenes_in, views = batch["k"].shape[:2]
-        meter.add(parts, views, scenes_in * views * me.count, waited)
-        bar.update()
-        last = progress >= 1
-        if first and (run.step % settings.log_steps == 0 or last):
-            report = meter.report()
-            left = clock.minutes_left(progress)
-            log.write({**report, "lr": lr, "minutes_left": round(left, 1)}, "training")
-            bar.set_postfix_str(
-                f"loss {report['loss']:.2f} rot {report.get('rotation_deg_multi', 0):.1f} "
-                f"t {report['translation_m'] * 1e3:.0f} mm {report['images_per_s']:.0f} img/s, "
-                f"{left:.0f} min left"
-            )
-        if first and (saving.due() or last):
-            run.save()
-        if first and (validating.due() or last):
-            validation()
-    bar.close()
-    processes.leave()
+        if monitor:
+            monitor.after_step(clock, progress, lr, terms, batch["k"].shape[:2], waited)
+
+
+def batches_of(
+    settings: RunConfig, state: TrainingState, scenes: batches.Scenes, me: processes.Processes
+) -> batches.Batches:
+    """Crops for all of the network; where its backbone is frozen, cached features of close-ups."""
+    shared = settings.images, settings.views, settings.seed, me.rank, me.count
+    if not settings.backbone:
+        crop = crops.Crops(settings.crop, settings.augmentation_of(state.config))
+        fresh = batches.Fresh(scenes, ViewMaker(crop, state.config, scenes.obj.bounds))
+        negatives = batches.Negatives(scenes, crop, round(settings.negatives * settings.images))
+        return batches.Batches(fresh, *shared, negatives)
+    maker = pose_views(settings, state.config, scenes.obj.bounds, True)
+    features = functools.partial(
+        bank.Bank, state.folder / "features", scenes.training, maker,
+        state.average.features.backbone, settings.copies, settings.seed, settings.workers,
+    )  # fmt: skip
+    made = features() if me.rank == 0 else None
+    processes.from_first(0.0, me.device)  # the others wait until they are all there
+    return batches.Batches(made or features(), *shared)

@@ -5,8 +5,9 @@ import math
 import torch
 
 from ..data.inputs import to_device, to_views
-from . import losses, runconfig
-from .checkpoint import Run
+from ..network import losses
+from .checkpoint import TrainingState
+from .runconfig import RunConfig
 
 
 def autocast(device, precision: str = "bf16"):
@@ -21,21 +22,30 @@ def learning_rate(step: int, progress: float, peak: float, warmup: int) -> float
     return peak * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * min(progress, 1))))
 
 
-def optimise(run: Run, model, batch, settings: runconfig.RunConfig, lr: float, device) -> dict:
-    """One step on `batch`; returns the parts of the loss, still on the device."""
-    for group in run.optimizer.param_groups:
-        group["lr"] = group["scale"] * lr
-    views = to_views(batch, run.config, device)
-    with autocast(device, settings.precision):
+def optimise(state: TrainingState, model, batch, settings: RunConfig, lr: float) -> dict:
+    """One step of `model` on `batch`; returns the parts of the loss, still on the device.
+
+    model: that of `state`, or the same one in all processes (`processes.distributed`)
+    """
+    views = to_views(batch, state.config, state.device)
+    with autocast(state.device, settings.precision):
         prediction = model(views)
-    names = ("cam_from_obj", "boxes", "coords")
-    truth = to_device({n: batch[n] for n in names if n in batch}, device)
-    loss, parts = losses.total(prediction, truth, run.config.strides[0], settings.weights())
-    run.optimizer.zero_grad(set_to_none=True)
+    names = ("cam_from_obj", "true_box", "coords")
+    truth = to_device({n: batch[n] for n in names if n in batch}, state.device)
+    loss, parts = losses.total(prediction, truth, state.config.strides[0], dict(settings.loss))
+    norm = descend(state, loss, lr, settings.clip)
+    return {"loss": loss, "norm": norm, **parts}
+
+
+def descend(state: TrainingState, loss: torch.Tensor, lr: float, clip: float) -> torch.Tensor:
+    """One step down the gradient of `loss`, whose norm is returned."""
+    for group in state.optimizer.param_groups:
+        group["lr"] = group["scale"] * lr
+    state.optimizer.zero_grad(set_to_none=True)
     loss.backward()
-    norm = torch.nn.utils.clip_grad_norm_(run.model.parameters(), settings.clip)
-    for parameter in run.model.parameters():
+    norm = torch.nn.utils.clip_grad_norm_(state.model.parameters(), clip)
+    for parameter in state.model.parameters():
         if parameter.grad is not None:  # not finite anywhere: counts as zero everywhere
             parameter.grad.nan_to_num_(0, 0, 0)
-    run.optimizer.step()
-    return {"loss": loss, "norm": norm, **parts}
+    state.optimizer.step()
+    return norm

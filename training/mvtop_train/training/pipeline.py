@@ -5,7 +5,6 @@ context and PyTorch are for different processes: generating and exporting are co
 """
 
 import contextlib
-import dataclasses
 import json
 import os
 import subprocess
@@ -18,7 +17,7 @@ from tqdm import tqdm
 from ..data import bop, objects
 from ..errors import UserError
 from . import checkpoint, loop, processes, runconfig
-from .validate import validate
+from .validate import pose_views, validate
 
 TEST_SPLIT = "hard"
 
@@ -27,20 +26,20 @@ class Generator:
     """The generator in processes of its own, behind those that train when cores are short."""
 
     def __init__(self, settings: runconfig.RunConfig, folder: Path):
-        self.recipe = {**runconfig.GENERATE, **settings.generate}
         self.data, self.log = Path(settings.data), folder / "generate.log"
         folder.mkdir(parents=True, exist_ok=True)
-        workers = self.recipe["workers"] or os.cpu_count()
+        recipe = settings.generate
+        workers = recipe.workers or os.cpu_count()
         common = [
             sys.executable, "-m", "mvtop_train.generate", "--out", settings.data,
             "--workers", str(workers),
         ]  # fmt: skip
-        if self.recipe["window"]:
-            common += ["--window", str(self.recipe["window"])]
-        parts = ((TEST_SPLIT, self.recipe["test"], 2), ("train", self.recipe["scenes"], None))
+        if recipe.window:
+            common += ["--window", str(recipe.window)]
+        parts = ((TEST_SPLIT, recipe.test, 2), ("train", recipe.scenes, None))
         commands = [
             [*common, "--split", split, "--scenes", str(scenes), "--views",
-             str(views or self.recipe["views"])]
+             str(views or recipe.views)]
             for split, scenes, views in parts
         ]  # fmt: skip
         script = "import os, subprocess; os.nice(10)\n"
@@ -76,16 +75,14 @@ class Generator:
 
 def evaluate(settings: runconfig.RunConfig, folder: Path, weights: Path) -> dict:
     """Errors of the run's average on the test split, with lightly jittered true boxes."""
-    me = processes.join()
-    model, config, step = checkpoint.load_weights(weights)
+    model, _, step = checkpoint.load_weights(weights)
+    model.to(processes.join().device)
     obj = objects.read(Path(settings.data), settings.object or None)
     scenes = bop.load_index(Path(settings.data), TEST_SPLIT, obj)
     result = {"step": step, "split": TEST_SPLIT, "scenes": len(scenes)}
+    maker = pose_views(settings, model.config, obj.bounds, False)
     for views in (1, 2):
-        result[f"views_{views}"] = validate(
-            model.to(me.device), scenes, obj.bounds, config, settings.crop, me.device, views,
-            settings.augmentation_of(config), per_scene=1, precision="fp32",
-        )  # fmt: skip
+        result[f"views_{views}"] = validate(model, scenes, maker, "fp32", views, per_scene=1)
     (folder / "evaluation.json").write_text(json.dumps(result, indent=1) + "\n")
     return result
 
@@ -95,28 +92,26 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
     runconfig.keep_copy(settings, folder)
     generator = Generator(settings, folder)
     try:
-        recipe = generator.recipe
-        generator.wait_for(TEST_SPLIT, recipe["test"])
-        generator.wait_for("train", min(recipe["start"], recipe["scenes"]))
+        recipe = settings.generate
+        generator.wait_for(TEST_SPLIT, recipe.test)
+        generator.wait_for("train", min(recipe.start, recipe.scenes))
         passed = (time.monotonic() - begun) / 60
-        left = minutes - passed - recipe["reserve"]
+        left = minutes - passed - recipe.reserve
         if left <= 0:
             raise UserError(
                 f"--minutes: expected more than {minutes - left:.1f} (first scenes, and "
                 f"generate.reserve for the end), got {minutes:g}; fix: more of them"
             )
-        second = {**runconfig.SECOND, **settings.second}
-        share = second.pop("share") if settings.closeup else 0.0
-        loop.train(dataclasses.replace(settings, minutes=left * (1 - share)), folder)
+        share = settings.second.share if settings.closeup else 0.0
+        loop.train(settings.model_copy(update={"minutes": left * (1 - share)}), folder)
         generator.check()
     finally:
         generator.stop()
     bundle, weights = folder / "bundle", folder / "weights.pt"
     if share:
-        poses = dataclasses.replace(
-            settings, backbone=str(weights), init="", minutes=left * share, **second
-        )
-        loop.train(poses, folder / "poses")
+        poses = settings.second.model_dump(exclude={"share"})
+        poses |= {"backbone": str(weights), "init": "", "minutes": left * share}
+        loop.train(settings.model_copy(update=poses), folder / "poses")
         weights = folder / "poses" / "weights.pt"
     subprocess.run(
         [sys.executable, "-m", "mvtop_train.export", "--weights", str(weights),

@@ -2,7 +2,7 @@
 
 Their averaged gradients are those of one process on the whole batch, because whatever one process
 would take over the batch is taken over all of them: the counts that losses are divided by
-(`mean_count`) and the statistics of batch normalisation (`share_batch_norm`).
+(`losses.mean_count`) and the statistics of batch normalisation (`share_batch_norm`).
 """
 
 import os
@@ -55,15 +55,6 @@ def from_first(value: float, device: str) -> float:
     shared = torch.tensor(value, dtype=torch.float64, device=device)
     dist.broadcast(shared, 0)
     return shared.item()
-
-
-def mean_count(count: torch.Tensor) -> torch.Tensor:
-    """Mean of a count over the processes, at least 1; a sum in each is divided by it."""
-    count = count.detach().float()
-    if dist.is_initialized():
-        dist.all_reduce(count)
-        count = count / dist.get_world_size()
-    return count.clamp_min(1)
 
 
 class _Mean(torch.autograd.Function):

@@ -1,21 +1,25 @@
-"""What a run tells of itself, and how far it is."""
+"""Means, clock and timers: what a run measures of itself."""
 
-import json
+import math
 import time
 
-from . import processes, runconfig
-from .checkpoint import Run
+from . import processes
+from .checkpoint import TrainingState
+from .runconfig import RunConfig
 
 
 class Meter:
     """Means since the last report. Sums stay on the device, so that no step waits for another."""
 
     def __init__(self):
+        self.reset()
+
+    def reset(self):
         self.sums, self.images, self.waited, self.started = {}, 0, 0.0, time.monotonic()
 
-    def add(self, parts: dict, views: int, images: int, waited: float):
-        parts["rotation_deg_multi" if views > 1 else "rotation_deg_one"] = parts["rotation_deg"]
-        for name, value in parts.items():
+    def add(self, terms: dict, views: int, images: int, waited: float):
+        which = "rotation_deg_multi" if views > 1 else "rotation_deg_one"
+        for name, value in {**terms, which: terms["rotation_deg"]}.items():
             total, n = self.sums.get(name, (0.0, 0))
             self.sums[name] = (total + value.detach(), n + 1)
         self.images += images
@@ -24,57 +28,34 @@ class Meter:
     def report(self) -> dict:
         means = {name: round(float(total) / n, 5) for name, (total, n) in self.sums.items()}
         seconds = time.monotonic() - self.started
-        rates = {
-            "images_per_s": round(self.images / seconds, 1),
-            "waited": round(self.waited / seconds, 3),  # share of the time, for data
-        }
-        self.__init__()
-        return {**means, **rates}
-
-
-class Log:
-    """`log.jsonl` and TensorBoard's files; `--logdir` is the run folder or one above it."""
-
-    def __init__(self, run: Run):
-        from torch.utils.tensorboard import SummaryWriter
-
-        self.run, self.path = run, run.folder / "log.jsonl"
-        self.writer = SummaryWriter(run.folder, purge_step=run.step + 1 if run.step else None)
-
-    def write(self, record: dict, group: str):
-        with open(self.path, "a") as file:
-            file.write(json.dumps({"step": self.run.step, **record}) + "\n")
-        for name, value in record.items():
-            self.writer.add_scalar(f"{group}/{name}", value, self.run.step)
-        self.writer.flush()
+        means["images_per_s"] = round(self.images / seconds, 1)
+        means["waited"] = round(self.waited / seconds, 3)  # share of the time, for data
+        self.reset()
+        return means
 
 
 class Clock:
     """How far a run is, of its steps and of its minutes, whichever is further."""
 
-    def __init__(self, settings: runconfig.RunConfig, run: Run, device: str, alone: bool):
-        self.settings, self.run, self.device = settings, run, device
+    def __init__(self, settings: RunConfig, state: TrainingState, alone: bool):
+        self.steps, self.minutes = settings.steps or math.inf, settings.minutes or math.inf
+        self.state, self.before, self.started = state, state.elapsed, time.monotonic()
         self.every = 1 if alone else 16  # other processes must be told of the time
-        self.before, self.started = run.elapsed, time.monotonic()
-        self.fraction = self._look()
+        self.fraction = self._of_minutes()
         self.begun = self.progress()
 
-    def _look(self) -> float:
-        minutes = self.settings.minutes
-        if minutes:
-            return processes.from_first(self.run.elapsed / 60 / minutes, self.device)
-        return 0.0
+    def _of_minutes(self) -> float:
+        return processes.from_first(self.state.elapsed / 60 / self.minutes, self.state.device)
 
     def progress(self) -> float:
         """0 to 1 and over; the same in all processes."""
-        self.run.elapsed = self.before + time.monotonic() - self.started
-        step, steps = self.run.step, self.settings.steps
-        if step % self.every == 0:
-            self.fraction = self._look()
-        return max(self.fraction, step / steps if steps else 0.0)
+        self.state.elapsed = self.before + time.monotonic() - self.started
+        if self.state.step % self.every == 0:
+            self.fraction = self._of_minutes()
+        return max(self.fraction, self.state.step / self.steps)
 
     def minutes_left(self, progress: float) -> float:
-        pace = (self.run.elapsed - self.before) / max(progress - self.begun, 1e-9)
+        pace = (self.state.elapsed - self.before) / max(progress - self.begun, 1e-9)
         return max(1 - progress, 0) * pace / 60
 
 

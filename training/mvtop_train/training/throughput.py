@@ -7,7 +7,6 @@ machine do not change), of the training step on batches that are there already, 
 processes keep it busy.
 """
 
-import argparse
 import json
 import tempfile
 import time
@@ -15,10 +14,11 @@ from pathlib import Path
 
 import torch
 
-from ..data import batches, objects
-from ..errors import command
+from ..data import batches, crops, objects
+from ..data.views import ViewMaker
+from ..errors import argument_parser, command
 from . import processes, runconfig
-from .checkpoint import Run
+from .checkpoint import TrainingState
 from .optimise import optimise
 
 
@@ -38,31 +38,31 @@ def measure(settings: runconfig.RunConfig, seconds: float) -> dict:
     obj = objects.read(Path(settings.data), settings.object or None)
     config = settings.network_config(objects.classes_of(obj))
     scenes = batches.Scenes(Path(settings.data), obj, settings.held_out)
-    aug = settings.augmentation_of(config)
+    crop = crops.Crops(settings.crop, settings.augmentation_of(config))
     stream = batches.Batches(
-        scenes, settings.crop, settings.images, settings.views, settings.negatives,
-        settings.seed, aug, 0, 1,
+        batches.Fresh(scenes, ViewMaker(crop, config, obj.bounds)),
+        settings.images, settings.views, settings.seed, 0, 1,
+        batches.Negatives(scenes, crop, round(settings.negatives * settings.images)),
     )  # fmt: skip
     made = []
 
     def load():
         made.append(stream[len(made)])
-        return made[-1]["images"].shape[:2].numel()
+        return made[-1]["image"].shape[:2].numel()
 
     begun = time.process_time()
     loader = _rate(load, seconds)
     busy = time.process_time() - begun
-    views = sum(batch["images"].shape[:2].numel() for batch in made)
+    views = sum(batch["image"].shape[:2].numel() for batch in made)
     with tempfile.TemporaryDirectory() as scratch:  # nothing is saved, and none resumed
-        run = Run(Path(scratch), config, device)
-    run.model.train()
+        state = TrainingState(Path(scratch), config, device)
     taken = iter(range(1 << 30))
 
     def step():
         batch = made[next(taken) % len(made)]
-        optimise(run, run.model, batch, settings, 1e-6, device)
-        run.update_average()
-        return batch["images"].shape[:2].numel()
+        optimise(state, state.model, batch, settings, 1e-6)
+        state.update_average()
+        return batch["image"].shape[:2].numel()
 
     steps = _rate(step, seconds)
     return {
@@ -77,11 +77,8 @@ def measure(settings: runconfig.RunConfig, seconds: float) -> dict:
 
 @command
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--config", type=Path, required=True, help="TOML, see training/runs/")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
+    parser = argument_parser(__doc__)
+    runconfig.add_arguments(parser)
     parser.add_argument("--seconds", type=float, default=20.0, help="for each measurement")
     args = parser.parse_args()
     settings = runconfig.load(args.config, args.set)

@@ -3,41 +3,38 @@
 import numpy as np
 import torch
 
-from ..data import closeup
-from ..data.boxes import amodal_boxes
 from ..data.choice import fixed_views
-from ..data.collate import collate
-from ..data.crops import make_view
+from ..data.closeup import CloseUps
+from ..data.crops import Crops
 from ..data.inputs import to_views
-from . import losses
+from ..data.views import ViewMaker, collate
+from ..network import losses
 from .optimise import autocast
+from .runconfig import RunConfig
+
+
+def pose_views(settings: RunConfig, config, bounds, augment: bool) -> ViewMaker:
+    """Views like those that poses are decoded from: close-ups, where the network has them."""
+    crops = Crops(settings.crop, settings.augmentation_of(config))
+    choose = CloseUps(config.closeup) if config.closeup else crops
+    return ViewMaker(choose, config, bounds, augment)
 
 
 @torch.no_grad()
-def validate(
-    model, scenes, points, config, size, device, views: int, aug, per_scene=2, precision="bf16"
-) -> dict:
+def validate(model, scenes, maker: ViewMaker, precision: str, views: int, per_scene=2) -> dict:
     """Errors on held-out scenes with lightly jittered true boxes, without augmentation."""
-    rng = np.random.default_rng(0)
-    boxes_of = amodal_boxes(points)
-
-    def make(image):
-        if config.closeup:
-            return closeup.make_view(image, config, points, rng, augment=False)
-        return make_view(image, size, rng, aug, augment=False)
-
+    device, rng = next(model.parameters()).device, np.random.default_rng(0)
     items = [
-        [make(image) for image in chosen]
+        [maker.make_view(image, rng) for image in chosen]
         for scene in scenes
         if len(scene) >= views
         for chosen in fixed_views(scene, views, per_scene)
     ]
     rot, t = [], []
     for start in range(0, len(items), 32):
-        part = items[start : start + 32]
-        batch = closeup.collate_items(part) if config.closeup else collate(part, boxes_of, 0.02)
+        batch = collate(items[start : start + 32])
         with autocast(device, precision):
-            prediction = model(to_views(batch, config, device))
+            prediction = model(to_views(batch, maker.config, device))
         r, d = losses.pose_errors(prediction.poses, batch["cam_from_obj"][:, :1].to(device))
         rot.append(torch.rad2deg(r[-1]).flatten().cpu())
         t.append(d[-1].flatten().cpu())

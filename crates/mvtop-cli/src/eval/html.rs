@@ -7,7 +7,8 @@ use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::{FilterType, resize};
-use mvtop_core::overlay::{Drawn, contact_sheet, draw, draw_known};
+use mvtop_core::ViewImage;
+use mvtop_core::overlay::{Drawn, contact_sheet, draw, draw_truth};
 use nalgebra::{Isometry3, Matrix4};
 use serde_json::Value;
 
@@ -186,8 +187,8 @@ fn picture(line: &Line, scored: &Scored, plan: &Plan) -> Result<String> {
     let views: Vec<image::RgbImage> = sample
         .images
         .iter()
-        .map(|(index, image)| {
-            let camera = &sample.rig.cameras()[*index];
+        .map(|ViewImage { camera, image }| {
+            let camera = &sample.rig.cameras()[*camera];
             let drawn = predicted.flatten().map(|world_from_obj| Drawn {
                 cam_from_obj: camera.world_from_cam().inv_mul(&world_from_obj),
                 points: model.mesh.vertices(),
@@ -196,7 +197,7 @@ fn picture(line: &Line, scored: &Scored, plan: &Plan) -> Result<String> {
                 label: scored.outcome.class.clone(),
             });
             let image = draw(image, camera, drawn.as_slice());
-            draw_known(&image, camera, &known.world_from_obj, model.diameter_m)
+            draw_truth(&image, camera, &known.world_from_obj, model.diameter_m)
         })
         .collect();
     let mut sheet = contact_sheet(&views);

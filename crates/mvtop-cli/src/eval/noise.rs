@@ -6,9 +6,8 @@
 
 use std::f64::consts::TAU;
 
-use mvtop_core::Rig;
-use mvtop_core::detect::clip;
-use mvtop_core::known::KnownBoxes;
+use mvtop_core::annotations::GivenBoxes;
+use mvtop_core::{BBox, Rig};
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use sha2::{Digest, Sha256};
 
@@ -50,24 +49,23 @@ impl Noise {
     /// within the image goes.
     ///
     /// - `object`: its place in the sample's truth
-    pub fn disturb_boxes(&self, seen: &mut KnownBoxes, rig: &Rig, sample: &str, object: usize) {
+    pub fn disturb_boxes(&self, seen: &mut GivenBoxes, rig: &Rig, sample: &str, object: usize) {
         if self.boxes == 0.0 {
             return;
         }
         seen.boxes.retain(|id, bbox| {
             let [a, b, c, d] = self.uniform(&format!("{sample}/{id}/box{object}"));
             let (horizontal, vertical) = (normal(a, b), normal(c, d));
-            let [x0, y0, x1, y1] = *bbox;
-            let (width, height) = ((x1 - x0) * self.boxes, (y1 - y0) * self.boxes);
-            *bbox = [
-                x0 + width * horizontal[0],
-                y0 + height * vertical[0],
-                x1 + width * horizontal[1],
-                y1 + height * vertical[1],
-            ];
+            let (width, height) = (bbox.width() * self.boxes, bbox.height() * self.boxes);
+            *bbox = BBox {
+                x0: bbox.x0 + width * horizontal[0],
+                y0: bbox.y0 + height * vertical[0],
+                x1: bbox.x1 + width * horizontal[1],
+                y1: bbox.y1 + height * vertical[1],
+            };
             let clipped = rig
                 .index_of(id)
-                .and_then(|i| clip(*bbox, rig.cameras()[i].width(), rig.cameras()[i].height()));
+                .and_then(|i| bbox.clip(rig.cameras()[i].width(), rig.cameras()[i].height()));
             *bbox = clipped.unwrap_or(*bbox);
             clipped.is_some()
         });
@@ -125,12 +123,12 @@ mod tests {
         .unwrap()
     }
 
-    fn seen() -> KnownBoxes {
-        KnownBoxes {
+    fn seen() -> GivenBoxes {
+        GivenBoxes {
             class: "ball".into(),
             boxes: BTreeMap::from([
-                ("cam0".into(), [100.0, 100.0, 200.0, 150.0]),
-                ("cam1".into(), [300.0, 200.0, 320.0, 220.0]),
+                ("cam0".into(), [100.0, 100.0, 200.0, 150.0].into()),
+                ("cam1".into(), [300.0, 200.0, 320.0, 220.0].into()),
             ]),
         }
     }
@@ -232,10 +230,10 @@ mod tests {
         for sample in 0..2000 {
             let mut noisy = seen();
             noise.disturb_boxes(&mut noisy, &rig(), &sample.to_string(), 0);
-            let exact = seen().boxes["cam0"];
+            let [exact, noisy] = [seen(), noisy].map(|seen| <[f64; 4]>::from(seen.boxes["cam0"]));
             for side in 0..4 {
                 let size = [100.0, 50.0][side % 2];
-                squares[side] += ((noisy.boxes["cam0"][side] - exact[side]) / size).powi(2);
+                squares[side] += ((noisy[side] - exact[side]) / size).powi(2);
             }
         }
         for square in squares {
@@ -255,7 +253,7 @@ mod tests {
             let mut noisy = seen();
             noise.disturb_boxes(&mut noisy, &rig(), &sample.to_string(), 0);
             for bbox in noisy.boxes.values() {
-                assert_eq!(clip(*bbox, 640, 480), Some(*bbox));
+                assert_eq!(bbox.clip(640, 480), Some(*bbox));
                 kept += 1;
             }
         }

@@ -1,6 +1,6 @@
 //! How far one predicted pose is off, and what the network expected: one line of `--out`.
 
-use mvtop_core::known::KnownPose;
+use mvtop_core::annotations::TruePose;
 use mvtop_core::pose::{rotation_error_deg, translation_error};
 use mvtop_core::prediction::{ObjectPose, Sigma, Timings};
 use mvtop_core::report::rows;
@@ -44,8 +44,8 @@ pub fn outcomes(
     estimator: &Estimator,
 ) -> Vec<Outcome> {
     let rig = &sample.rig;
-    let outcome = |(object, (known, &found)): (usize, (&KnownPose, &Option<&ObjectPose>))| {
-        let error = |of: fn(&KnownPose, &nalgebra::Isometry3<f64>) -> f64| {
+    let outcome = |(object, (known, &found)): (usize, (&TruePose, &Option<&ObjectPose>))| {
+        let error = |of: fn(&TruePose, &nalgebra::Isometry3<f64>) -> f64| {
             found.map(|found| of(known, &found.world_from_obj))
         };
         let seen = found.iter().flat_map(|found| &found.cameras);

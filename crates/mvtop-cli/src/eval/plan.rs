@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use mvtop_core::known::{KnownBoxes, KnownPose};
-use mvtop_core::{Camera, Estimator, Rig};
+use mvtop_core::annotations::{GivenBoxes, TruePose};
+use mvtop_core::{Camera, Estimator, Rig, ViewImage};
 use mvtop_eval::bop::{Frame, FrameId, Group, Instance, Model, Scene};
 use mvtop_eval::bop::{groups, load_models, load_targets, scene_ids};
 use nalgebra::Isometry3;
@@ -170,8 +170,10 @@ impl Plan {
                 view.intrinsics.clone(),
                 world_from_cam,
             )?;
-            let image = mvtop_core::image::load(&view.path, &camera)?;
-            images.push((cameras.len(), image));
+            images.push(ViewImage {
+                camera: cameras.len(),
+                image: mvtop_core::image::load(&view.path, &camera)?,
+            });
             cameras.push(camera);
         }
         let rig = Rig::new(cameras, 0)?;
@@ -182,7 +184,7 @@ impl Plan {
             .filter(|object| self.wanted(group, object.object))
             .map(|object| {
                 let world_from_obj = world_from_ref * object.cam_from_obj;
-                KnownPose {
+                TruePose {
                     seen: self.boxes(object.object, &world_from_obj, &views, &rig),
                     world_from_obj,
                 }
@@ -203,7 +205,7 @@ impl Plan {
         world_from_obj: &Isometry3<f64>,
         views: &[&Frame],
         rig: &Rig,
-    ) -> KnownBoxes {
+    ) -> GivenBoxes {
         let reach = SAME_OBJECT * self.models[&id].diameter_m;
         let boxes = views
             .iter()
@@ -217,10 +219,10 @@ impl Plan {
                 let nearest = alike.min_by(|a, b| off(a).total_cmp(&off(b)))?;
                 Some((
                     camera.id().to_owned(),
-                    nearest.bbox.filter(|_| off(nearest) <= reach)?,
+                    nearest.bbox.filter(|_| off(nearest) <= reach)?.into(),
                 ))
             });
-        KnownBoxes {
+        GivenBoxes {
             class: self.classes[&id].clone(),
             boxes: boxes.collect(),
         }

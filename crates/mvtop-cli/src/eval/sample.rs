@@ -2,9 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use image::RgbImage;
-use mvtop_core::known::{self, KnownBoxes, KnownPose};
-use mvtop_core::{Estimator, PredictOptions, Prediction, Rig};
+use mvtop_core::annotations::{self, GivenBoxes, TruePose};
+use mvtop_core::{Estimator, PredictOptions, Prediction, Rig, ViewImage};
 
 use super::noise::Noise;
 use crate::args::Eval;
@@ -14,9 +13,8 @@ pub struct Sample {
     /// Name of its folder.
     pub name: String,
     pub rig: Rig,
-    /// Each with the index of its camera.
-    pub images: Vec<(usize, RgbImage)>,
-    pub truth: Vec<KnownPose>,
+    pub images: Vec<ViewImage>,
+    pub truth: Vec<TruePose>,
 }
 
 /// Folders with a rig in them, sorted by name.
@@ -41,7 +39,7 @@ impl Sample {
     /// - `views`: as many images, from the reference camera on; all without it
     pub fn load(folder: &Path, views: Option<u32>) -> Result<Self> {
         let rig = Rig::load(&folder.join("rig.json"))?;
-        let truth = known::load_poses(&folder.join("truth.json"))?;
+        let truth = annotations::load_truth(&folder.join("truth.json"))?;
         let cameras = rig.cameras().len();
         let views = views.map_or(cameras, |views| views as usize);
         if views > cameras {
@@ -65,7 +63,10 @@ impl Sample {
                     camera.id()
                 ))
             })?;
-            images.push((index, mvtop_core::image::load(file, camera)?));
+            images.push(ViewImage {
+                camera: index,
+                image: mvtop_core::image::load(file, camera)?,
+            });
         }
         let name = folder.file_name().unwrap_or_default();
         Ok(Self {
@@ -88,12 +89,12 @@ impl Sample {
 
     /// Boxes of the objects that some image shows: others cannot be predicted, and count as not
     /// found.
-    fn boxes(&self, noise: &Noise) -> Vec<KnownBoxes> {
+    fn boxes(&self, noise: &Noise) -> Vec<GivenBoxes> {
         let has_image = |id: &String| {
             let mut images = self.images.iter();
-            images.any(|(index, _)| self.rig.cameras()[*index].id() == *id)
+            images.any(|view| self.rig.cameras()[view.camera].id() == *id)
         };
-        let disturbed = |(object, known): (usize, &KnownPose)| {
+        let disturbed = |(object, known): (usize, &TruePose)| {
             let mut seen = known.seen.clone();
             noise.disturb_boxes(&mut seen, &self.rig, &self.name, object);
             seen.boxes.keys().any(has_image).then_some(seen)

@@ -1,7 +1,7 @@
 //! What BOP's metrics say of one pose, and of many.
 
 use mvtop_core::Camera;
-use mvtop_core::known::KnownPose;
+use mvtop_core::annotations::TruePose;
 use mvtop_core::prediction::ObjectPose;
 use mvtop_eval::bop::Model;
 use mvtop_eval::metrics::{
@@ -83,7 +83,7 @@ pub struct Scores {
 impl Scored {
     pub fn new(
         outcome: Outcome,
-        known: &KnownPose,
+        known: &TruePose,
         found: Option<&ObjectPose>,
         model: &Model,
         view: &View,
@@ -235,7 +235,7 @@ impl Scores {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mvtop_core::known::KnownBoxes;
+    use mvtop_core::annotations::GivenBoxes;
     use mvtop_core::prediction::{Sigma, Timings};
     use mvtop_core::{Intrinsics, Projection};
     use mvtop_eval::metrics::{Mesh, Surface, Symmetries};
@@ -284,8 +284,8 @@ mod tests {
             },
             cameras: Vec::new(),
         });
-        let known = KnownPose {
-            seen: KnownBoxes {
+        let known = TruePose {
+            seen: GivenBoxes {
                 class: "plate".into(),
                 boxes: Default::default(),
             },

@@ -8,7 +8,7 @@ use std::path::{Component, Path};
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
-use super::{Detector, Input, SurfacePoint};
+use super::{CloseUps, Detector, Input, PoseInput, SurfacePoint};
 use crate::rays::LosEncoding;
 use crate::{Error, Result};
 
@@ -107,23 +107,6 @@ impl Manifest {
                 "stride {stride} does not divide the input {width} x {height}"
             ));
         }
-        match (&self.closeup, &self.graphs.closeup) {
-            (None, None) => {}
-            (Some(ManifestCloseUp { size, strides }), Some(_)) => {
-                let fits = |&stride: &u32| stride > 0 && size.is_multiple_of(stride);
-                if !(1..=MAX_SIDE).contains(size)
-                    || strides.is_empty()
-                    || !strides.is_sorted_by(|a, b| a < b)
-                    || !strides.iter().all(fits)
-                {
-                    return Err(format!(
-                        "closeup is {size} px a side with strides {strides:?}, expected 1 to \
-                         {MAX_SIDE} px and rising strides that divide it"
-                    ));
-                }
-            }
-            _ => return Err("closeup: expected its size and its graph, got one of them".into()),
-        }
         let Detector {
             score_threshold,
             agree_threshold,
@@ -178,6 +161,40 @@ impl Manifest {
             return Err(format!("file `{name}` is used but not listed in `files`"));
         }
         Ok(())
+    }
+}
+
+impl Manifest {
+    /// What poses are decoded from; the text is the problem.
+    ///
+    /// - `dir`: the bundle's folder
+    pub fn poses(&self, dir: &Path) -> Result<PoseInput, String> {
+        let cells = |strides: &[u32]| strides.iter().map(|&stride| stride as usize).collect();
+        let (ManifestCloseUp { size, strides }, graph) = match (&self.closeup, &self.graphs.closeup)
+        {
+            (None, None) => {
+                let strides = cells(&self.strides);
+                return Ok(PoseInput::WholeImages { strides });
+            }
+            (Some(closeup), Some(graph)) => (closeup, graph),
+            _ => return Err("closeup: expected its size and its graph, got one of them".into()),
+        };
+        let fits = |&stride: &u32| stride > 0 && size.is_multiple_of(stride);
+        if !(1..=MAX_SIDE).contains(size)
+            || strides.is_empty()
+            || !strides.is_sorted_by(|a, b| a < b)
+            || !strides.iter().all(fits)
+        {
+            return Err(format!(
+                "closeup is {size} px a side with strides {strides:?}, expected 1 to {MAX_SIDE} px \
+                 and rising strides that divide it"
+            ));
+        }
+        Ok(PoseInput::CloseUps(CloseUps {
+            size: *size,
+            strides: cells(strides),
+            graph: dir.join(graph),
+        }))
     }
 }
 

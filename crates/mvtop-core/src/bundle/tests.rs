@@ -54,7 +54,8 @@ fn the_sha256_is_that_of_the_standard() {
 fn a_bundle_is_read() {
     let dir = bundle(|_| ());
     let bundle = Bundle::load(dir.path()).unwrap();
-    assert_eq!(bundle.strides, [8, 16, 32]);
+    let strides = vec![8, 16, 32];
+    assert_eq!(bundle.poses, PoseInput::WholeImages { strides });
     assert_eq!(bundle.los_encoding, LosEncoding::PluckerOrigin);
     assert_eq!(bundle.features, dir.path().join("f.onnx"));
     assert_eq!(bundle.class_index("mvball"), Some(0));

@@ -95,6 +95,9 @@ macro_rules! projections {
         }),+];
 
         impl Projection {
+            /// Family and distortion of every model, in the order of registration.
+            pub const NAMES: &[(&str, &str)] = &[$(($model::FAMILY, $model::NAME)),+];
+
             /// Family of the model, "pinhole" or "fisheye".
             pub fn family(&self) -> &'static str {
                 match self {
@@ -202,14 +205,14 @@ impl Projection {
 
 /// All families, in the order of registration.
 pub(crate) fn families() -> Vec<&'static str> {
-    let mut families: Vec<_> = MODELS.iter().map(|model| model.family).collect();
+    let mut families: Vec<_> = Projection::NAMES.iter().map(|names| names.0).collect();
     families.dedup();
     families
 }
 
 /// Names of all distortions, in the order of registration.
 pub(crate) fn distortions() -> Vec<&'static str> {
-    MODELS.iter().map(|model| model.distortion).collect()
+    Projection::NAMES.iter().map(|names| names.1).collect()
 }
 
 fn quoted(names: Vec<&str>) -> Vec<String> {

@@ -9,43 +9,42 @@ use crate::prediction::Sigma;
 use crate::{Error, Result};
 
 /// A pose as the decoder gives it, but in the world.
-pub struct Pose {
+pub struct DecodedPose {
     pub world_from_obj: Isometry3<f64>,
     pub sigma: Sigma,
 }
 
-/// The pose of query `q`, from the anchor's frame into the world.
-pub fn decoded_pose(
-    world_from_anchor: &Isometry3<f64>,
-    decoded: &Decoded,
-    q: usize,
-) -> Result<Pose> {
-    let number = |array: &Array2<f32>, i: usize| f64::from(array[(q, i)]);
-    let t = [0, 1, 2].map(|i| number(&decoded.translation, i));
-    let sigma = Sigma {
-        rot_deg: number(&decoded.sigma, 0),
-        t_m: number(&decoded.sigma, 1),
-    };
-    if !t
-        .iter()
-        .chain([&sigma.rot_deg, &sigma.t_m])
-        .all(|x| x.is_finite())
-    {
-        return Err(Error::Pose(format!(
-            "decoder: expected a finite pose, got translation {t:?} and {sigma:?}"
-        )));
+impl DecodedPose {
+    /// The pose of query `q`, from the anchor's frame into the world.
+    pub fn new(world_from_anchor: &Isometry3<f64>, decoded: &Decoded, q: usize) -> Result<Self> {
+        let number = |array: &Array2<f32>, i: usize| f64::from(array[(q, i)]);
+        let t = [0, 1, 2].map(|i| number(&decoded.translation, i));
+        let sigma = Sigma {
+            rot_deg: number(&decoded.sigma, 0),
+            t_m: number(&decoded.sigma, 1),
+        };
+        if !t
+            .iter()
+            .chain([&sigma.rot_deg, &sigma.t_m])
+            .all(|x| x.is_finite())
+        {
+            return Err(Error::Pose(format!(
+                "decoder: expected a finite pose, got translation {t:?} and {sigma:?}"
+            )));
+        }
+        let rotation =
+            rotation_from_6d([0, 1, 2, 3, 4, 5].map(|i| number(&decoded.rotation_6d, i)))?;
+        let rotation = UnitQuaternion::from_rotation_matrix(&rotation);
+        let anchor_from_obj = Isometry3::from_parts(Translation3::from(t), rotation);
+        Ok(Self {
+            world_from_obj: world_from_anchor * anchor_from_obj,
+            sigma,
+        })
     }
-    let rotation = rotation_from_6d([0, 1, 2, 3, 4, 5].map(|i| number(&decoded.rotation_6d, i)))?;
-    let rotation = UnitQuaternion::from_rotation_matrix(&rotation);
-    let anchor_from_obj = Isometry3::from_parts(Translation3::from(t), rotation);
-    Ok(Pose {
-        world_from_obj: world_from_anchor * anchor_from_obj,
-        sigma,
-    })
 }
 
 /// The mean of one object's poses, at least one; of their expected errors likewise.
-pub fn mean_pose(poses: &[Pose]) -> Pose {
+pub fn mean_pose(poses: &[DecodedPose]) -> DecodedPose {
     let count = poses.len() as f64;
     let translation: Vector3<f64> = poses
         .iter()
@@ -55,7 +54,7 @@ pub fn mean_pose(poses: &[Pose]) -> Pose {
     let mean = |number: fn(&Sigma) -> f64| {
         poses.iter().map(|pose| number(&pose.sigma)).sum::<f64>() / count
     };
-    Pose {
+    DecodedPose {
         world_from_obj: Isometry3::from_parts((translation / count).into(), rotation),
         sigma: Sigma {
             rot_deg: mean(|sigma| sigma.rot_deg),

@@ -1,41 +1,29 @@
 //! Which objects there are and where each view sees them: detected, or given by the user.
 
-use nalgebra::Isometry3;
 use ndarray::Axis;
 
 use super::view::View;
+use crate::annotations::GivenBoxes;
 use crate::associate::{LineOfSight, associate};
 use crate::bundle::{Bundle, Detector};
-use crate::camera::Camera;
-use crate::detect::{Detection, clip, peaks};
-use crate::known::KnownBoxes;
-use crate::network::Features;
-use crate::rays::box_rays;
-use crate::{Error, Result, Rig};
+use crate::detect::{Detection, peaks};
+use crate::network::DetectorMaps;
+use crate::rays::BoxRays;
+use crate::{BBox, Error, Result, Rig};
 
 /// An object before its pose is known.
 pub struct Sighting {
     /// Index into the bundle's classes.
     pub class: usize,
     pub score: f64,
-    /// `[V]`, image px; at least one is known.
-    pub boxes: Vec<Option<[f64; 4]>>,
+    /// `[V]`, in the image; at least one is known.
+    pub boxes: Vec<Option<BBox>>,
 }
 
 impl Sighting {
     /// Number of views that see it.
     pub fn views(&self) -> usize {
         self.boxes.iter().flatten().count()
-    }
-
-    /// The view in whose frame its pose is decoded: the reference camera's where that sees it, else
-    /// the first that does.
-    pub fn anchor(&self, views: &[View], reference: usize) -> Option<usize> {
-        let sees = |&v: &usize| self.boxes[v].is_some();
-        let reference = views.iter().position(|view| view.index == reference);
-        reference
-            .filter(sees)
-            .or_else(|| (0..views.len()).find(sees))
     }
 }
 
@@ -49,9 +37,8 @@ impl Sighting {
 pub fn detected(
     bundle: &Bundle,
     radii: &[[f64; 2]],
-    reference: &Camera,
     views: &[View],
-    features: &Features,
+    maps: &DetectorMaps,
 ) -> Vec<Sighting> {
     let Detector {
         score_threshold,
@@ -63,18 +50,14 @@ pub fn detected(
     let mut detections: Vec<Vec<Detection>> = Vec::new();
     let mut lines_of_sight = Vec::new();
     for (v, view) in views.iter().enumerate() {
-        let scores = features.det_scores.index_axis(Axis(0), v);
-        let boxes = features.det_boxes.index_axis(Axis(0), v);
-        let ref_from_cam = reference
-            .world_from_cam()
-            .inv_mul(&view.camera.world_from_cam());
+        let scores = maps.scores.index_axis(Axis(0), v);
+        let boxes = maps.boxes.index_axis(Axis(0), v);
         // A box that the lens gives no rays for cannot be decoded.
         let (found, lines) = peaks(scores, boxes, faintest, f64::from(nms_iou))
             .into_iter()
             .filter_map(|peak| {
                 let bbox = view.image_box(peak.bbox)?;
-                let rays = box_rays(view.camera, bbox, &ref_from_cam)?;
-                let line = LineOfSight::from_box_rays(peak.class, &rays);
+                let line = LineOfSight::new(peak.class, view.camera, bbox)?;
                 Some((Detection { bbox, ..peak }, line))
             })
             .unzip();
@@ -110,43 +93,41 @@ pub fn given(
     bundle: &Bundle,
     rig: &Rig,
     views: &[View],
-    boxes: &[KnownBoxes],
+    boxes: &[GivenBoxes],
 ) -> Result<Vec<Sighting>> {
     let mut objects = Vec::new();
     for (i, given) in boxes.iter().enumerate() {
-        let refuse = |problem: String| Err(Error::Input(format!("boxes of object {i}: {problem}")));
-        let Some(class) = bundle.classes.iter().position(|c| c.name == given.class) else {
-            let known: Vec<&str> = bundle.classes.iter().map(|c| c.name.as_str()).collect();
-            let known = known.join(", ");
-            return refuse(format!(
-                "no class `{}` in the model, expected one of: {known}",
-                given.class
-            ));
+        let role = format!("boxes of object {i}");
+        let Some(class) = bundle.class_index(&given.class) else {
+            return Err(Error::UnknownClass {
+                role,
+                class: given.class.clone(),
+                known: bundle.classes.iter().map(|c| c.name.clone()).collect(),
+            });
         };
         if let Some(unknown) = given.boxes.keys().find(|id| rig.index_of(id).is_none()) {
-            return refuse(format!("no camera `{unknown}` in the rig"));
+            return Err(unknown_camera(rig, &role, unknown));
         }
         let mut in_views = Vec::new();
         for View { camera, .. } in views {
-            let bbox = match given.boxes.get(camera.id()) {
-                None => None,
-                Some(&bbox) => {
-                    let usable = clip(bbox, camera.width(), camera.height())
-                        .filter(|&b| box_rays(camera, b, &Isometry3::identity()).is_some());
-                    if usable.is_none() {
-                        return refuse(format!(
-                            "expected [x0, y0, x1, y1] with x0 < x1 and y0 < y1 within the \
-                             image and field of view of camera `{}`, got {bbox:?}",
-                            camera.id()
-                        ));
-                    }
-                    usable
-                }
-            };
-            in_views.push(bbox);
+            let bbox = given.boxes.get(camera.id());
+            let usable = bbox
+                .and_then(|bbox| bbox.clip(camera.width(), camera.height()))
+                .filter(|&bbox| BoxRays::new(camera, bbox).is_some());
+            if let (Some(&bbox), None) = (bbox, usable) {
+                return Err(Error::Input(format!(
+                    "{role}: expected [x0, y0, x1, y1] with x0 < x1 and y0 < y1 within the image \
+                     and field of view of camera `{}`, got {:?}",
+                    camera.id(),
+                    <[f64; 4]>::from(bbox)
+                )));
+            }
+            in_views.push(usable);
         }
         if in_views.iter().all(Option::is_none) {
-            return refuse("expected a box in at least one of the given images, got none".into());
+            return Err(Error::Input(format!(
+                "{role}: expected a box in at least one of the given images, got none"
+            )));
         }
         objects.push(Sighting {
             class,
@@ -155,4 +136,17 @@ pub fn given(
         });
     }
     Ok(objects)
+}
+
+/// - `role`: what the camera was named for
+pub fn unknown_camera(rig: &Rig, role: &str, id: &str) -> Error {
+    Error::UnknownCamera {
+        role: role.to_owned(),
+        id: id.to_owned(),
+        known: rig
+            .cameras()
+            .iter()
+            .map(|camera| camera.id().to_owned())
+            .collect(),
+    }
 }

@@ -1,36 +1,19 @@
 //! Where an ONNX Runtime library may be.
 
-use serde::Serialize;
 use std::ffi::OsString;
-use std::fmt;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// A library that may be loaded.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Candidate {
     pub path: PathBuf,
     /// The place of the search that it came from.
     pub found_in: String,
     /// Whether it was asked for, so that no other may take its place.
     pub binding: bool,
-}
-
-/// A library that was found but could not be used.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Attempt {
-    #[serde(flatten)]
-    pub(super) candidate: Candidate,
-    pub(super) problem: String,
-}
-
-impl fmt::Display for Attempt {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Candidate { path, found_in, .. } = &self.candidate;
-        write!(f, "{} (from {found_in}) {}", path.display(), self.problem)
-    }
 }
 
 /// What the search reads of the process it runs in.

@@ -1,14 +1,12 @@
 //! The loaded ONNX Runtime library.
 
-use super::locate::{self, Attempt, Candidate, Surroundings};
-use super::{Network, Provider, SessionOptions, operator};
+use super::locate::{self, Candidate, Surroundings};
+use super::{Provider, Session, SessionOptions, operator};
 use crate::{Error, Result};
 use ort::environment::Environment;
-use ort::session::Session;
-use serde::Serialize;
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 /// The library of this process. Never dropped: ONNX Runtime allows one environment per process and
@@ -19,7 +17,7 @@ static LOADED: OnceLock<Loaded> = OnceLock::new();
 struct Loaded {
     environment: Environment,
     library: Candidate,
-    attempts: Vec<Attempt>,
+    attempts: Vec<String>,
 }
 
 /// ONNX Runtime, ready to load networks. All values share the one library of the process.
@@ -40,11 +38,6 @@ impl Runtime {
     /// [`Error::Runtime`] when a library that was asked for cannot be loaded, is too old, or
     /// another one is loaded already; [`Error::RuntimeMissing`] when none is found.
     pub fn locate(explicit: Option<&Path>) -> Result<Self> {
-        Self::find(explicit, &mut Vec::new())
-    }
-
-    /// - `attempts`: takes the libraries that were found but could not be used
-    fn find(explicit: Option<&Path>, attempts: &mut Vec<Attempt>) -> Result<Self> {
         static LOADING: Mutex<()> = Mutex::new(());
         let _one_at_a_time = LOADING.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(loaded) = LOADED.get() {
@@ -60,13 +53,14 @@ impl Runtime {
             };
         }
 
+        let mut attempts = Vec::new();
         for candidate in locate::candidates(explicit, Surroundings::of_process()) {
             match load(&candidate.path) {
                 Ok(environment) => {
                     let loaded = Loaded {
                         environment,
                         library: candidate,
-                        attempts: attempts.clone(),
+                        attempts,
                     };
                     return Ok(Self {
                         loaded: LOADED.get_or_init(|| loaded),
@@ -78,10 +72,13 @@ impl Runtime {
                         problem,
                     });
                 }
-                Err(problem) => attempts.push(Attempt { candidate, problem }),
+                Err(problem) => attempts.push(format!(
+                    "{} (from {}) {problem}",
+                    candidate.path.display(),
+                    candidate.found_in
+                )),
             }
         }
-        let attempts = attempts.iter().map(Attempt::to_string).collect();
         Err(Error::RuntimeMissing { attempts })
     }
 
@@ -90,12 +87,39 @@ impl Runtime {
         &self.loaded.library.path
     }
 
+    /// The place of the search where the library was found.
+    pub fn found_in(&self) -> &str {
+        &self.loaded.library.found_in
+    }
+
+    /// The library's version, major and minor, for example `1.22`; `None` where it gives none.
+    pub fn version(&self) -> Option<String> {
+        ort::util::probe(self.library()).map(|minor| format!("1.{minor}"))
+    }
+
+    /// What the library says of how it was built.
+    pub fn build(&self) -> &str {
+        ort::info()
+    }
+
+    /// The providers that the library was built with. Their hardware or their own libraries may
+    /// still be missing, which only shows when a graph is loaded.
+    pub fn providers(&self) -> Vec<Provider> {
+        let built_in = |provider: &Provider| provider.is_built_in();
+        Provider::ALL.into_iter().filter(built_in).collect()
+    }
+
+    /// Libraries that were found before this one: where, and why they could not be used.
+    pub fn attempts(&self) -> &[String] {
+        &self.loaded.attempts
+    }
+
     /// Loads the ONNX file at `path`, with mvtop's own operators at hand.
     ///
     /// # Errors
     /// [`Error::Provider`] when the library lacks the provider or it does not start;
     /// [`Error::Network`] when the file is missing or is no graph that can be run.
-    pub fn session(&self, path: &Path, options: &SessionOptions) -> Result<Network> {
+    pub fn session(&self, path: &Path, options: &SessionOptions) -> Result<Session> {
         let provider = options.provider;
         if !provider.is_built_in() {
             return Err(Error::Provider {
@@ -115,7 +139,7 @@ impl Runtime {
         // fails when two sessions do so at the same time (seen in 1.20.1).
         static LOADING: Mutex<()> = Mutex::new(());
         let _one_at_a_time = LOADING.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut builder = Session::builder(&self.loaded.environment)
+        let mut builder = ort::session::Session::builder(&self.loaded.environment)
             .and_then(|b| Ok(b.with_intra_threads(options.threads)?))
             // Spinning saves little on an idle machine and starves everything else on a busy one.
             .and_then(|b| Ok(b.with_intra_op_spinning(false)?))
@@ -135,7 +159,7 @@ impl Runtime {
         let session = builder
             .commit_from_file(path)
             .map_err(|e| network_error(&e))?;
-        Ok(Network::new(path, session))
+        Ok(Session::new(path, session))
     }
 }
 
@@ -173,80 +197,4 @@ fn one_line(error: &(impl fmt::Display + ?Sized)) -> String {
 fn same_file(a: &Path, b: &Path) -> bool {
     let resolve = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
     resolve(a) == resolve(b)
-}
-
-/// What there is to say about ONNX Runtime on this machine.
-#[derive(Debug, Clone, Serialize)]
-pub struct Doctor {
-    /// The loaded library; none when there is none.
-    pub library: Option<PathBuf>,
-    /// Where it was found.
-    pub found_in: Option<String>,
-    /// Its version, major and minor.
-    pub version: Option<String>,
-    /// What it says of how it was built.
-    pub build: Option<String>,
-    /// The providers that it was built with.
-    pub providers: Vec<Provider>,
-    /// Libraries that were found but could not be used.
-    pub attempts: Vec<Attempt>,
-    /// What is wrong and what to do; none when all is well.
-    pub problem: Option<String>,
-}
-
-impl Doctor {
-    /// Locates the library as [`Runtime::locate`] does and reports instead of failing.
-    pub fn examine(explicit: Option<&Path>) -> Self {
-        let mut attempts = Vec::new();
-        let (loaded, error) = match Runtime::find(explicit, &mut attempts) {
-            Ok(runtime) => (Some(runtime.loaded), None),
-            Err(error) => (LOADED.get(), Some(error)),
-        };
-        let library = loaded.map(|l| l.library.path.clone());
-        Self {
-            found_in: loaded.map(|l| l.library.found_in.clone()),
-            version: library
-                .as_ref()
-                .and_then(ort::util::probe)
-                .map(|minor| format!("1.{minor}")),
-            build: loaded.map(|_| ort::info().to_owned()),
-            providers: match loaded {
-                Some(_) => Provider::ALL
-                    .into_iter()
-                    .filter(|p| p.is_built_in())
-                    .collect(),
-                None => Vec::new(),
-            },
-            library,
-            attempts: loaded.map_or(attempts, |l| l.attempts.clone()),
-            problem: error.map(|e| e.to_string()),
-        }
-    }
-}
-
-impl fmt::Display for Doctor {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.library {
-            Some(path) => writeln!(f, "ONNX Runtime  {}", path.display())?,
-            None => writeln!(f, "ONNX Runtime  not found")?,
-        }
-        let mut line = |name: &str, text: &Option<String>| match text {
-            Some(text) => writeln!(f, "  {name:<10}  {text}"),
-            None => Ok(()),
-        };
-        line("found in", &self.found_in)?;
-        line("version", &self.version)?;
-        line("build", &self.build)?;
-        if !self.providers.is_empty() {
-            let names: Vec<_> = self.providers.iter().map(|p| p.name()).collect();
-            line("providers", &Some(names.join(", ")))?;
-        }
-        for attempt in &self.attempts {
-            writeln!(f, "  passed over  {attempt}")?;
-        }
-        match &self.problem {
-            Some(problem) => write!(f, "problem: {problem}"),
-            None => write!(f, "all well"),
-        }
-    }
 }

@@ -2,7 +2,7 @@ use std::path::Path;
 
 use image::{Rgb, RgbImage};
 use mvtop_core::closeup::{CloseUp, FILL};
-use mvtop_core::{Camera, Intrinsics, Projection};
+use mvtop_core::{BBox, Camera, Intrinsics, Projection};
 use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector3};
 use ndarray::Axis;
 use proptest::prelude::*;
@@ -24,11 +24,14 @@ fn picture(closeup: &CloseUp, real: &Camera, image: &RgbImage) -> ndarray::Array
 #[test]
 fn box_on_the_axis_by_hand() {
     let real = camera(pinhole(100.0, 50.0, 50.0), 101, 101);
-    let closeup = CloseUp::new(&real, [30.0, 40.0, 70.0, 60.0], 100).unwrap();
+    let closeup = CloseUp::new(&real, [30.0, 40.0, 70.0, 60.0].into(), 100).unwrap();
     // Half its longer side is seen under tan = 0.2 and becomes 30 of 50 px.
     close(closeup.camera.intrinsics().fx(), 150.0, 1e-9);
     close(closeup.camera.intrinsics().fy(), 150.0, 1e-9);
-    for (side, expected) in closeup.bbox.into_iter().zip([19.5, 34.5, 79.5, 64.5]) {
+    for (side, expected) in <[f64; 4]>::from(closeup.bbox)
+        .into_iter()
+        .zip([19.5, 34.5, 79.5, 64.5])
+    {
         close(side, expected, 1e-9);
     }
     let turn = closeup.camera.world_from_cam().rotation.angle();
@@ -40,7 +43,7 @@ fn image_is_enlarged_by_hand() {
     // A vertical edge at u = 49.5, in the middle of the box.
     let real = camera(pinhole(100.0, 49.5, 49.5), 100, 100);
     let image = RgbImage::from_fn(100, 100, |u, _| Rgb([if u < 50 { 0 } else { 255 }, 51, 7]));
-    let closeup = CloseUp::new(&real, [39.5, 39.5, 59.5, 59.5], SIZE).unwrap();
+    let closeup = CloseUp::new(&real, [39.5, 39.5, 59.5, 59.5].into(), SIZE).unwrap();
     let picture = picture(&closeup, &real, &image);
     for v in [0, 20, 63] {
         assert_eq!(picture[(0, v, 28)], 0.0);
@@ -53,7 +56,7 @@ fn image_is_enlarged_by_hand() {
 fn fine_pattern_becomes_its_mean() {
     let real = camera(pinhole(600.0, 319.5, 239.5), 640, 480);
     let image = RgbImage::from_fn(640, 480, |u, v| Rgb([255 * ((u + v) % 2) as u8; 3]));
-    let closeup = CloseUp::new(&real, [120.0, 40.0, 520.0, 440.0], SIZE).unwrap();
+    let closeup = CloseUp::new(&real, [120.0, 40.0, 520.0, 440.0].into(), SIZE).unwrap();
     let picture = picture(&closeup, &real, &image);
     for v in 16..48 {
         for u in 16..48 {
@@ -70,7 +73,7 @@ fn fine_pattern_becomes_its_mean() {
 fn what_is_off_the_image_is_zero() {
     let real = camera(pinhole(600.0, 319.5, 239.5), 640, 480);
     let image = RgbImage::from_pixel(640, 480, Rgb([255; 3]));
-    let closeup = CloseUp::new(&real, [0.0, 0.0, 80.0, 80.0], SIZE).unwrap();
+    let closeup = CloseUp::new(&real, [0.0, 0.0, 80.0, 80.0].into(), SIZE).unwrap();
     let picture = picture(&closeup, &real, &image);
     assert_eq!(picture[(0, 0, 0)], 0.0);
     assert_eq!(picture[(0, 63, 63)], 1.0);
@@ -84,8 +87,8 @@ fn what_is_off_the_image_is_zero() {
 fn box_that_spans_half_the_view_has_none() {
     let fisheye = lenses().pop().unwrap();
     let real = camera(fisheye, 640, 480);
-    assert!(CloseUp::new(&real, [0.0, 0.0, 639.0, 479.0], SIZE).is_none());
-    assert!(CloseUp::new(&real, [280.0, 200.0, 380.0, 300.0], SIZE).is_some());
+    assert!(CloseUp::new(&real, [0.0, 0.0, 639.0, 479.0].into(), SIZE).is_none());
+    assert!(CloseUp::new(&real, [280.0, 200.0, 380.0, 300.0].into(), SIZE).is_some());
 }
 
 /// The smooth color that lies in a direction of the world.
@@ -124,7 +127,12 @@ proptest! {
         );
         let real = camera(lenses().swap_remove(lens), 640, 480);
         let real = real.moved_to(world_from_real).unwrap();
-        let bbox = [u - width / 2.0, v - height / 2.0, u + width / 2.0, v + height / 2.0];
+        let bbox = BBox {
+            x0: u - width / 2.0,
+            y0: v - height / 2.0,
+            x1: u + width / 2.0,
+            y1: v + height / 2.0,
+        };
         let Some(closeup) = CloseUp::new(&real, bbox, SIZE) else {
             return Err(TestCaseError::reject("no rays"));
         };
@@ -138,9 +146,9 @@ proptest! {
         };
         let middle = seen(u, v);
         prop_assert!((middle[0] - 31.5).abs() < 1e-6 && (middle[1] - 31.5).abs() < 1e-6);
-        prop_assert!((seen(bbox[0], v)[0] - closeup.bbox[0]).abs() < 1e-6);
-        prop_assert!((seen(u, bbox[3])[1] - closeup.bbox[3]).abs() < 1e-6);
-        let [x0, y0, x1, y1] = closeup.bbox;
+        prop_assert!((seen(bbox.x0, v)[0] - closeup.bbox.x0).abs() < 1e-6);
+        prop_assert!((seen(u, bbox.y1)[1] - closeup.bbox.y1).abs() < 1e-6);
+        let BBox { x0, y0, x1, y1 } = closeup.bbox;
         let reach = [31.5 - x0, x1 - 31.5, 31.5 - y0, y1 - 31.5]
             .into_iter()
             .fold(0.0, f64::max);
@@ -197,10 +205,10 @@ fn equals_the_training_side() {
     let (boxes, pictures) = (numbers("boxes"), fixture.tensor("pictures").unwrap());
     let (size, on_image) = (pictures.shape()[1], fixture.tensor("on_image").unwrap());
     for (i, bbox) in boxes.chunks_exact(4).enumerate() {
-        let closeup = CloseUp::new(&real, bbox.try_into().unwrap(), size as u32).unwrap();
+        let bbox = BBox::from([0, 1, 2, 3].map(|i| bbox[i]));
+        let closeup = CloseUp::new(&real, bbox, size as u32).unwrap();
         close(closeup.camera.intrinsics().fx(), numbers("focals")[i], 1e-8);
-        for (side, expected) in closeup
-            .bbox
+        for (side, expected) in <[f64; 4]>::from(closeup.bbox)
             .into_iter()
             .zip(&numbers("close_boxes")[4 * i..])
         {

@@ -24,7 +24,8 @@ fn written(folder: &TempDir, name: &str, image: impl Into<DynamicImage>) -> Path
 }
 
 fn left(width: u32, height: u32) -> mvtop_core::Camera {
-    camera(pinhole(600.0, 320.0, 240.0), width, height)
+    let [cx, cy] = [width, height].map(|side| f64::from(side) / 2.0);
+    camera(pinhole(600.0, cx, cy), width, height)
 }
 
 /// The header of a PNG file of that size, and nothing else.

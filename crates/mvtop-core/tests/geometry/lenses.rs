@@ -95,6 +95,17 @@ fn nothing_is_imaged_past_the_fold() {
 }
 
 #[test]
+fn every_registered_projection_is_in_the_list() {
+    for &(family, distortion) in Projection::NAMES {
+        let listed = lenses().into_iter().any(|lens| {
+            let projection = lens.projection();
+            (projection.family(), projection.distortion()) == (family, Some(distortion))
+        });
+        assert!(listed, "{family} with {distortion}");
+    }
+}
+
+#[test]
 fn every_lens_returns_to_its_pixel() {
     for lens in lenses() {
         for u in (0..640).step_by(13) {

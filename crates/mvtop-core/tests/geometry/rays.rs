@@ -1,6 +1,6 @@
 use mvtop_core::Intrinsics;
 use mvtop_core::image::Letterbox;
-use mvtop_core::rays::{LosEncoding, box_rays, camera_rays, encode};
+use mvtop_core::rays::{BoxRays, LosEncoding, camera_rays, encode};
 use nalgebra::{Isometry3, Point2, Point3, Rotation3, UnitQuaternion, Vector3, matrix};
 use ndarray::{Array2, ArrayView1, array};
 use proptest::prelude::*;
@@ -121,12 +121,12 @@ fn padding_and_cells_without_a_ray_are_zero() {
 #[test]
 fn box_by_hand() {
     let camera = camera(pinhole(100.0, 0.0, 0.0), 640, 480);
-    let bounds = [-10.0, -20.0, 10.0, 20.0];
-    let line = box_rays(&camera, bounds, &facing()).unwrap();
+    let rays = BoxRays::new(&camera, [-10.0, -20.0, 10.0, 20.0].into()).unwrap();
+    let line = rays.encode(&facing());
     let (x, y) = (1.0 / 1.01_f32.sqrt(), 2.0 / 1.04_f32.sqrt());
     let expected = [0.0, 0.0, 2.0, 0.0, 0.0, -1.0, -x, 0.0, 0.0, 0.0, y, 0.0];
     assert_close(array![line].row(0), &expected);
-    assert_eq!(box_rays(&camera, [f64::NAN; 4], &facing()), None);
+    assert_eq!(BoxRays::new(&camera, [f64::NAN; 4].into()), None);
 }
 
 fn any_pose() -> impl Strategy<Value = Isometry3<f64>> {
@@ -154,10 +154,10 @@ proptest! {
                 let ref_from_cam =
                     cameras[0].world_from_cam().inverse() * cameras[1].world_from_cam();
                 let rays = camera_rays(&cameras[1], &letterbox, &[32]);
-                let bounds = [100.0, 50.0, 300.0, 260.0];
+                let box_rays = BoxRays::new(&cameras[1], [100.0, 50.0, 300.0, 260.0].into());
                 (
                     encode(rays.view(), &ref_from_cam, LosEncoding::PluckerOrigin),
-                    box_rays(&cameras[1], bounds, &ref_from_cam).unwrap(),
+                    box_rays.unwrap().encode(&ref_from_cam),
                 )
             };
             let before = lines(&cameras);

@@ -2,9 +2,9 @@
 
 use crate::fixtures::{Fixture, fixture_path, sample_boxes, sample_rig};
 use image::RgbImage;
+use mvtop_core::annotations::GivenBoxes;
 use mvtop_core::estimator::{Estimator, Options, PredictOptions};
-use mvtop_core::known::KnownBoxes;
-use mvtop_core::{Camera, Intrinsics, Rig, image as images};
+use mvtop_core::{Camera, Intrinsics, Rig, ViewImage, image as images};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rstest::rstest;
 
@@ -13,11 +13,14 @@ fn estimator(bundle: &str) -> Estimator {
 }
 
 /// The images of the given cameras of a rig.
-fn load(rig: &Rig, cameras: &[usize]) -> Vec<(usize, RgbImage)> {
+fn load(rig: &Rig, cameras: &[usize]) -> Vec<ViewImage> {
     let load = |&i: &usize| {
         let camera = &rig.cameras()[i];
         let path = fixture_path("tiny/sample").join(format!("{}.png", camera.id()));
-        (i, images::load(&path, camera).unwrap())
+        ViewImage {
+            camera: i,
+            image: images::load(&path, camera).unwrap(),
+        }
     };
     cameras.iter().map(load).collect()
 }
@@ -29,12 +32,12 @@ fn boxes(rig: &Rig, cameras: &[usize]) -> PredictOptions {
         let id = rig.cameras()[i].id();
         (id.to_owned(), all[id])
     };
-    let known = KnownBoxes {
+    let given = GivenBoxes {
         class: "mvball".into(),
         boxes: cameras.iter().map(of).collect(),
     };
     PredictOptions {
-        boxes: Some(vec![known]),
+        boxes: Some(vec![given]),
         ..PredictOptions::default()
     }
 }
@@ -174,15 +177,14 @@ fn cameras_may_differ_in_resolution() {
     cameras[1] = Camera::new(small.id(), size, large, *small.world_from_cam()).unwrap();
     let mixed = Rig::new(cameras, rig.reference()).unwrap();
     let mut given = load(&rig, &[0, 1]);
-    let small = &given[1].1;
-    given[1].1 = RgbImage::from_fn(small.width() * 2, small.height() * 2, |x, y| {
+    let small = &given[1].image;
+    given[1].image = RgbImage::from_fn(small.width() * 2, small.height() * 2, |x, y| {
         *small.get_pixel(x / 2, y / 2)
     });
     let mut options = boxes(&rig, &[0, 1]);
-    let known = &mut options.boxes.as_mut().unwrap()[0];
-    for x in known.boxes.get_mut("cam1").unwrap() {
-        *x = (*x + 0.5) * 2.0 - 0.5;
-    }
+    let given_boxes = &mut options.boxes.as_mut().unwrap()[0].boxes;
+    let enlarged = <[f64; 4]>::from(given_boxes["cam1"]).map(|x| (x + 0.5) * 2.0 - 0.5);
+    given_boxes.insert("cam1".into(), enlarged.into());
     let estimator = estimator("tiny");
     let expected = pose(&estimator, &rig, &[0, 1], &[0, 1]);
     let mixed = estimator.predict(&mixed, &given, &options).unwrap().objects[0].ref_from_obj;

@@ -1,6 +1,6 @@
 //! Reading fixtures.
 
-use mvtop_core::Rig;
+use mvtop_core::{BBox, Rig};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
 use ndarray::{ArrayD, ArrayViewD};
 use safetensors::{Dtype, SafeTensors};
@@ -60,7 +60,7 @@ pub fn sample_rig() -> Rig {
 }
 
 /// The true box of the sample's one object, by camera.
-pub fn sample_boxes() -> HashMap<String, [f64; 4]> {
+pub fn sample_boxes() -> HashMap<String, BBox> {
     let text = std::fs::read_to_string(fixture_path("tiny/sample/truth.json")).unwrap();
     let truth: serde_json::Value = serde_json::from_str(&text).unwrap();
     serde_json::from_value(truth["objects"][0]["boxes"].clone()).unwrap()

@@ -2,11 +2,12 @@
 //! (`training/mvtop_train/export/fixtures/stages.py`).
 
 use crate::fixtures::{Fixture, fixture_path, rigid, sample_rig};
+use mvtop_core::bundle::{Bundle, PoseInput};
 use mvtop_core::image::{self, Letterbox};
-use mvtop_core::onnx::{Network, Runtime, SessionOptions, Tensor};
-use mvtop_core::rays::{self, LosEncoding};
+use mvtop_core::onnx::{Runtime, Session, SessionOptions, Tensor};
+use mvtop_core::rays::{self, BoxRays, LosEncoding};
 use mvtop_core::sampling::{Dims, Gradients, LevelShapes, Sampling, deformable_sampling};
-use mvtop_core::{Intrinsics, Projection, bundle::Bundle, pose};
+use mvtop_core::{Intrinsics, Projection, pose};
 use nalgebra::{Point2, UnitQuaternion};
 use ndarray::{Array1, Array2, Array3, Array4, ArrayD, Axis, Ix2, Ix3, Ix4, s};
 use rstest::rstest;
@@ -125,8 +126,10 @@ fn rays_in_all_encodings_and_of_boxes() {
         }
         let camera = mvtop_core::Camera::new("camera", [64, 48], intrinsics, ref_from_cam).unwrap();
         for query in 0..2 {
-            let bounds = std::array::from_fn(|i| boxes[[view, query, i]]);
-            let ours = rays::box_rays(&camera, bounds, &ref_from_cam).unwrap();
+            let bbox: [f64; 4] = std::array::from_fn(|i| boxes[[view, query, i]]);
+            let ours = BoxRays::new(&camera, bbox.into())
+                .unwrap()
+                .encode(&ref_from_cam);
             let theirs = fixture.f64("box_rays");
             let theirs = theirs.slice(s![view, query, ..]);
             assert!((0..12).all(|i| (f64::from(ours[i]) - theirs[i]).abs() < 1e-6));
@@ -164,7 +167,7 @@ fn poses_and_their_errors() {
     }
 }
 
-fn network(bundle: &str, graph: &str) -> Network {
+fn session(bundle: &str, graph: &str) -> Session {
     let path = fixture_path(bundle).join(graph);
     Runtime::locate(None)
         .unwrap()
@@ -180,6 +183,9 @@ fn network(bundle: &str, graph: &str) -> Network {
 fn images_and_lines_of_sight_of_a_sample(#[case] views: usize) {
     let fixture = Fixture::load("network.safetensors");
     let bundle = Bundle::load(&fixture_path("tiny")).unwrap();
+    let PoseInput::WholeImages { strides } = &bundle.poses else {
+        panic!("{:?}", bundle.poses)
+    };
     let rig = sample_rig();
     let theirs = |name: &str| fixture.f64(&format!("{name}.{views}"));
     let (images, rays_) = (theirs("images"), theirs("camera_rays"));
@@ -197,7 +203,7 @@ fn images_and_lines_of_sight_of_a_sample(#[case] views: usize) {
         );
         assert!(image_gap < 1e-6, "image of view {view}: {image_gap:.1e}");
 
-        let camera_rays = rays::camera_rays(camera, &letterbox, &bundle.strides);
+        let camera_rays = rays::camera_rays(camera, &letterbox, strides);
         let expected = rays_.index_axis(Axis(0), view).to_owned();
         assert!(gap(camera_rays.mapv(f64::from).into_dyn(), expected) < 1e-6);
         let ref_from_cam = ref_from_world * camera.world_from_cam();
@@ -205,8 +211,8 @@ fn images_and_lines_of_sight_of_a_sample(#[case] views: usize) {
         let expected = lines.index_axis(Axis(0), view).to_owned();
         assert!(gap(ours.mapv(f64::from).into_dyn(), expected) < 1e-6);
 
-        let bounds = crate::fixtures::sample_boxes()[camera.id()];
-        let ours = rays::box_rays(camera, bounds, &ref_from_cam).unwrap();
+        let bbox = crate::fixtures::sample_boxes()[camera.id()];
+        let ours = BoxRays::new(camera, bbox).unwrap().encode(&ref_from_cam);
         for (i, &x) in ours.iter().enumerate() {
             assert!((f64::from(x) - box_rays[[view, 0, i]]).abs() < 1e-6);
         }
@@ -231,7 +237,7 @@ fn graphs_give_what_pytorch_gives(
         );
     };
     let (images, camera_rays) = (input("images"), input("camera_rays"));
-    let mut out = network(bundle, "features.onnx")
+    let mut out = session(bundle, "features.onnx")
         .run(&[
             ("images", images.view().into()),
             ("camera_rays", camera_rays.view().into()),
@@ -264,7 +270,7 @@ fn graphs_give_what_pytorch_gives(
         .map(|(&name, x)| (name, x.view().into()))
         .collect();
     inputs.push(("class_index", class_index.view().into()));
-    let mut out = network(bundle, "decoder.onnx").run(&inputs).unwrap();
+    let mut out = session(bundle, "decoder.onnx").run(&inputs).unwrap();
     let rotation: Array2<f32> = out.take("rotation_6d").unwrap();
     close(rotation.into_dyn(), "rotation_6d", 1e-4);
     let translation: Array2<f32> = out.take("translation").unwrap();

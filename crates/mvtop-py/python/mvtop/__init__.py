@@ -11,16 +11,20 @@ from mvtop._mvtop import (
     box_rays,
     camera_rays,
     deformable_sampling,
+    deformable_sampling_backward,
+    deformable_sampling_forward,
     encode_rays,
     rotation_from_6d,
+    set_num_threads,
 )
 
 TYPE_CHECKING = False  # type checkers know the name; importing it takes longer than all the rest
 if TYPE_CHECKING:
     from mvtop import metrics
     from mvtop._error import Error
-    from mvtop._estimator import Estimator, ObjectClass
-    from mvtop._prediction import CameraPose, ObjectPose, Prediction, Sigma
+    from mvtop._estimator import Estimator
+    from mvtop._objects import CameraPose, ObjectClass, ObjectPose, Sigma
+    from mvtop._prediction import Prediction
 
 __all__ = [
     "Camera",
@@ -35,20 +39,23 @@ __all__ = [
     "box_rays",
     "camera_rays",
     "deformable_sampling",
+    "deformable_sampling_backward",
+    "deformable_sampling_forward",
     "encode_rays",
     "metrics",
     "rotation_from_6d",
+    "set_num_threads",
 ]
 
 # Loaded when first asked for, so that `import mvtop` takes no time.
 _HOMES = {
     "Error": "mvtop._error",
     "Estimator": "mvtop._estimator",
-    "ObjectClass": "mvtop._estimator",
-    "CameraPose": "mvtop._prediction",
-    "ObjectPose": "mvtop._prediction",
+    "ObjectClass": "mvtop._objects",
+    "CameraPose": "mvtop._objects",
+    "ObjectPose": "mvtop._objects",
     "Prediction": "mvtop._prediction",
-    "Sigma": "mvtop._prediction",
+    "Sigma": "mvtop._objects",
 }
 
 

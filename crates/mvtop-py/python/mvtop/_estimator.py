@@ -3,11 +3,11 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from mvtop import _runtime
 from mvtop._mvtop import NativeEstimator, Rig
+from mvtop._objects import ObjectClass, object_classes
 from mvtop._prediction import Prediction, Source
 
 if TYPE_CHECKING:
@@ -19,18 +19,6 @@ if TYPE_CHECKING:
     Boxes = str | os.PathLike[str] | Iterable[Mapping[str, Any]]
 
 
-@dataclass(frozen=True, eq=False)
-class ObjectClass:
-    """One of the objects that a network knows."""
-
-    name: str
-    id: int
-    diameter_m: float
-    """Largest distance between two points of its surface, metres."""
-    points: NDArray[np.float64]
-    """(P, 3), points on its surface, object frame, metres."""
-
-
 class Estimator:
     """A loaded network, ready for any number of predictions with any rigs.
 
@@ -38,21 +26,12 @@ class Estimator:
     a forked process: both load the network anew.
     """
 
-    def __init__(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        provider: str = "cpu",
-        threads: int = 0,
-        ort_lib: str | os.PathLike[str] | None = None,
-    ) -> None:
-        self._path = os.path.abspath(path)
-        self._options: dict[str, Any] = {
-            "provider": provider,
-            "threads": threads,
-            "ort_lib": ort_lib,
-        }
-        self._native = self._load()
+    _path: str
+    _options: dict[str, Any]
+    _native: NativeEstimator
+
+    def __init__(self, *_: object, **__: object) -> None:
+        raise TypeError("Estimator: expected Estimator.load(path), got a call of the class itself")
 
     @classmethod
     def load(
@@ -74,7 +53,11 @@ class Estimator:
         Raises OSError where a file cannot be read, mvtop.Error where the bundle, the library or the
         provider cannot be used.
         """
-        return cls(path, provider=provider, threads=threads, ort_lib=ort_lib)
+        self = cls.__new__(cls)
+        self._path = os.path.abspath(path)
+        self._options = {"provider": provider, "threads": threads, "ort_lib": ort_lib}
+        self._native = self._load()
+        return self
 
     def _load(self) -> NativeEstimator:
         library = self._options["ort_lib"] or _runtime.library()
@@ -92,11 +75,7 @@ class Estimator:
     @property
     def classes(self) -> list[ObjectClass]:
         """The objects that the network knows."""
-        native = self._native
-        return [
-            ObjectClass(name, number, diameter, native.points(i))
-            for i, (name, number, diameter) in enumerate(native.classes())
-        ]
+        return object_classes(self._native)
 
     def predict(
         self,
@@ -127,8 +106,8 @@ class Estimator:
             )
         given = _by_camera(images, rig)
         native = self._here()
-        prediction, report = native.predict(rig, given, reference, _boxes(boxes), min_views)
-        return Prediction.from_report(json.loads(report), rig, Source(native, prediction, given))
+        prediction = native.predict(rig, given, reference, _boxes(boxes), min_views)
+        return Prediction.of(rig, Source(native, prediction, given))
 
     def __repr__(self) -> str:
         return f"Estimator({self._path!r}, provider={self._options['provider']!r})"
@@ -138,7 +117,7 @@ class Estimator:
 
 
 def _unpickled(path: str, options: dict[str, Any]) -> Estimator:
-    return Estimator(path, **options)
+    return Estimator.load(path, **options)
 
 
 def _by_camera(images: Images, rig: Rig) -> list[tuple[int, Any]]:

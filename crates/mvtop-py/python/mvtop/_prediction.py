@@ -1,9 +1,11 @@
 from __future__ import annotations
 
-import copy
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
+
+from mvtop._objects import CameraPose, ObjectPose, Sigma, object_classes
 
 if TYPE_CHECKING:
     import numpy as np
@@ -13,61 +15,6 @@ if TYPE_CHECKING:
     from mvtop._mvtop import NativeEstimator, NativePrediction, Rig
 
 _BOP_HEADER = "scene_id,im_id,obj_id,score,R,t,time\n"
-
-
-@dataclass(frozen=True)
-class Sigma:
-    """The error that the network expects of its own pose."""
-
-    rot_deg: float
-    """Expected angle between the true and the predicted rotation, degrees."""
-    t_m: float
-    """Standard deviation of the translation, metres."""
-
-
-@dataclass(frozen=True, eq=False)
-class CameraPose:
-    """One object as one camera sees it."""
-
-    id: str
-    cam_from_obj: NDArray[np.float64]
-    """(4, 4), object frame to this camera's frame, metres."""
-    box: NDArray[np.float64] | None
-    """x0, y0, x1, y1, px; None where the object was not detected."""
-
-
-@dataclass(frozen=True, eq=False)
-class ObjectPose:
-    """One object."""
-
-    class_name: str
-    class_id: int
-    score: float
-    """0 to 1; 1 for given boxes."""
-    ref_from_obj: NDArray[np.float64]
-    """(4, 4), object frame to the reference camera's frame, metres."""
-    world_from_obj: NDArray[np.float64]
-    """(4, 4), object frame to the rig's world frame, metres."""
-    quat_wxyz: NDArray[np.float64]
-    """Rotation of `ref_from_obj` as a unit quaternion, w >= 0."""
-    sigma: Sigma
-    cameras: dict[str, CameraPose]
-    """Every camera that gave an image, in the rig's order, by id."""
-
-    @property
-    def quat_xyzw(self) -> NDArray[np.float64]:
-        """The same quaternion in the order of SciPy and ROS."""
-        return self.quat_wxyz[[1, 2, 3, 0]]
-
-    @property
-    def cam_from_obj(self) -> dict[str, NDArray[np.float64]]:
-        """By camera id: (4, 4), object frame to the camera's frame, metres."""
-        return {camera: seen.cam_from_obj for camera, seen in self.cameras.items()}
-
-    @property
-    def boxes(self) -> dict[str, NDArray[np.float64]]:
-        """By camera id: x0, y0, x1, y1, px, in the cameras that detected the object."""
-        return {camera: seen.box for camera, seen in self.cameras.items() if seen.box is not None}
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,27 +42,30 @@ class Prediction:
     provider: str
     """What executed the network."""
     rig: Rig
-    _report: dict[str, Any] = field(repr=False)
     _source: Source | None = field(repr=False)
+    _json: str | None = field(default=None, repr=False)
 
     @classmethod
-    def from_report(
-        cls, report: dict[str, Any], rig: Rig, source: Source | None = None
-    ) -> Prediction:
-        """A prediction from what `to_dict` gives and `mvtop-cli infer --json` prints."""
+    def of(cls, rig: Rig, source: Source) -> Prediction:
+        """What the core answered about images of this rig."""
+        native = source.prediction
         return cls(
-            reference=report["reference"],
-            objects=[_object(found) for found in report["objects"]],
-            timings_ms=dict(report["timings_ms"]),
-            provider=report["provider"],
+            reference=native.reference,
+            objects=[_object(**found) for found in native.objects()],
+            timings_ms=dict(native.timings_ms),
+            provider=native.provider,
             rig=rig,
-            _report=report,
             _source=source,
         )
 
+    def to_json(self) -> str:
+        """What `mvtop-cli infer --json` prints (docs/output.md)."""
+        return self._source.prediction.to_json() if self._source else self._json or ""
+
     def to_dict(self) -> dict[str, Any]:
-        """The content of `mvtop-cli infer --json` (docs/output.md)."""
-        return copy.deepcopy(self._report)
+        """The same as Python's types."""
+        report: dict[str, Any] = json.loads(self.to_json())
+        return report
 
     def to_bop_csv(
         self, scene_id: int, im_id: int | Mapping[str, int], *, header: bool = True
@@ -152,9 +102,8 @@ class Prediction:
         Arrays that were changed since the prediction are drawn as they are now.
         """
         source = self._drawn_from()
-        pictures = source.estimator.draw(source.prediction, self.rig, source.images)
-        ids = [camera.id for camera in self.rig.cameras]
-        return {ids[i]: drawn for (i, _), drawn in zip(source.images, pictures, strict=True)}
+        pictures = source.estimator.draw(source.prediction, source.images)
+        return self._by_camera(source, pictures)
 
     def to_rerun(
         self, recording: rerun.RecordingStream | None = None, *, path: str = "mvtop"
@@ -167,38 +116,40 @@ class Prediction:
         """
         from mvtop import _viewer
 
-        _viewer.log(self, self._drawn_from(), recording, path)
+        source = self._drawn_from()
+        images = self._by_camera(source, source.estimator.images(self.rig, source.images))
+        classes = {known.name: known for known in object_classes(source.estimator)}
+        _viewer.log(self.rig, images, self.objects, classes, recording, path)
 
     def _drawn_from(self) -> Source:
         if self._source is None:
             raise ValueError(
-                "this prediction was pickled or read, so it has no images to draw onto; predict "
-                "in this process"
+                "this prediction was pickled, so it has no images to draw onto; predict in this "
+                "process"
             )
         return self._source
 
+    def _by_camera(
+        self, source: Source, pictures: list[NDArray[np.uint8]]
+    ) -> dict[str, NDArray[np.uint8]]:
+        cameras = self.rig.cameras
+        given = zip(source.images, pictures, strict=True)
+        return {cameras[index].id: picture for (index, _), picture in given}
+
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_source": None}
+        return {**self.__dict__, "_source": None, "_json": self.to_json()}
+
+    def __repr__(self) -> str:
+        found = ", ".join(f"{o.class_name} {o.score:.2f}" for o in self.objects) or "no objects"
+        took = f"{self.timings_ms['total']:.0f} ms on {self.provider}"
+        return f"Prediction({found}; reference {self.reference}; {took})"
 
 
-def _object(found: dict[str, Any]) -> ObjectPose:
-    import numpy as np
-
-    def seen(camera: dict[str, Any]) -> CameraPose:
-        box = camera["box"]
-        return CameraPose(
-            id=camera["id"],
-            cam_from_obj=np.array(camera["T_cam_obj"]),
-            box=None if box is None else np.array(box),
-        )
-
-    return ObjectPose(
-        class_name=found["class"],
-        class_id=found["class_id"],
-        score=found["score"],
-        ref_from_obj=np.array(found["T_ref_obj"]),
-        world_from_obj=np.array(found["T_world_obj"]),
-        quat_wxyz=np.array(found["q_wxyz"]),
-        sigma=Sigma(found["sigma"]["rot_deg"], found["sigma"]["t_m"]),
-        cameras={camera["id"]: seen(camera) for camera in found["cameras"]},
-    )
+def _object(
+    *,
+    sigma: tuple[float, float],
+    cameras: list[tuple[str, NDArray[np.float64], NDArray[np.float64] | None]],
+    **numbers: Any,
+) -> ObjectPose:
+    seen = {camera: CameraPose(camera, pose, box) for camera, pose, box in cameras}
+    return ObjectPose(**numbers, sigma=Sigma(*sigma), cameras=seen)

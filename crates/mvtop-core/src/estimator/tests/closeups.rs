@@ -1,34 +1,35 @@
 //! Networks with close-ups.
 
 use super::*;
-use crate::bundle::CloseUps;
 use crate::closeup::CloseUp;
-use crate::estimator::pose::mean_rotation;
 
 const CLOSE: u32 = 96;
 
 /// Detects as `Geometry` does, and puts every object where its boxes' lines of sight meet.
-struct Triangulation(Geometry);
+pub(super) struct Triangulation(pub(super) Geometry);
 
 impl Network for Triangulation {
-    fn features(&self, images: Array4<f32>, camera_rays: Array3<f32>) -> Result<Features> {
-        assert_eq!(
-            camera_rays.dim().1,
-            0,
-            "rays of whole images are not needed"
-        );
-        let features = self.0.features(images, camera_rays)?;
-        Ok(Features {
-            memory: None,
-            ..features
-        })
+    fn detect(&self, images: ArrayView4<f32>) -> Result<DetectorMaps> {
+        self.0.detect(images)
     }
 
     /// The memory is the cells' rays, so that the decoder can tell whose they are.
-    fn closeups(&self, pictures: Array4<f32>, camera_rays: Array3<f32>) -> Result<Array3<f32>> {
+    fn encode(
+        &self,
+        pictures: ArrayView4<f32>,
+        camera_rays: ArrayView3<f32>,
+    ) -> Result<Array3<f32>> {
         let size = CLOSE as usize;
         assert_eq!(pictures.dim(), (camera_rays.dim().0, 3, size, size));
-        Ok(camera_rays)
+        Ok(camera_rays.to_owned())
+    }
+
+    fn detect_and_encode(
+        &self,
+        _: ArrayView4<f32>,
+        _: ArrayView3<f32>,
+    ) -> Result<(DetectorMaps, Array3<f32>)> {
+        panic!("rays of whole images are not needed")
     }
 
     fn decode(&self, memory: ArrayView3<f32>, queries: &Queries) -> Result<Decoded> {
@@ -64,9 +65,9 @@ impl Network for Triangulation {
     }
 }
 
-fn closeup_bundle() -> Bundle {
+pub(super) fn closeup_bundle() -> Bundle {
     Bundle {
-        closeup: Some(CloseUps {
+        poses: PoseInput::CloseUps(CloseUps {
             size: CLOSE,
             strides: vec![8, 16],
             graph: "closeup.onnx".into(),
@@ -108,26 +109,6 @@ fn closeups_look_at_their_object_from_every_camera_that_sees_it() {
         assert!(object.world_from_obj.rotation.angle_to(&expected) < 1e-6);
     }
     assert!(prediction.timings.closeup > 0.0);
-}
-
-#[test]
-fn pose_from_closeups_does_not_depend_on_the_reference() {
-    let cameras = rig().cameras().to_vec();
-    let seen: [(usize, &[[f64; 3]]); 3] = [(0, &BALLS), (1, &BALLS), (2, &BALLS)];
-    let mut found = Vec::new();
-    for reference in 0..3 {
-        let rig = Rig::new(cameras.clone(), reference).unwrap();
-        let network = Triangulation(Geometry::new(&rig, &seen));
-        let estimator = Estimator::new(closeup_bundle(), Box::new(network));
-        let prediction = estimator
-            .predict(&rig, &images(&rig, &[0, 1, 2]), &PredictOptions::default())
-            .unwrap();
-        found.push(prediction.objects[0].world_from_obj);
-    }
-    for pose in &found[1..] {
-        assert!((pose.translation.vector - found[0].translation.vector).norm() < 1e-6);
-        assert!(pose.rotation.angle_to(&found[0].rotation) < 1e-6);
-    }
 }
 
 #[test]

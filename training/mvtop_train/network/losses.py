@@ -1,10 +1,11 @@
 """From a prediction and the truth to one number to minimise."""
 
 import torch
+import torch.distributed as dist
 import torch.nn.functional as F
+from torchvision.ops import generalized_box_iou_loss
 
-from ..network import pose
-from .processes import mean_count
+from . import coordinates, pose
 
 ROTATION, TRANSLATION, DETECTION, COORDINATES, UNCERTAINTY = 1.0, 10.0, 2.0, 6.0, 0.02
 WEIGHTS = {
@@ -36,10 +37,10 @@ def total(prediction, batch, stride: int, weights=WEIGHTS):
     terms = {
         "rotation": rot.mean(1).sum(),
         "translation": t.mean(1).sum(),
-        "uncertainty": pose.uncertainty_loss(sigma, degrees, t).mean(),
+        "uncertainty": uncertainty_loss(sigma, degrees, t).mean(),
     }
-    if prediction.scores is not None:
-        terms |= image_terms(prediction, batch, stride)
+    if prediction.detections is not None:
+        terms |= image_terms(prediction.detections, batch, stride)
     parts = {
         "rotation_deg": degrees[-1].mean(),
         "translation_m": t[-1].mean(),
@@ -48,26 +49,46 @@ def total(prediction, batch, stride: int, weights=WEIGHTS):
     return sum(weights[name] * term for name, term in terms.items()), parts
 
 
-def image_terms(prediction, batch, stride: int) -> dict:
+def uncertainty_loss(sigma, rotation_error_deg, t_error):
+    """Negative log likelihoods that make `sigma` [..., 2] the expected errors.
+
+    Rotation: exponential distribution, minimal where sigma is the mean error. Translation:
+    isotropic Gaussian, minimal where 3 sigma^2 is the mean squared distance.
+    """
+    rot, t = sigma.unbind(-1)
+    rot_nll = rot.log() + rotation_error_deg.detach() / rot
+    t_nll = 3 * t.log() + t_error.detach() ** 2 / (2 * t**2)
+    return rot_nll + t_nll
+
+
+def mean_count(count: torch.Tensor) -> torch.Tensor:
+    """Mean of a count over the processes, at least 1; a sum in each is divided by it."""
+    count = count.detach().float()
+    if dist.is_initialized():
+        dist.all_reduce(count)
+        count = count / dist.get_world_size()
+    return count.clamp_min(1)
+
+
+def image_terms(found, batch, stride: int) -> dict:
     """What the images alone teach: boxes and object coordinates."""
-    boxes = batch["boxes"].flatten(0, 1)
-    absent = boxes.new_zeros(len(prediction.scores) - len(boxes), 4)  # the negatives' boxes
+    boxes = batch["true_box"].flatten(0, 1)
+    absent = boxes.new_zeros(len(found.scores) - len(boxes), 4)  # the negatives' boxes
     detection = detection_loss(
-        prediction.scores,
-        prediction.boxes,
+        found.scores,
+        found.boxes,
         torch.cat([boxes, absent]),
-        torch.zeros(len(prediction.scores), dtype=torch.long, device=boxes.device),
+        torch.zeros(len(found.scores), dtype=torch.long, device=boxes.device),
         stride,
     )
-    code = batch["coords"].flatten(0, 1).float().permute(0, 3, 1, 2)
+    code = batch["coords"].flatten(0, 1)
     # Networks whose finest level is coarser take every other sample, and so on.
-    skip = code.shape[-1] // prediction.coordinates.shape[-1]
-    code = code[..., skip // 2 :: skip, skip // 2 :: skip]
-    mask = (code != 0).all(1)
-    wanted = (code - 128) / 120  # `bop.decode_coords`
-    difference = F.smooth_l1_loss(prediction.coordinates, wanted, beta=0.1, reduction="none")
-    coordinates = (difference.sum(1) * mask).sum() / mean_count(mask.sum())
-    return {"detection": detection, "coordinates": coordinates}
+    skip = code.shape[2] // found.coordinates.shape[-1]
+    wanted, mask = coordinates.decode(code[:, skip // 2 :: skip, skip // 2 :: skip])
+    wanted = wanted.permute(0, 3, 1, 2)
+    difference = F.smooth_l1_loss(found.coordinates, wanted, beta=0.1, reduction="none")
+    shape = (difference.sum(1) * mask).sum() / mean_count(mask.sum())
+    return {"detection": detection, "coordinates": shape}
 
 
 def detection_loss(logits, boxes, truth, class_index, stride: int):
@@ -97,19 +118,8 @@ def detection_loss(logits, boxes, truth, class_index, stride: int):
     pos_loss = -F.logsigmoid(logits) * (1 - p) ** 2 * positive
     neg_loss = -F.logsigmoid(-logits) * p**2 * (1 - target) ** 4 * ~positive
     score_loss = (pos_loss.sum() + neg_loss.sum()) / mean_count(present.sum())
-    # All cells, most with weight 0: to pick the others out, a GPU would have to be waited for.
-    weight = (heat * (heat > 0.3)).flatten()
-    wanted = truth[:, None].expand(views, rows * columns, 4).flatten(0, 1)
-    box_losses = giou_loss(boxes.permute(0, 2, 3, 1).flatten(0, 2), wanted)
-    box_loss = (box_losses * weight).sum() / mean_count(weight.sum())
+    near = heat > 0.3
+    view, row, column = near.nonzero(as_tuple=True)
+    box_losses = generalized_box_iou_loss(boxes[view, :, row, column], truth[view])
+    box_loss = (box_losses * heat[near]).sum() / mean_count(heat[near].sum())
     return score_loss + 2 * box_loss
-
-
-def giou_loss(a, b):
-    """1 - generalised IoU (Rezatofighi et al. 2019) of boxes [n, 4]."""
-    low, high = torch.maximum(a[:, :2], b[:, :2]), torch.minimum(a[:, 2:], b[:, 2:])
-    inter = (high - low).clamp_min(0).prod(-1)
-    area = (a[:, 2:] - a[:, :2]).prod(-1) + (b[:, 2:] - b[:, :2]).prod(-1) - inter
-    hull = torch.maximum(a[:, 2:], b[:, 2:]) - torch.minimum(a[:, :2], b[:, :2])
-    hull = hull.prod(-1)
-    return 1 - inter / area + (hull - area) / hull

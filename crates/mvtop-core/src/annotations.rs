@@ -1,5 +1,5 @@
-//! What is known beforehand of the objects in a scene: boxes to use instead of detecting, or the
-//! whole truth to compare with. `docs/output.md` describes both files.
+//! What is given of the objects in a scene: boxes to use instead of detecting, or the whole truth to
+//! compare with. `docs/output.md` describes both files.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,56 +10,62 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use crate::rig::transform;
-use crate::{Error, Result};
+use crate::{BBox, Error, Result};
 
 /// One object and where the cameras see it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
-pub struct KnownBoxes {
+pub struct GivenBoxes {
     /// Name of one of the bundle's classes.
     pub class: String,
-    /// `[x0, y0, x1, y1]`, px of the image, by camera id; cameras that do not see it are left out.
-    pub boxes: BTreeMap<String, [f64; 4]>,
+    /// In the image, by camera id; cameras that do not see it are left out.
+    pub boxes: BTreeMap<String, BBox>,
 }
 
 /// One object, where it is and where the cameras see it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct KnownPose {
-    pub seen: KnownBoxes,
+pub struct TruePose {
+    /// Its class and its boxes.
+    pub seen: GivenBoxes,
     /// Object frame to world frame, metres.
     pub world_from_obj: Isometry3<f64>,
 }
 
-/// Reads a file of boxes; keys it does not know are ignored, so that a file of poses serves, too.
+/// Reads a file of boxes; keys it does not know are ignored, so that a file of the truth serves, too.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it is not such a file.
-pub fn load_boxes(path: &Path) -> Result<Vec<KnownBoxes>> {
+/// [`Error::Read`] where the file cannot be read, [`Error::Json`] where it is not such a file.
+pub fn load_boxes(path: &Path) -> Result<Vec<GivenBoxes>> {
     objects(
         path,
         r#"{"objects": [{"class": NAME, "boxes": {CAMERA: [x0, y0, x1, y1]}}]}"#,
     )
 }
 
-/// Reads a file of poses; their boxes may be left out.
+/// Reads a file of the truth; its boxes may be left out.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it is not such a file.
-pub fn load_poses(path: &Path) -> Result<Vec<KnownPose>> {
+/// [`Error::Read`] where the file cannot be read, [`Error::Json`] where it is not such a file, and
+/// [`Error::Annotations`] where a pose is none.
+pub fn load_truth(path: &Path) -> Result<Vec<TruePose>> {
     #[derive(Deserialize)]
     struct Object {
         class: String,
         #[serde(rename = "T_world_obj")]
         t_world_obj: Value,
         #[serde(default)]
-        boxes: BTreeMap<String, [f64; 4]>,
+        boxes: BTreeMap<String, BBox>,
     }
     let expected = r#"{"objects": [{"class": NAME, "T_world_obj": 4x4 rows in metres}]}"#;
     let pose = |(i, object): (usize, Object)| {
-        let place = format!("{}: T_world_obj of object {i}", path.display());
-        Ok(KnownPose {
-            world_from_obj: transform::read(place, &object.t_world_obj, 1.0)
-                .map_err(Error::Input)?,
-            seen: KnownBoxes {
+        let place = format!("T_world_obj of object {i}");
+        Ok(TruePose {
+            world_from_obj: transform::read(place, &object.t_world_obj, 1.0).map_err(
+                |problem| Error::Annotations {
+                    path: path.to_owned(),
+                    problem,
+                },
+            )?,
+            seen: GivenBoxes {
                 class: object.class,
                 boxes: object.boxes,
             },
@@ -81,11 +87,10 @@ fn objects<T: DeserializeOwned>(path: &Path, expected: &str) -> Result<Vec<T>> {
         path: path.to_owned(),
         cause,
     })?;
-    let document: Document<T> = serde_json::from_str(&text).map_err(|cause| {
-        Error::Input(format!(
-            "{}: expected {expected}, got: {cause}",
-            path.display()
-        ))
+    let document: Document<T> = serde_json::from_str(&text).map_err(|cause| Error::Json {
+        path: path.to_owned(),
+        expected: expected.to_owned(),
+        cause,
     })?;
     Ok(document.objects)
 }
@@ -107,19 +112,19 @@ mod tests {
         "boxes": {"right": [1, 2, 3.5, 4]}}]}"#;
 
     #[test]
-    fn file_of_poses_gives_poses_and_boxes() {
+    fn file_of_the_truth_gives_poses_and_boxes() {
         let file = file(TRUTH);
-        let poses = load_poses(file.path()).unwrap();
+        let truth = load_truth(file.path()).unwrap();
         assert_eq!(
-            poses[0].world_from_obj.translation.vector,
+            truth[0].world_from_obj.translation.vector,
             Vector3::new(1.0, 2.0, 3.0)
         );
-        let x = poses[0].world_from_obj.rotation * Vector3::x();
+        let x = truth[0].world_from_obj.rotation * Vector3::x();
         assert!((x - Vector3::y()).norm() < 1e-9);
         let boxes = load_boxes(file.path()).unwrap();
-        assert_eq!(boxes, [poses[0].seen.clone()]);
+        assert_eq!(boxes, [truth[0].seen.clone()]);
         assert_eq!(boxes[0].class, "mvball");
-        assert_eq!(boxes[0].boxes["right"], [1.0, 2.0, 3.5, 4.0]);
+        assert_eq!(boxes[0].boxes["right"], [1.0, 2.0, 3.5, 4.0].into());
     }
 
     #[test]
@@ -132,7 +137,7 @@ mod tests {
             let file = file(text);
             for error in [
                 load_boxes(file.path()).unwrap_err(),
-                load_poses(file.path()).unwrap_err(),
+                load_truth(file.path()).unwrap_err(),
             ] {
                 let text = error.to_string();
                 assert!(
@@ -142,10 +147,10 @@ mod tests {
             }
         }
         let sheared = file(&TRUTH.replace("[0, -1, 0, 1]", "[0, -1, 1, 1]"));
-        let text = load_poses(sheared.path()).unwrap_err().to_string();
+        let text = load_truth(sheared.path()).unwrap_err().to_string();
         assert!(text.contains("T_world_obj of object 0"), "{text}");
         assert!(matches!(
-            load_poses(Path::new("none.json")),
+            load_truth(Path::new("none.json")),
             Err(Error::Read { .. })
         ));
     }

@@ -1,0 +1,168 @@
+//! What is given beside the images, and what is refused.
+
+use super::*;
+
+#[test]
+fn given_boxes_replace_the_detector() {
+    let rig = rig();
+    let [first, second] = BALLS;
+    let bbox = |camera: usize, ball| ball_box(&rig.cameras()[camera], ball);
+    let boxes = vec![
+        given(&[("middle", bbox(1, second))]),
+        // `right` gives no image, so its box is not used.
+        given(&[
+            ("left", bbox(0, first)),
+            ("middle", bbox(1, first)),
+            ("right", [0., 0., 9., 9.].into()),
+        ]),
+    ];
+    let options = PredictOptions {
+        boxes: Some(boxes),
+        ..PredictOptions::default()
+    };
+    let prediction = predict(&rig, &[(0, &[]), (1, &[])], &options);
+    assert_eq!(prediction.objects.len(), 2);
+    assert_at(&prediction.objects[0], second);
+    assert_at(&prediction.objects[1], first);
+    assert_eq!(prediction.objects[0].score, 1.0);
+    assert_eq!(prediction.objects[0].cameras[0].bbox, None);
+    assert_eq!(prediction.objects[1].cameras[0].bbox, Some(bbox(0, first)));
+}
+
+#[test]
+fn arguments_that_do_not_fit_are_refused_in_one_sentence() {
+    let rig = rig();
+    let refusal = |images: &[ViewImage], options: PredictOptions| {
+        let seen: Vec<(usize, &[[f64; 3]])> =
+            images.iter().map(|i| (i.camera.min(2), &[][..])).collect();
+        let estimator = Estimator::new(bundle(), Box::new(Geometry::new(&rig, &seen)));
+        estimator.predict(&rig, images, &options).unwrap_err()
+    };
+    let plain = PredictOptions::default;
+    let sized = |camera, width, height| ViewImage {
+        camera,
+        image: RgbImage::new(width, height),
+    };
+    let none = refusal(&[], plain());
+    assert!(matches!(none, Error::TooFewImages { got: 0, .. }), "{none}");
+    assert!(none.to_string().contains("at least 1"), "{none}");
+    let twice = refusal(&images(&rig, &[1, 0, 1]), plain()).to_string();
+    assert!(twice.contains("`middle`: expected one image"), "{twice}");
+    let wrong = refusal(&[sized(0, 240, 320)], plain());
+    assert!(matches!(wrong, Error::ImageSize { .. }), "{wrong}");
+    let wrong = wrong.to_string();
+    assert!(
+        wrong.contains("320x240 px as in the rig, got 240x320"),
+        "{wrong}"
+    );
+    let no_camera = refusal(&[sized(3, 1, 1)], plain()).to_string();
+    assert!(no_camera.contains("the rig has 3"), "{no_camera}");
+
+    let options = PredictOptions {
+        reference: Some("top".into()),
+        ..PredictOptions::default()
+    };
+    let problem = refusal(&images(&rig, &[0]), options);
+    assert!(matches!(problem, Error::UnknownCamera { .. }), "{problem}");
+    let problem = problem.to_string();
+    assert!(problem.contains("no camera `top`") && problem.contains("left, middle, right"));
+
+    let options = PredictOptions {
+        min_views: 2,
+        ..PredictOptions::default()
+    };
+    let problem = refusal(&images(&rig, &[0]), options);
+    assert!(
+        matches!(
+            problem,
+            Error::TooFewImages {
+                expected: 2,
+                got: 1
+            }
+        ),
+        "{problem}"
+    );
+
+    let mut other_class = given(&[("left", [1., 1., 9., 9.].into())]);
+    other_class.class = "cube".into();
+    for (boxes, says) in [
+        (
+            other_class,
+            "no class `cube` in the model, expected one of: ball",
+        ),
+        (
+            given(&[("top", [1., 1., 9., 9.].into())]),
+            "no camera `top`",
+        ),
+        (
+            given(&[("middle", [1., 1., 9., 9.].into())]),
+            "at least one of the given images",
+        ),
+        (
+            given(&[("left", [9., 1., 1., 9.].into())]),
+            "camera `left`, got [9.0, 1.0, 1.0, 9.0]",
+        ),
+        (
+            given(&[("left", [f64::NAN; 4].into())]),
+            "camera `left`, got [NaN",
+        ),
+        (
+            given(&[("left", [400., 1., 500., 9.].into())]),
+            "within the image",
+        ),
+    ] {
+        let options = PredictOptions {
+            boxes: Some(vec![boxes]),
+            ..PredictOptions::default()
+        };
+        let problem = refusal(&images(&rig, &[0]), options).to_string();
+        assert!(
+            problem.contains(says) && problem.contains("object 0"),
+            "{problem}"
+        );
+    }
+}
+
+#[test]
+fn network_in_disorder_is_an_error() {
+    let rig = rig();
+    let error = |disorder: fn(&mut Decoded)| {
+        let network = Geometry {
+            disorder,
+            ..Geometry::new(&rig, &[(0, &BALLS)])
+        };
+        let estimator = Estimator::new(bundle(), Box::new(network));
+        estimator
+            .predict(&rig, &images(&rig, &[0]), &PredictOptions::default())
+            .unwrap_err()
+    };
+    assert!(matches!(
+        error(|d| d.translation[(0, 1)] = f32::NAN),
+        Error::Pose(_)
+    ));
+    assert!(matches!(
+        error(|d| d.sigma[(1, 1)] = f32::INFINITY),
+        Error::Pose(_)
+    ));
+    assert!(matches!(
+        error(|d| d.rotation_6d.fill(0.0)),
+        Error::Rotation6d(_)
+    ));
+    assert!(matches!(
+        error(|d| d.rotation_6d = Array2::zeros((1, 6))),
+        Error::Shape { .. }
+    ));
+    let no_classes = Bundle {
+        classes: vec![],
+        ..bundle()
+    };
+    let estimator = Estimator::new(no_classes, Box::new(Geometry::new(&rig, &[(0, &BALLS)])));
+    let result = estimator.predict(&rig, &images(&rig, &[0]), &PredictOptions::default());
+    assert!(matches!(
+        result,
+        Err(Error::Shape {
+            name: "det_scores",
+            ..
+        })
+    ));
+}

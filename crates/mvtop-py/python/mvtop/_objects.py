@@ -1,0 +1,95 @@
+"""What a network knows, and what it answers about one object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from mvtop._mvtop import NativeEstimator
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectClass:
+    """One of the objects that a network knows."""
+
+    name: str
+    id: int
+    diameter_m: float
+    """Largest distance between two points of its surface, metres."""
+    points: NDArray[np.float64]
+    """(P, 3), points on its surface, object frame, metres."""
+
+    def __repr__(self) -> str:
+        diameter = f"{1e3 * self.diameter_m:.1f} mm"
+        return f"ObjectClass({self.name!r}, id {self.id}, {diameter}, {len(self.points)} points)"
+
+
+def object_classes(native: NativeEstimator) -> list[ObjectClass]:
+    """The objects that a network knows."""
+    return [
+        ObjectClass(name, number, diameter, native.points(i))
+        for i, (name, number, diameter) in enumerate(native.classes())
+    ]
+
+
+@dataclass(frozen=True)
+class Sigma:
+    """The error that the network expects of its own pose."""
+
+    rot_deg: float
+    """Expected angle between the true and the predicted rotation, degrees."""
+    t_m: float
+    """Standard deviation of the translation, metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPose:
+    """One object as one camera sees it."""
+
+    id: str
+    cam_from_obj: NDArray[np.float64]
+    """(4, 4), object frame to this camera's frame, metres."""
+    box: NDArray[np.float64] | None
+    """x0, y0, x1, y1, px; None where the object was not detected."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectPose:
+    """One object."""
+
+    class_name: str
+    class_id: int
+    score: float
+    """0 to 1; 1 for given boxes."""
+    ref_from_obj: NDArray[np.float64]
+    """(4, 4), object frame to the reference camera's frame, metres."""
+    world_from_obj: NDArray[np.float64]
+    """(4, 4), object frame to the rig's world frame, metres."""
+    quat_wxyz: NDArray[np.float64]
+    """Rotation of `ref_from_obj` as a unit quaternion, w >= 0."""
+    sigma: Sigma
+    cameras: dict[str, CameraPose]
+    """Every camera that gave an image, in the rig's order, by id."""
+
+    @property
+    def quat_xyzw(self) -> NDArray[np.float64]:
+        """The same quaternion in the order of SciPy and ROS."""
+        return self.quat_wxyz[[1, 2, 3, 0]]
+
+    @property
+    def cam_from_obj(self) -> dict[str, NDArray[np.float64]]:
+        """By camera id: (4, 4), object frame to the camera's frame, metres."""
+        return {camera: seen.cam_from_obj for camera, seen in self.cameras.items()}
+
+    @property
+    def boxes(self) -> dict[str, NDArray[np.float64]]:
+        """By camera id: x0, y0, x1, y1, px, in the cameras that detected the object."""
+        return {camera: seen.box for camera, seen in self.cameras.items() if seen.box is not None}
+
+    def __repr__(self) -> str:
+        off = f"{self.sigma.rot_deg:.1f} deg and {1e3 * self.sigma.t_m:.1f} mm"
+        return f"ObjectPose({self.class_name!r}, score {self.score:.2f}, expected off by {off})"

@@ -1,0 +1,104 @@
+"""What a run's config file may say, and the sentence when it says something else."""
+
+from pathlib import Path
+
+import pytest
+
+from mvtop_train.errors import UserError
+from mvtop_train.network import config as configs
+from mvtop_train.network import losses
+from mvtop_train.training import runconfig
+
+RUNS = sorted((Path(__file__).parents[1] / "runs").glob("*.toml"))
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "x.toml"
+    path.write_text('preset = "small"\nsteps = 5\n[generate]\nscenes = 2000\n')
+    return path
+
+
+@pytest.mark.parametrize("path", RUNS, ids=lambda path: path.stem)
+def test_the_runs_of_the_docs_read_and_are_written_out_whole(path, tmp_path):
+    settings = runconfig.load(path)
+    (tmp_path / "config.toml").write_text(runconfig.dump(settings))
+    assert runconfig.load(tmp_path / "config.toml") == settings
+    assert settings.network_config(()).preset == settings.preset
+
+
+def test_changes_lie_on_top_of_what_holds_without_them(path):
+    changes = ["lr=1", "views=[1, 3]", "network.closeup_strides=[16]", "loss.detection=1"]
+    settings = runconfig.load(path, [*changes, "augmentation.zoom=[0.5, 1]", "data=a/b 😀"])
+    assert (settings.lr, settings.views, settings.data) == (1.0, (1.0, 3.0), "a/b 😀")
+    assert (settings.generate.scenes, settings.generate.test) == (2000, 100)
+    assert dict(settings.loss) == {**losses.WEIGHTS, "detection": 1.0}
+    network = settings.network_config(())
+    assert network == configs.preset("small", (), closeup_strides=(16,))
+    augmentation = settings.augmentation_of(network)
+    assert (augmentation.zoom, augmentation.scale) == ((0.5, 1.0), 0.8)
+    path.write_text(runconfig.dump(settings))
+    assert runconfig.load(path) == settings
+
+
+def test_a_kept_config_with_only_the_keys_that_were_given_is_the_same_run(tmp_path):
+    (tmp_path / "config.toml").write_text(
+        'data = "d"\nsteps = 5\nviews = [0, 1]\n\n[loss]\ndetection = 1\n\n[second]\nlr = 0.002\n'
+    )
+    settings = runconfig.load(tmp_path / "config.toml")
+    runconfig.keep_copy(settings, tmp_path)
+    assert runconfig.load(tmp_path / "config.toml") == settings
+    other = settings.model_copy(update={"seed": 2})
+    with pytest.raises(UserError, match="started with seed = 1, got 2; fix: another --out"):
+        runconfig.keep_copy(other, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "error"),
+    [
+        ("lr=many", "key 'lr': expected a number, got 'many'; fix: for example lr = 0.001"),
+        ("lr=0", "key 'lr': expected greater than 0, got 0"),
+        ("lr=nan", "key 'lr': expected a finite number, got nan"),
+        ("save_minutes=inf", "key 'save_minutes': expected a finite number, got inf"),
+        ("lr.peak=1", "key 'lr': expected a number, got {'peak': 1}"),
+        ("images=1.5", "key 'images': expected a whole number, got 1.5"),
+        ("images=true", "key 'images': expected a whole number, got True"),
+        ("images=2", "key 'images': expected at least as many as views of a scene, got 2"),
+        ("data=3", "key 'data': expected text, got 3"),
+        ("crop=100", "key 'crop': expected a multiple of 32, got 100"),
+        ("precision=fp16", "key 'precision': expected 'bf16' or 'fp32', got 'fp16'"),
+        ("preset=big", "key 'preset': expected 'tiny', 'small' or 'paper', got 'big'"),
+        ("views=3", "key 'views': expected a list, got 3"),
+        ("views=[]", "key 'views': expected shares of 0 to 1, got ()"),
+        ("views=[-1, 2]", "key 'views': expected at least 0, got -1"),
+        ("second.views=[0]", "key 'second.views': expected shares of 0 to 1"),
+        ("second.share=1", "key 'second.share': expected less than 1, got 1"),
+        ("generate=3", "key 'generate': expected a table, got 3"),
+        ("generate.scenes=0", "key 'generate.scenes': expected at least 1, got 0"),
+        ("generate.scnes=9", "unknown key 'generate.scnes', expected one of reserve, scenes,"),
+        ("loss.detection=-1", "key 'loss.detection': expected at least 0, got -1"),
+        ("network.heads=x", "expected a whole number, got 'x'; fix: for example network.heads = 8"),
+        ("network.mean=[1, 2]", "key 'network.mean': expected more entries, got (1, 2)"),
+        ("network.los_encoding=x", "key 'network.los_encoding': expected 'direction', 'origin_direction'"),
+        ("augmentation.zoom=[1, 'a']", "key 'augmentation.zoom': expected a number, got 'a'"),
+        ("network.closeup=x", "fix: for example network.closeup = 160"),
+        ("lr", "--set lr: expected key=value, got no '='"),
+    ],
+)
+def test_what_cannot_be_is_one_clear_sentence(path, change, error):
+    with pytest.raises(UserError) as refused:
+        runconfig.load(path, [change])
+    message = str(refused.value)
+    assert error in message and "; fix: " in message and "\n" not in message
+    assert message.startswith(("--set", f"{path}: "))
+
+
+@pytest.mark.parametrize("content", [b"steps = ", b"\xff\xfe"])
+def test_a_file_that_is_no_config_is_named(path, content):
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=f"{path}: expected TOML, got: .*; fix: "):
+        runconfig.load(path)
+    with pytest.raises(UserError, match="no such file"):
+        runconfig.load(path.parent / "nowhere.toml")
+    with pytest.raises(UserError, match="is a directory; fix: "):
+        runconfig.load(path.parent)
