@@ -16,7 +16,7 @@ from mvtop_train.network import config
 from mvtop_train.network.model import Mvtop, decoder_boxes
 from mvtop_train.study import baselines, canonical, variants
 from mvtop_train.study.baselines import late_fusion, rotation_bins, vote
-from mvtop_train.training.checkpoint import Run, load_weights
+from mvtop_train.training.checkpoint import TrainingState, load_weights
 
 POINTS = mvball.bounding_points(100)
 K = np.stack([canonical.K] * 2)
@@ -142,7 +142,7 @@ def small_batches(monkeypatch):
 def trained(tmp_path_factory):
     """Weights of a network, and features of three scenes of four images."""
     root, rng = tmp_path_factory.mktemp("study"), np.random.default_rng(0)
-    run = Run(root / "run", NETWORK, "cpu")
+    run = TrainingState(root / "run", NETWORK, "cpu")
     run.save()
     k = np.array([[300.0, 0, 119.5], [0, 300, 119.5], [0, 0, 1]])
     scenes = []
