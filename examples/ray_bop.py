@@ -28,8 +28,6 @@ from PIL import Image
 
 import mvtop
 
-HEADER = "scene_id,im_id,obj_id,score,R,t,time\n"
-
 Group = list[tuple[int, int]]  # (scene, image), reference first
 
 
@@ -47,7 +45,7 @@ class Predict:
         partial = path.with_suffix(f".{os.uname().nodename}-{os.getpid()}.partial")
         rows = 0
         with open(partial, "w", encoding="utf-8") as file:
-            file.write(HEADER)
+            file.write(mvtop.BOP_RESULTS_HEADER)
             for group in json.loads(row["groups"]):
                 lines = self.predict(group)
                 file.write(lines)
@@ -171,8 +169,9 @@ def main() -> None:
         sys.exit(f"not written: {', '.join(lost)}; repeat the command")
     partial = args.out / "results.partial"
     with open(partial, "w", encoding="utf-8") as results:
-        results.write(HEADER)
-        results.writelines(file.read_text().removeprefix(HEADER) for file in files)
+        results.write(mvtop.BOP_RESULTS_HEADER)
+        header = mvtop.BOP_RESULTS_HEADER
+        results.writelines(file.read_text().removeprefix(header) for file in files)
     os.replace(partial, args.out / "results.csv")
     for left in (args.out / "shards").glob("*.partial"):  # by workers that were lost
         left.unlink()

@@ -54,7 +54,7 @@ def expected(data, tmp_path_factory):
     predict = ray_bop.Predict(str(data), "test", str(MODEL), out, 1)
     all_groups = ray_bop.groups(data / "test", 2)
     assert len(all_groups) == SCENES
-    return poses(ray_bop.HEADER + "".join(map(predict.predict, all_groups)))
+    return poses(mvtop.BOP_RESULTS_HEADER + "".join(map(predict.predict, all_groups)))
 
 
 def poses(text):

@@ -1,5 +1,6 @@
 //! The compiled part of the Python package `mvtop`; what users see is in `python/mvtop`.
 
+mod bop;
 mod cli;
 mod convert;
 mod error;
@@ -10,11 +11,16 @@ mod rays;
 mod rig;
 mod rotations;
 mod sampling;
+mod statistics;
 
 use pyo3::prelude::*;
 
 #[pymodule]
 mod _mvtop {
+    #[pymodule_export]
+    const BOP_RESULTS_HEADER: &str = mvtop_eval::bop::RESULTS_HEADER;
+    #[pymodule_export]
+    use super::bop::bop_results_line;
     #[pymodule_export]
     use super::cli::run_cli;
     #[pymodule_export]
@@ -36,4 +42,6 @@ mod _mvtop {
     use super::sampling::{
         deformable_sampling, deformable_sampling_backward, deformable_sampling_forward,
     };
+    #[pymodule_export]
+    use super::statistics::{auroc, calibration, correlation, roc_curve};
 }

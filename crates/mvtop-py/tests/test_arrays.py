@@ -385,3 +385,19 @@ def test_recalls_by_hand():
     assert mvtop.metrics.average_recall(errors, [0.02, 0.1]) == 0.5
     assert mvtop.metrics.auc_exact(errors, 0.1) == pytest.approx((0.9 + 0.7 + 0.5) / 4)
     assert mvtop.metrics.recall([], 1) is None
+
+
+def test_statistics_by_hand():
+    scores, labels = np.array([1.0, 3.0, 2.0, 3.0]), np.array([False, False, True, True])
+    # Pairs of one with and one without the label: in order, not, in order, equal.
+    assert mvtop.statistics.auroc(scores, labels) == 2.5 / 4
+    assert mvtop.statistics.auroc(scores, [True] * 4) is None
+    curve = mvtop.statistics.roc_curve(scores, labels)
+    np.testing.assert_array_equal(curve, [[0, 0], [0.5, 0.5], [0.5, 1], [1, 1]])
+    assert mvtop.statistics.correlation([1, 2, 3], [4, 2, 0]) == pytest.approx(-1)
+    assert mvtop.statistics.correlation([1, 1], [2, 3]) is None
+    bins = mvtop.statistics.calibration([3, 1, 2, 4], [30, 10, 30, 60], bins=2)
+    np.testing.assert_array_equal(bins, [[1.5, 20], [3.5, 45]])
+    assert mvtop.statistics.calibration(np.arange(9), np.arange(9)).shape == (5, 2)
+    with pytest.raises(ValueError, match="labels: expected 4 numbers, as many as of scores, got 3"):
+        mvtop.statistics.auroc(scores, labels[1:])

@@ -8,6 +8,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
+import mvtop
 import numpy as np
 
 from ..errors import UserError
@@ -71,15 +72,9 @@ def roc(sigma: np.ndarray, resolved: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
     Equal sigmas fall together, so that ties count half (Hanley and McNeil 1982).
     """
-    thresholds = np.unique(sigma)[::-1]
-    rates = []
-    for group in (sigma[resolved], sigma[~resolved]):
-        above = (group[None] >= thresholds[:, None]).sum(1) / max(len(group), 1)
-        rates.append(np.concatenate([[0.0], above]))
-    fpr, tpr = rates
-    both = resolved.any() and not resolved.all()
-    area = float(((fpr[1:] - fpr[:-1]) * (tpr[1:] + tpr[:-1]) / 2).sum()) if both else np.nan
-    return fpr, tpr, area
+    fpr, tpr = mvtop.statistics.roc_curve(sigma, ~resolved).T
+    area = mvtop.statistics.auroc(sigma, ~resolved)
+    return fpr, tpr, np.nan if area is None else area
 
 
 def pooled_roc(runs: list[Results], resolved_deg: float = RESOLVED_DEG):
@@ -95,17 +90,13 @@ def calibration(run: Results, bins: int = 8) -> tuple[np.ndarray, np.ndarray]:
     Bins are quantiles of the expected error; there are fewer where a bin would have under 5 poses.
     """
     expected, actual = run.sigma_rot_deg[run.found], run.rot_deg[run.found]
-    order = np.argsort(expected, kind="stable")
-    parts = np.array_split(order, max(1, min(bins, len(order) // 5)))
-    return (
-        np.array([expected[part].mean() for part in parts if len(part)]),
-        np.array([actual[part].mean() for part in parts if len(part)]),
-    )
+    bins = max(1, min(bins, len(expected) // 5))
+    expected, actual = mvtop.statistics.calibration(expected, actual, bins).T
+    return expected, actual
 
 
 def correlation(run: Results) -> float:
     """Pearson's, between expected and actual rotation error; NaN where either does not vary."""
     expected, actual = run.sigma_rot_deg[run.found], run.rot_deg[run.found]
-    if len(expected) < 2 or not (expected.std() > 0 and actual.std() > 0):
-        return np.nan
-    return float(np.corrcoef(expected, actual)[0, 1])
+    pearson = mvtop.statistics.correlation(expected, actual)
+    return np.nan if pearson is None else pearson

@@ -6,6 +6,7 @@ axes and lenses are OpenCV's: x right, y down, z forward; integer pixel coordina
 """
 
 from mvtop._mvtop import (
+    BOP_RESULTS_HEADER,
     Camera,
     Rig,
     box_rays,
@@ -20,13 +21,14 @@ from mvtop._mvtop import (
 
 TYPE_CHECKING = False  # type checkers know the name; importing it takes longer than all the rest
 if TYPE_CHECKING:
-    from mvtop import metrics
+    from mvtop import metrics, statistics
     from mvtop._error import Error
     from mvtop._estimator import Estimator
     from mvtop._objects import CameraPose, ObjectClass, ObjectPose, Sigma
     from mvtop._prediction import Prediction
 
 __all__ = [
+    "BOP_RESULTS_HEADER",
     "Camera",
     "CameraPose",
     "Error",
@@ -45,6 +47,7 @@ __all__ = [
     "metrics",
     "rotation_from_6d",
     "set_num_threads",
+    "statistics",
 ]
 
 # Loaded when first asked for, so that `import mvtop` takes no time.
@@ -62,8 +65,8 @@ _HOMES = {
 def __getattr__(name: str) -> object:
     import importlib
 
-    if name == "metrics":
-        return importlib.import_module("mvtop.metrics")
+    if name in ("metrics", "statistics"):
+        return importlib.import_module(f"mvtop.{name}")
     if name in _HOMES:
         value = getattr(importlib.import_module(_HOMES[name]), name)
         globals()[name] = value

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from mvtop._mvtop import BOP_RESULTS_HEADER, bop_results_line
 from mvtop._objects import CameraPose, ObjectPose, Sigma, object_classes
 
 if TYPE_CHECKING:
@@ -13,8 +14,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from mvtop._mvtop import NativeEstimator, NativePrediction, Rig
-
-_BOP_HEADER = "scene_id,im_id,obj_id,score,R,t,time\n"
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,13 +87,11 @@ class Prediction:
                     raise ValueError(
                         f"im_id: camera `{camera}` gave no image, expected one of: {known}"
                     )
-                rotation = " ".join(repr(float(x)) for x in pose[:3, :3].ravel())
-                translation = " ".join(repr(float(x)) for x in pose[:3, 3] * 1e3)
+                seconds = self.timings_ms["total"] / 1e3
                 rows.append(
-                    f"{scene_id},{image},{found.class_id},{found.score!r},{rotation},"
-                    f"{translation},{self.timings_ms['total'] / 1e3!r}\n"
+                    bop_results_line(scene_id, image, found.class_id, found.score, pose, seconds)
                 )
-        return (_BOP_HEADER if header else "") + "".join(rows)
+        return (BOP_RESULTS_HEADER if header else "") + "".join(rows)
 
     def overlay(self) -> dict[str, NDArray[np.uint8]]:
         """Pictures by camera id: the images with points, axes and boxes of the objects drawn in.

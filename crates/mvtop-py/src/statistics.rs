@@ -1,0 +1,86 @@
+//! What expected and actual errors say of each other.
+
+use mvtop_eval::statistics::{self, CALIBRATION_BINS};
+use pyo3::prelude::*;
+
+use crate::convert::{ArrayLike, F64, shaped};
+use crate::error::value;
+
+/// Area under the receiver operating characteristic: the probability that of a sample with the
+/// label and one without it, the one with it has the greater score; equal scores count half (Hanley
+/// and McNeil 1982).
+///
+/// - scores: (N,)
+/// - labels: (N,), whether each sample is one of those that should score high
+/// - returns: 0 to 1; None where all labels are alike
+#[pyfunction]
+pub fn auroc(scores: ArrayLike, labels: ArrayLike) -> PyResult<Option<f64>> {
+    let (scores, labels) = labelled(&scores, &labels)?;
+    Ok(statistics::auroc(&scores, &labels))
+}
+
+/// The characteristic of "the score is at least a threshold", whose area `auroc` is.
+///
+/// - scores, labels: (N,), as of `auroc`
+/// - returns: (T + 1, 2), false and true positive rate, from (0, 0) to (1, 1), one for each of T
+///   different scores; a rate of no samples is 0
+#[pyfunction]
+pub fn roc_curve(scores: ArrayLike, labels: ArrayLike) -> PyResult<F64> {
+    let (scores, labels) = labelled(&scores, &labels)?;
+    rows(&statistics::roc_curve(&scores, &labels))
+}
+
+/// Pearson's correlation coefficient.
+///
+/// - x, y: (N,)
+/// - returns: -1 to 1; None where either side does not vary
+#[pyfunction]
+pub fn correlation(x: ArrayLike, y: ArrayLike) -> PyResult<Option<f64>> {
+    let [x, y] = pair(["x", "y"], [&x, &y])?;
+    Ok(statistics::correlation(&x, &y))
+}
+
+/// Mean expected and mean actual error in bins of equal count, least expected error first.
+///
+/// - expected, actual: (N,)
+/// - bins: how many; as many as there are samples where those are fewer
+/// - returns: (bins, 2)
+#[pyfunction]
+#[pyo3(signature = (expected, actual, bins = CALIBRATION_BINS))]
+pub fn calibration(expected: ArrayLike, actual: ArrayLike, bins: usize) -> PyResult<F64> {
+    let [expected, actual] = pair(["expected", "actual"], [&expected, &actual])?;
+    let bins = statistics::calibration(&expected, &actual, bins);
+    rows(
+        &bins
+            .iter()
+            .map(|bin| [bin.expected, bin.actual])
+            .collect::<Vec<_>>(),
+    )
+}
+
+fn labelled(scores: &ArrayLike, labels: &ArrayLike) -> PyResult<(Vec<f64>, Vec<bool>)> {
+    let scores = scores.read::<f64>("scores", Some(0), &[0])?;
+    let labels = labels.any_number::<bool>("labels", Some(0), &[0])?;
+    as_many(["scores", "labels"], [scores.len(), labels.len()])?;
+    Ok((scores.into_iter().collect(), labels.into_iter().collect()))
+}
+
+fn pair(names: [&str; 2], arrays: [&ArrayLike; 2]) -> PyResult<[Vec<f64>; 2]> {
+    let first = arrays[0].read::<f64>(names[0], Some(0), &[0])?;
+    let second = arrays[1].read::<f64>(names[1], Some(0), &[0])?;
+    as_many(names, [first.len(), second.len()])?;
+    Ok([first.into_iter().collect(), second.into_iter().collect()])
+}
+
+fn as_many([first, second]: [&str; 2], [expected, got]: [usize; 2]) -> PyResult<()> {
+    match expected == got {
+        true => Ok(()),
+        false => Err(value(format!(
+            "{second}: expected {expected} numbers, as many as of {first}, got {got}"
+        ))),
+    }
+}
+
+fn rows(pairs: &[[f64; 2]]) -> PyResult<F64> {
+    Ok(F64(shaped(&[pairs.len(), 2], pairs.concat())?))
+}
