@@ -2,7 +2,7 @@
 //! image's region of interest (RoI), taken as a camera would take it instead of cut out.
 //!
 //! The camera stands where the real one does, looks at the middle of the box, turned as little as
-//! possible, and has the focal length at which the box's longer side fills [`FILL`] of the picture.
+//! possible, and has the focal length at which the box's longer side fills `FILL` of the picture.
 //! So the pose network sees every object in the same size and place, at the image's own resolution,
 //! without the lens's distortion.
 

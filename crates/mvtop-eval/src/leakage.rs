@@ -1,8 +1,8 @@
 //! Do poses of one split of a data set recur in another?
 //!
 //! A pose of split *a* **has a twin** in split *b* where *b* holds a pose of the same object whose
-//! translation is within [`Settings::within_mm`]; the twin is the most alike of these. The pose
-//! **recurs** where it and its twin differ by at most [`Settings::limit`]: ADD in percent of the
+//! translation is within `Settings::within_mm`; the twin is the most alike of these. The pose
+//! **recurs** where it and its twin differ by at most `Settings::limit`: ADD in percent of the
 //! object's diameter, or the angle between the rotations in degrees where there are no models. So
 //! poses that coincide in translation alone are counted, but not as recurring.
 //!

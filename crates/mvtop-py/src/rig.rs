@@ -18,6 +18,9 @@ use crate::error::{python, value};
 #[pyclass(frozen, module = "mvtop")]
 pub struct Camera(mvtop_core::Camera);
 
+/// Arguments of `Camera` that are given by position: its matrix and its size.
+type ByPosition = (F64, (u32, u32));
+
 #[pymethods]
 impl Camera {
     /// A camera from arrays.
@@ -124,7 +127,7 @@ impl Camera {
     fn __getnewargs_ex__<'py>(
         &self,
         py: Python<'py>,
-    ) -> PyResult<((F64, (u32, u32)), Bound<'py, PyDict>)> {
+    ) -> PyResult<(ByPosition, Bound<'py, PyDict>)> {
         let named = PyDict::new(py);
         named.set_item("distortion", self.distortion())?;
         named.set_item("model", self.model())?;

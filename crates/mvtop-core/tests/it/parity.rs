@@ -172,7 +172,7 @@ fn closeups_through_every_kind_of_lens(#[case] name: &str, #[case] family: &str)
     let bytes = image.iter().map(|&x| x as u8).collect();
     let image = RgbImage::from_raw(width, height, bytes).unwrap();
     let (k, params) = (of("k"), of("params"));
-    let distortion = (params.len() > 0).then_some(name);
+    let distortion = (!params.is_empty()).then_some(name);
     let projection =
         Projection::from_params(family, distortion, params.as_slice().unwrap()).unwrap();
     let [fx, fy, cx, cy] = [(0, 0), (1, 1), (0, 2), (1, 2)].map(|(row, column)| k[[row, column]]);
