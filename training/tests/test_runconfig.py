@@ -79,7 +79,7 @@ def test_a_kept_config_with_only_the_keys_that_were_given_is_the_same_run(tmp_pa
         ("loss.detection=-1", "key 'loss.detection': expected at least 0, got -1"),
         ("network.heads=x", "expected a whole number, got 'x'; fix: for example network.heads = 8"),
         ("network.mean=[1, 2]", "key 'network.mean': expected more entries, got (1, 2)"),
-        ("network.los_encoding=x", "key 'network.los_encoding': expected 'direction', 'origin_direction'"),
+        ("network.los_encoding=x", "expected 'direction', 'origin_direction', 'plucker' or"),
         ("augmentation.zoom=[1, 'a']", "key 'augmentation.zoom': expected a number, got 'a'"),
         ("network.closeup=x", "fix: for example network.closeup = 160"),
         ("lr", "--set lr: expected key=value, got no '='"),
