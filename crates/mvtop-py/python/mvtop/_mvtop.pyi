@@ -1,10 +1,12 @@
-from _typeshed import SupportsGetItem, SupportsLenAndGetItem
+from _typeshed import Incomplete, SupportsGetItem, SupportsLenAndGetItem
 from numpy import float32, float64, uint8
 from numpy.typing import ArrayLike, NDArray
 from os import PathLike
-from typing import Any, SupportsFloat, SupportsIndex, final
+from typing import Any, Final, SupportsFloat, SupportsIndex, final
 
-__all__ = ["Camera", "Mesh", "NativeEstimator", "NativePrediction", "Rig", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "average_recall", "box_rays", "camera_rays", "deformable_sampling", "encode_rays", "recall", "rotation_error_deg", "rotation_from_6d", "run_cli", "translation_error", "vsd"]
+__all__ = ["BOP_RESULTS_HEADER", "Camera", "Mesh", "NativeEstimator", "NativePrediction", "Rig", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "correlation", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "set_num_threads", "translation_error", "vsd"]
+
+BOP_RESULTS_HEADER: Final[str]
 
 @final
 class Camera:
@@ -18,6 +20,10 @@ class Camera:
     def K(self, /) -> NDArray[float64]:
         """
         (3, 3), intrinsics, px.
+        """
+    def __getnewargs_ex__(self, /) -> tuple[tuple[NDArray[float64], tuple[int, int]], dict]:
+        """
+        For pickle: the arguments by position and by name.
         """
     def __new__(cls, /, K: ArrayLike, size: SupportsLenAndGetItem[SupportsIndex], *, distortion: ArrayLike | None = None, model: str = "pinhole", world_from_cam: ArrayLike | None = None, id: str = "cam0") -> Camera:
         """
@@ -80,6 +86,7 @@ class Mesh:
         - vertices: (P, 3)
         - triangles: three vertices' numbers each; both sides are seen
         """
+    def __repr__(self, /) -> str: ...
     def depth(self, /, cam_from_obj: ArrayLike, camera: Camera, *, half_pixel: bool = False) -> NDArray[float32]:
         """
         Depth image, in the unit of the vertices and the pose.
@@ -96,11 +103,12 @@ class NativeEstimator:
     A network that is loaded in this process.
     """
     def __new__(cls, /, bundle: str | PathLike[str], ort_lib: str | PathLike[str] | None, provider: str, threads: SupportsIndex) -> NativeEstimator: ...
+    def __repr__(self, /) -> str: ...
     def classes(self, /) -> list[tuple[str, int, float]]:
         """
         Name and number of each class, with its diameter in metres.
         """
-    def draw(self, /, prediction: NativePrediction, rig: Rig, images: SupportsGetItem[int, tuple[SupportsIndex, Any]]) -> list[NDArray[uint8]]:
+    def draw(self, /, prediction: NativePrediction, images: SupportsGetItem[int, tuple[SupportsIndex, Any]]) -> list[NDArray[uint8]]:
         """
         Copies of the images with the predicted objects drawn onto them.
         """
@@ -117,16 +125,37 @@ class NativeEstimator:
         """
         (P, 3), points on the surface of a class, metres.
         """
-    def predict(self, /, rig: Rig, images: SupportsGetItem[int, tuple[SupportsIndex, Any]], reference: str | None, boxes: SupportsGetItem[int, tuple[str, dict[str, SupportsLenAndGetItem[SupportsFloat | SupportsIndex]]]] | None, min_views: SupportsIndex) -> tuple[NativePrediction, str]:
+    def predict(self, /, rig: Rig, images: SupportsGetItem[int, tuple[SupportsIndex, Any]], reference: str | None, boxes: SupportsGetItem[int, tuple[str, dict[str, SupportsLenAndGetItem[SupportsFloat | SupportsIndex]]]] | None, min_views: SupportsIndex) -> NativePrediction:
         """
-        The prediction, and its report as JSON. Images are given by the index of their camera.
+        Images are given by the index of their camera.
         """
 
 @final
 class NativePrediction:
     """
-    What the core's estimator answered, for drawing.
+    What the core's estimator answered.
     """
+    def __repr__(self, /) -> str: ...
+    def objects(self, /) -> list[Incomplete]: ...
+    @property
+    def provider(self, /) -> str:
+        """
+        What executed the network.
+        """
+    @property
+    def reference(self, /) -> str:
+        """
+        Id of the reference camera.
+        """
+    @property
+    def timings_ms(self, /) -> list[tuple[str, float]]:
+        """
+        Wall time of each stage and their total, milliseconds.
+        """
+    def to_json(self, /) -> str:
+        """
+        What `mvtop-cli infer --json` prints.
+        """
 
 @final
 class Rig:
@@ -193,6 +222,7 @@ class Surface:
         """
         - points: (P, 3), object frame
         """
+    def __repr__(self, /) -> str: ...
     def add(self, /, truth: ArrayLike, estimate: ArrayLike) -> NDArray[float64]:
         """
         ADD: average distance of the points under both poses (Hinterstoisser et al. 2012).
@@ -227,15 +257,15 @@ class Symmetries:
         """
         Number of motions.
         """
-    def __new__(cls, /, discrete: ArrayLike | None = None, continuous: SupportsGetItem[int, tuple[ArrayLike, ArrayLike]] = ..., *, max_step: SupportsFloat | SupportsIndex = 0.01) -> Symmetries:
+    def __new__(cls, /, discrete: ArrayLike | None = None, continuous: SupportsGetItem[int, tuple[ArrayLike, ArrayLike]] = ...) -> Symmetries:
         """
         The identity and the discrete symmetries, each followed by every turn about each axis, as in
         BOP's models_info.json.
 
         - discrete: (S, 4, 4), without the identity, in the unit of the points
         - continuous: axis and a point on it, (3,) each
-        - max_step: of the turns, as a share of the diameter; 0.01 is BOP's
         """
+    def __repr__(self, /) -> str: ...
 
 def auc_exact(errors: SupportsGetItem[int, SupportsFloat | SupportsIndex], max: SupportsFloat | SupportsIndex) -> float | None:
     """
@@ -252,9 +282,28 @@ def auc_posecnn(errors: SupportsGetItem[int, SupportsFloat | SupportsIndex], max
     The area of PoseCNN's and CosyPose's evaluations, `max` there being 0.1 m.
     """
 
+def auroc(scores: ArrayLike, labels: ArrayLike) -> float | None:
+    """
+    Area under the receiver operating characteristic: the probability that of a sample with the
+    label and one without it, the one with it has the greater score; equal scores count half (Hanley
+    and McNeil 1982).
+
+    - scores: (N,)
+    - labels: (N,), whether each sample is one of those that should score high
+    - returns: 0 to 1; None where all labels are alike
+    """
+
 def average_recall(errors: SupportsGetItem[int, SupportsFloat | SupportsIndex], thresholds: SupportsGetItem[int, SupportsFloat | SupportsIndex]) -> float | None:
     """
     Mean of the recalls at several thresholds: BOP's average recall for one kind of error.
+    """
+
+def bop_results_line(scene_id: SupportsIndex, im_id: SupportsIndex, obj_id: SupportsIndex, score: SupportsFloat | SupportsIndex, cam_from_obj: ArrayLike, time_s: SupportsFloat | SupportsIndex) -> str:
+    """
+    The line of one pose, with its end.
+
+    - cam_from_obj: (4, 4), metres; written as rows of the rotation and millimetres
+    - time_s: what all poses of the image took, seconds; BOP's -1 where that is not known
     """
 
 def box_rays(camera: Camera, box: ArrayLike, ref_from_cam: ArrayLike) -> NDArray[float32] | None:
@@ -268,6 +317,15 @@ def box_rays(camera: Camera, box: ArrayLike, ref_from_cam: ArrayLike) -> NDArray
       pixel of it has no ray
     """
 
+def calibration(expected: ArrayLike, actual: ArrayLike, bins: SupportsIndex = ...) -> NDArray[float64]:
+    """
+    Mean expected and mean actual error in bins of equal count, least expected error first.
+
+    - expected, actual: (N,)
+    - bins: how many; as many as there are samples where those are fewer
+    - returns: (bins, 2)
+    """
+
 def camera_rays(camera: Camera, strides: SupportsGetItem[int, SupportsIndex], *, net_size: tuple[SupportsIndex, SupportsIndex] | None = None) -> NDArray[float32]:
     """
     Direction in which each cell of the network's feature maps looks, in the camera's own frame.
@@ -277,6 +335,14 @@ def camera_rays(camera: Camera, strides: SupportsGetItem[int, SupportsIndex], *,
       the image's own by default
     - returns: (N, 3), float32, of length 1, levels in the order of strides, each row by row; 0 for
       cells that lie in the padding or that no ray meets
+    """
+
+def correlation(x: ArrayLike, y: ArrayLike) -> float | None:
+    """
+    Pearson's correlation coefficient.
+
+    - x, y: (N,)
+    - returns: -1 to 1; None where either side does not vary
     """
 
 def deformable_sampling(value: ArrayLike, locations: ArrayLike, weights: ArrayLike, levels: SupportsGetItem[int, tuple[SupportsIndex, SupportsIndex]]) -> NDArray[float32]:
@@ -289,6 +355,29 @@ def deformable_sampling(value: ArrayLike, locations: ArrayLike, weights: ArrayLi
     - weights: (B, Q, H, L, K)
     - levels: height and width of each level, cells
     - returns: (B, Q, H * D), float32
+    """
+
+def deformable_sampling_backward(value: NDArray[float32], locations: NDArray[float32], weights: NDArray[float32], levels: SupportsGetItem[int, tuple[SupportsIndex, SupportsIndex]], grad_out: NDArray[float32], grad_value: NDArray[float32], grad_locations: NDArray[float32], grad_weights: NDArray[float32]) -> None:
+    """
+    Gradients of what `deformable_sampling_forward` reads, from that of what it writes.
+
+    Arrays are C-contiguous and of float32.
+
+    - grad_out: (B, Q, H * D)
+    - grad_value, grad_locations, grad_weights: shaped as what they belong to, overwritten
+
+    Raises ValueError for an array of another kind or shape.
+    """
+
+def deformable_sampling_forward(value: NDArray[float32], locations: NDArray[float32], weights: NDArray[float32], levels: SupportsGetItem[int, tuple[SupportsIndex, SupportsIndex]], out: NDArray[float32]) -> None:
+    """
+    `deformable_sampling` into an array of the caller's: nothing is converted or copied.
+
+    Arrays are C-contiguous and of float32, their shapes those of `deformable_sampling`.
+
+    - out: (B, Q, H * D), overwritten
+
+    Raises ValueError for an array of another kind or shape.
     """
 
 def encode_rays(camera_rays: ArrayLike, ref_from_cam: ArrayLike, encoding: str = "plucker") -> NDArray[float32]:
@@ -307,6 +396,15 @@ def recall(errors: SupportsGetItem[int, SupportsFloat | SupportsIndex], threshol
     """
     Share of errors below a threshold; of ADD at 0.1 diameters, the usual "ADD recall". None
     without errors; an object that was not found counts as infinity.
+    """
+
+def roc_curve(scores: ArrayLike, labels: ArrayLike) -> NDArray[float64]:
+    """
+    The characteristic of "the score is at least a threshold", whose area `auroc` is.
+
+    - scores, labels: (N,), as of `auroc`
+    - returns: (T + 1, 2), false and true positive rate, from (0, 0) to (1, 1), one for each of T
+      different scores; a rate of no samples is 0
     """
 
 def rotation_error_deg(truth: ArrayLike, estimate: ArrayLike, symmetries: Symmetries | None = None) -> NDArray[float64]:
@@ -333,6 +431,14 @@ def run_cli(args: SupportsGetItem[int, str]) -> int:
     The command line `mvtop-cli`: `args` begin with the program's name. Returns the exit code.
     """
 
+def set_num_threads(count: SupportsIndex) -> None:
+    """
+    Sets the number of threads that mvtop's own computations use, in this process and those that are
+    forked from it. A network's are chosen where it is loaded.
+
+    - count: 0 for one per processor, as it is at first
+    """
+
 def translation_error(truth: ArrayLike, estimate: ArrayLike, symmetries: Symmetries | None = None) -> NDArray[float64]:
     """
     Least distance between the estimated origin and a symmetric one of the true, in the unit of the
@@ -342,7 +448,7 @@ def translation_error(truth: ArrayLike, estimate: ArrayLike, symmetries: Symmetr
     - returns: (...)
     """
 
-def vsd(estimate: ArrayLike, truth: ArrayLike, measured: ArrayLike, camera: Camera, *, delta: SupportsFloat | SupportsIndex, taus: SupportsGetItem[int, SupportsFloat | SupportsIndex] | None = None, diameter: SupportsFloat | SupportsIndex | None = None, truncated_linear: bool = False) -> list[float]:
+def vsd(estimate: ArrayLike, truth: ArrayLike, measured: ArrayLike, camera: Camera, *, delta: SupportsFloat | SupportsIndex, taus: SupportsGetItem[int, SupportsFloat | SupportsIndex] | None = None, diameter: SupportsFloat | SupportsIndex | None = None) -> list[float]:
     """
     VSD: share of the visible pixels of both poses where the object's surfaces do not coincide
     (BOP).
@@ -352,6 +458,5 @@ def vsd(estimate: ArrayLike, truth: ArrayLike, measured: ArrayLike, camera: Came
     - delta: how far a surface may lie behind the measured one and still be seen; BOP: 15 mm
     - taus: misalignment tolerances; BOP's shares of the diameter by default
     - diameter: divides distances where given, as BOP does
-    - truncated_linear: the cost of the first definition, of 2016, instead of a step
     - returns: one number for each tolerance, 0 to 1
     """
