@@ -197,7 +197,7 @@ pub enum Error {
     },
 
     /// Fewer images than are asked for.
-    #[error("images: expected at least {expected}, got {got}")]
+    #[error("{}", too_few_images(*expected, *got))]
     TooFewImages {
         /// One, or the fewest views of an object that are asked for.
         expected: usize,
@@ -277,6 +277,15 @@ impl Error {
             problem,
             cause: None,
         }
+    }
+}
+
+fn too_few_images(expected: usize, got: usize) -> String {
+    match got {
+        0 => "no image given: expected at least one".into(),
+        _ => format!(
+            "fewest views of an object: expected at most {got}, as there are images, got {expected}"
+        ),
     }
 }
 
