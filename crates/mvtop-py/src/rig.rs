@@ -1,12 +1,14 @@
 //! Cameras and rigs.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use mvtop_core::{Intrinsics, Projection, report};
 use nalgebra::{Isometry3, Point2, Point3};
 use ndarray::{ArrayD, Axis};
+use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyType};
+use pyo3::types::PyType;
 
 use crate::convert::{self, ArrayLike, F64, shaped};
 use crate::error::{python, value};
@@ -20,6 +22,8 @@ pub struct Camera(mvtop_core::Camera);
 
 /// Arguments of `Camera` that are given by position: its matrix and its size.
 type ByPosition = (F64, (u32, u32));
+/// Those that are given by name.
+type ByName<'py> = BTreeMap<&'static str, Bound<'py, PyAny>>;
 
 #[pymethods]
 impl Camera {
@@ -124,16 +128,17 @@ impl Camera {
     }
 
     /// For pickle: the arguments by position and by name.
-    fn __getnewargs_ex__<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(ByPosition, Bound<'py, PyDict>)> {
-        let named = PyDict::new(py);
-        named.set_item("distortion", self.distortion())?;
-        named.set_item("model", self.model())?;
-        named.set_item("world_from_cam", self.world_from_cam())?;
-        named.set_item("id", self.id())?;
-        Ok(((self.intrinsics()?, self.size()), named))
+    fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<(ByPosition, ByName<'py>)> {
+        let named = [
+            ("distortion", self.distortion().into_bound_py_any(py)?),
+            ("model", self.model().into_bound_py_any(py)?),
+            (
+                "world_from_cam",
+                self.world_from_cam().into_bound_py_any(py)?,
+            ),
+            ("id", self.id().into_bound_py_any(py)?),
+        ];
+        Ok(((self.intrinsics()?, self.size()), named.into()))
     }
 
     fn __repr__(&self) -> String {
