@@ -21,7 +21,7 @@ class Camera:
         """
         (3, 3), intrinsics, px.
         """
-    def __getnewargs_ex__(self, /) -> tuple[tuple[NDArray[float64], tuple[int, int]], dict]:
+    def __getnewargs_ex__(self, /) -> tuple[tuple[NDArray[float64], tuple[int, int]], dict[str, Any]]:
         """
         For pickle: the arguments by position and by name.
         """
