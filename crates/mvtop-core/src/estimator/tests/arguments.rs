@@ -45,7 +45,7 @@ fn arguments_that_do_not_fit_are_refused_in_one_sentence() {
     };
     let none = refusal(&[], plain());
     assert!(matches!(none, Error::TooFewImages { got: 0, .. }), "{none}");
-    assert!(none.to_string().contains("at least 1"), "{none}");
+    assert!(none.to_string().contains("at least one"), "{none}");
     let twice = refusal(&images(&rig, &[1, 0, 1]), plain()).to_string();
     assert!(twice.contains("`middle`: expected one image"), "{twice}");
     let wrong = refusal(&[sized(0, 240, 320)], plain());
