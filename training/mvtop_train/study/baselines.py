@@ -7,7 +7,6 @@ Ours, small, and faithful to what the papers describe; each is given the known c
   wins. `HypothesisHeads` makes them.
 """
 
-import mvtop
 import numpy as np
 import torch
 from scipy.optimize import least_squares
@@ -31,6 +30,8 @@ def _moved(points, poses):
 
 def _distances(points, poses):
     """Mean distances of the model points under every two of poses [m, 4, 4]: [m, m], metres."""
+    import mvtop  # loads its compiled part
+
     surface = mvtop.metrics.Surface(points)
     return np.stack([surface.add(pose, poses) for pose in poses])
 

@@ -8,7 +8,6 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-import mvtop
 import numpy as np
 
 from ..errors import UserError
@@ -72,6 +71,8 @@ def roc(sigma: np.ndarray, resolved: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
     Equal sigmas fall together, so that ties count half (Hanley and McNeil 1982).
     """
+    import mvtop  # loads its compiled part
+
     fpr, tpr = mvtop.statistics.roc_curve(sigma, ~resolved).T
     area = mvtop.statistics.auroc(sigma, ~resolved)
     return fpr, tpr, np.nan if area is None else area
@@ -89,6 +90,8 @@ def calibration(run: Results, bins: int = 8) -> tuple[np.ndarray, np.ndarray]:
 
     Bins are quantiles of the expected error; there are fewer where a bin would have under 5 poses.
     """
+    import mvtop  # loads its compiled part
+
     expected, actual = run.sigma_rot_deg[run.found], run.rot_deg[run.found]
     bins = max(1, min(bins, len(expected) // 5))
     expected, actual = mvtop.statistics.calibration(expected, actual, bins).T
@@ -97,6 +100,8 @@ def calibration(run: Results, bins: int = 8) -> tuple[np.ndarray, np.ndarray]:
 
 def correlation(run: Results) -> float:
     """Pearson's, between expected and actual rotation error; NaN where either does not vary."""
+    import mvtop  # loads its compiled part
+
     expected, actual = run.sigma_rot_deg[run.found], run.rot_deg[run.found]
     pearson = mvtop.statistics.correlation(expected, actual)
     return np.nan if pearson is None else pearson

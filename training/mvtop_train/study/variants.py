@@ -4,7 +4,6 @@ import dataclasses
 import json
 from pathlib import Path
 
-import mvtop
 import numpy as np
 import torch
 from tqdm import tqdm
@@ -170,6 +169,8 @@ def hypotheses_of(output, count: int) -> np.ndarray:
 
 def errors(estimates: np.ndarray, truth: np.ndarray) -> dict:
     """Mean errors of poses [B, 4, 4], degrees and metres."""
+    import mvtop  # loads its compiled part
+
     angle = mvtop.metrics.rotation_error_deg(truth, estimates)
     add = mvtop.metrics.Surface(objects.ball().points).add(truth, estimates)
     return {
