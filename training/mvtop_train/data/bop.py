@@ -171,11 +171,7 @@ def load_index(root: Path, split: str = "train", obj: Object | None = None) -> l
     Without `obj`, every image must have exactly one annotation.
     """
     scenes = [scene for scene in (read_scene(p, obj) for p in _folders(root, split)) if scene]
-    if not scenes:
-        raise UserError(
-            f"no scenes in {root}/{split}; fix: python -m mvtop_train.generate --out {root}"
-        )
-    return scenes
+    return scenes or _refuse_empty(root, split)
 
 
 def _folders(root: Path, split: str) -> list[Path]:
@@ -185,13 +181,14 @@ def _folders(root: Path, split: str) -> list[Path]:
 
 def read_split(root: Path, split: str, obj: Object) -> dict[int, list[Image]]:
     """The images of `obj` in each whole scene, by the scene's number."""
-    folder = Path(root) / split
-    paths = sorted(p for p in folder.iterdir() if is_whole(p)) if folder.is_dir() else []
-    scenes = {int(path.name): read_scene(path, obj) for path in paths}
+    scenes = {int(path.name): read_scene(path, obj) for path in _folders(root, split)}
     scenes = {number: images for number, images in scenes.items() if images}
-    if not scenes:
-        raise UserError(f"no scenes in {folder}; fix: python -m mvtop_train.generate --out {root}")
-    return scenes
+    return scenes or _refuse_empty(root, split)
+
+
+def _refuse_empty(root: Path, split: str):
+    folder = Path(root) / split
+    raise UserError(f"no scenes in {folder}; fix: python -m mvtop_train.generate --out {root}")
 
 
 def _read(path: Path) -> dict:
