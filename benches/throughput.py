@@ -13,10 +13,9 @@ import time
 from pathlib import Path
 
 import torch
-from mvtop_train.data import batches, crops, objects
-from mvtop_train.data.views import ViewMaker
+from mvtop_train.data import batches, objects
 from mvtop_train.errors import argument_parser, command
-from mvtop_train.training import processes, runconfig
+from mvtop_train.training import loop, processes, runconfig
 from mvtop_train.training.checkpoint import TrainingState
 from mvtop_train.training.optimise import optimise
 
@@ -33,16 +32,14 @@ def _rate(make, seconds: float) -> float:
 
 
 def measure(settings: runconfig.RunConfig, seconds: float) -> dict:
-    device = processes.join().device
-    obj = objects.read(Path(settings.data), settings.object or None)
-    config = settings.network_config(objects.classes_of(obj))
-    scenes = batches.Scenes(Path(settings.data), obj, settings.held_out)
-    crop = crops.Crops(settings.crop, settings.augmentation_of(config))
-    stream = batches.Batches(
-        batches.Fresh(scenes, ViewMaker(crop, config, obj.bounds)),
-        settings.images, settings.views, settings.seed, 0, 1,
-        batches.Negatives(scenes, crop, round(settings.negatives * settings.images)),
-    )  # fmt: skip
+    me = processes.join()
+    device = me.device
+    known = settings.known()
+    config = settings.network_config(objects.classes_of(*known))
+    scenes = batches.Scenes(Path(settings.data), known, settings.held_out)
+    with tempfile.TemporaryDirectory() as scratch:  # nothing is saved, and none resumed
+        state = TrainingState(Path(scratch), config, device)
+    stream = loop.batches_of(settings, state, scenes, me)
     made = []
 
     def load():
@@ -53,8 +50,6 @@ def measure(settings: runconfig.RunConfig, seconds: float) -> dict:
     loader = _rate(load, seconds)
     busy = time.process_time() - begun
     views = sum(batch["image"].shape[:2].numel() for batch in made)
-    with tempfile.TemporaryDirectory() as scratch:  # nothing is saved, and none resumed
-        state = TrainingState(Path(scratch), config, device)
     taken = iter(range(1 << 30))
 
     def step():

@@ -23,10 +23,9 @@ fn estimator(c: &mut Criterion) {
                 camera: view,
                 image: image::load(&file, camera).expect("an image of the example"),
             });
-            let size = [camera.width(), camera.height()];
+            let (id, size) = (format!("view{view}"), [camera.width(), camera.height()]);
             let (intrinsics, pose) = (camera.intrinsics().clone(), *camera.world_from_cam());
-            let camera = Camera::new(format!("view{view}"), size, intrinsics, pose);
-            cameras.push(camera.expect("the example's camera"));
+            cameras.push(Camera::new(id, size, intrinsics, pose).expect("the example's camera"));
         }
         let rig = Rig::new(cameras, 0).expect("a rig");
         group.bench_function(format!("{views} views"), |b| {

@@ -4,40 +4,25 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use mvtop_benches::{noise, repository};
 use mvtop_core::onnx::{Runtime, SessionOptions};
-use mvtop_core::sampling::{Dims, Gradients, LevelShapes, Sampling};
+use mvtop_core::sampling::{Gradients, LevelShapes, Sampling};
 use ndarray::{Array4, Array5, Array6};
 use std::hint::black_box;
 
 /// Of the fixture graphs; the queries of an encoder layer are the cells themselves.
 const LEVELS: [(usize, usize); 3] = [(20, 20), (10, 10), (5, 5)];
-const DIMS: Dims = Dims {
-    batch: 2,
-    heads: 8,
-    head_dim: 16,
-    queries: 525,
-    points: 4,
-};
+const QUERIES: usize = 525;
 
 fn sampling(c: &mut Criterion) {
-    let Dims {
-        batch,
-        heads,
-        head_dim,
-        queries,
-        points,
-    } = DIMS;
+    let (batch, heads, head_dim, points) = (2, 8, 16, 4);
     let levels = LevelShapes::new(&LEVELS).expect("valid levels");
     let value: Array4<f32> = noise((batch, levels.cells(), heads, head_dim), -1.0, 1.0);
-    let locations: Array6<f32> = noise((batch, queries, heads, levels.len(), points, 2), 0.0, 1.0);
-    let weights: Array5<f32> = noise((batch, queries, heads, levels.len(), points), 0.0, 0.1);
-    let slices = (value.as_slice(), locations.as_slice(), weights.as_slice());
-    let (Some(v), Some(l), Some(w)) = slices else {
-        unreachable!("new arrays are contiguous")
-    };
-    let problem = Sampling::new(&levels, DIMS, v, l, w).expect("matching shapes");
+    let locations: Array6<f32> = noise((batch, QUERIES, heads, levels.len(), points, 2), 0.0, 1.0);
+    let weights: Array5<f32> = noise((batch, QUERIES, heads, levels.len(), points), 0.0, 0.1);
+    let problem = Sampling::of_arrays(&levels, value.view(), locations.view(), weights.view());
+    let problem = problem.expect("matching shapes");
     let mut out = vec![0.0; problem.output_len()];
     let grad_out = out.clone();
-    let mut grads = [v.to_vec(), l.to_vec(), w.to_vec()];
+    let mut grads = [value.len(), locations.len(), weights.len()].map(|len| vec![0.0; len]);
 
     let mut group = c.benchmark_group("sampling");
     group.bench_function("kernel/forward", |b| {
@@ -46,14 +31,12 @@ fn sampling(c: &mut Criterion) {
     group.bench_function("kernel/backward", |b| {
         b.iter(|| {
             let [value, locations, weights] = &mut grads;
-            problem.backward(
-                black_box(&grad_out),
-                Gradients {
-                    value,
-                    locations,
-                    weights,
-                },
-            )
+            let gradients = Gradients {
+                value,
+                locations,
+                weights,
+            };
+            problem.backward(black_box(&grad_out), gradients)
         })
     });
     let runtime = match Runtime::locate(None) {

@@ -67,14 +67,12 @@ fn main() -> Result<(), Failure> {
     watch.print("written", "");
 
     let watch = Watch::start();
-    let files = [
-        Files::find(&folder.join("test"))?,
-        Files::find(&folder.join("train"))?,
-    ];
-    let [a, b] = [files[0].read(|_| ())?, files[1].read(|_| ())?];
+    let files = |name| Files::find(&folder.join(name));
+    let (test, train) = (files("test")?, files("train")?);
+    let (a, b) = (test.read(|_| ())?, train.read(|_| ())?);
     let common = common_objects(&a, &b)?;
     let models = load_models(&folder.join("models"), |id| common.contains(&id))?;
-    let megabytes = (files[0].bytes + files[1].bytes) as f64 / 1e6;
+    let megabytes = (test.bytes + train.bytes) as f64 / 1e6;
     watch.print(
         "read",
         &format!("{megabytes:.0} MB, {} and {} poses", a.poses(), b.poses()),

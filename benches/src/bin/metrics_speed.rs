@@ -9,7 +9,7 @@ use mvtop_eval::metrics::{
     BOP_MAX_STEP, ContinuousSymmetry, MatchingCost, Surface, Symmetries, VSD_TAUS, VsdOptions, vsd,
 };
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use ndarray::{Array2, Array3, Axis};
+use ndarray::{Array2, Array3};
 use safetensors::SafeTensors;
 
 type Metric<'a> = &'a dyn Fn(usize) -> f64;
@@ -19,10 +19,9 @@ fn main() {
     let bytes = std::fs::read(path).expect("a readable file");
     let file = SafeTensors::deserialize(&bytes).expect("a safetensors file");
     let numbers = |name: &str| -> Vec<f64> {
-        let data = file.tensor(name).expect(name).data();
-        let numbers = data.chunks_exact(8);
-        numbers
-            .map(|b| f64::from_le_bytes(b.try_into().expect("8 bytes")))
+        let (data, _) = file.tensor(name).expect(name).data().as_chunks();
+        data.iter()
+            .map(|&bytes| f64::from_le_bytes(bytes))
             .collect()
     };
     let motions = |name: &str| -> Vec<Isometry3<f64>> {
@@ -33,30 +32,20 @@ fn main() {
         let &[n, height, width] = tensor.shape() else {
             panic!("{name}: three axes")
         };
-        let numbers = tensor.data().chunks_exact(4);
-        let numbers = numbers.map(|b| f32::from_le_bytes(b.try_into().expect("4 bytes")));
+        let (numbers, _) = tensor.data().as_chunks();
+        let numbers = numbers.iter().map(|&bytes| f32::from_le_bytes(bytes));
         let images = Array3::from_shape_vec((n, height, width), numbers.collect()).expect(name);
-        images
-            .axis_iter(Axis(0))
-            .map(|image| image.to_owned())
-            .collect()
+        images.outer_iter().map(|image| image.to_owned()).collect()
     };
-    let points: Vec<Point3<f64>> = numbers("points")
-        .chunks_exact(3)
-        .map(Point3::from_slice)
-        .collect();
+    let points = numbers("points");
+    let points: Vec<Point3<f64>> = points.chunks_exact(3).map(Point3::from_slice).collect();
     let surface = Surface::new(&points).expect("points");
     let (truth, estimate) = (motions("truth"), motions("estimate"));
     let (depth_truth, depth_estimate) = (images("depth_truth"), images("depth_estimate"));
-    let intrinsics = numbers("lens");
-    let intrinsics = Intrinsics::new(
-        intrinsics[0],
-        intrinsics[1],
-        intrinsics[2],
-        intrinsics[3],
-        Projection::Pinhole,
-    )
-    .expect("a camera");
+    let &[fx, fy, cx, cy] = &numbers("lens")[..] else {
+        panic!("lens: four numbers")
+    };
+    let intrinsics = Intrinsics::new(fx, fy, cx, cy, Projection::Pinhole).expect("a camera");
     let turn = ContinuousSymmetry {
         axis: Vector3::z_axis(),
         offset: Point3::origin(),
@@ -74,27 +63,19 @@ fn main() {
     let start = Instant::now();
     black_box(surface.add_s(&truth[0], &truth[0]));
     eprintln!("first ADD-S, tree included: {:?}", start.elapsed());
+    let mssd = |i: usize, symmetries| surface.mssd(&truth[i], &estimate[i], symmetries);
+    let mspd =
+        |i: usize, symmetries| surface.mspd(&truth[i], &estimate[i], symmetries, &intrinsics);
     let metrics: [(&str, Metric); 7] = [
         ("add", &|i| surface.add(&truth[i], &estimate[i])),
         ("adi", &|i| surface.add_s(&truth[i], &estimate[i])),
-        ("mssd", &|i| surface.mssd(&truth[i], &estimate[i], &none)),
-        ("mssd_turns", &|i| {
-            surface.mssd(&truth[i], &estimate[i], &turns)
-        }),
-        ("mspd", &|i| {
-            surface.mspd(&truth[i], &estimate[i], &none, &intrinsics)
-        }),
-        ("mspd_turns", &|i| {
-            surface.mspd(&truth[i], &estimate[i], &turns, &intrinsics)
-        }),
+        ("mssd", &|i| mssd(i, &none)),
+        ("mssd_turns", &|i| mssd(i, &turns)),
+        ("mspd", &|i| mspd(i, &none)),
+        ("mspd_turns", &|i| mspd(i, &turns)),
         ("vsd", &|i| {
-            let errors = vsd(
-                &depth_estimate[i],
-                &depth_truth[i],
-                &measured,
-                &intrinsics,
-                &options,
-            );
+            let (estimate, truth) = (&depth_estimate[i], &depth_truth[i]);
+            let errors = vsd(estimate, truth, &measured, &intrinsics, &options);
             let errors = errors.expect("images of one size");
             errors.iter().sum::<f64>() / errors.len() as f64
         }),

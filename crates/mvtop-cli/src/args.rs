@@ -1,13 +1,15 @@
 //! The arguments of each command.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand};
-use mvtop_core::Options;
 use mvtop_core::onnx::{Provider, SessionOptions};
+use mvtop_core::{Estimator, Options};
 
 use crate::audit::args::Audit;
 use crate::eval::args::Eval;
+use crate::failure::Result;
+use crate::model_dir;
 
 /// 6-DoF poses of objects seen by several calibrated cameras.
 #[derive(Parser)]
@@ -110,25 +112,29 @@ pub struct NetworkArgs {
 }
 
 impl NetworkArgs {
-    pub fn options(&self) -> Options {
-        Options {
-            ort_lib: self.ort_lib.clone(),
-            session: SessionOptions {
-                provider: self.provider,
-                threads: self.threads,
-            },
-        }
+    /// The model bundle's folder.
+    pub fn bundle(&self) -> Result<PathBuf> {
+        model_dir::find(self.model.as_deref())
+    }
+
+    pub fn load(&self, bundle: &Path) -> Result<Estimator> {
+        let session = SessionOptions {
+            provider: self.provider,
+            threads: self.threads,
+        };
+        let ort_lib = self.ort_lib.clone();
+        Ok(Estimator::load(bundle, &Options { ort_lib, session })?)
     }
 }
 
-pub fn not_negative(text: &str) -> Result<f64, String> {
+pub fn not_negative(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
         Ok(number) if number.is_finite() && number >= 0.0 => Ok(number),
         _ => Err("expected a number of 0 or more".into()),
     }
 }
 
-pub fn positive(text: &str) -> Result<f64, String> {
+pub fn positive(text: &str) -> std::result::Result<f64, String> {
     match not_negative(text) {
         Ok(number) if number > 0.0 => Ok(number),
         _ => Err("expected a number above 0".into()),

@@ -18,22 +18,20 @@ pub fn run(command: &Audit) -> Result<()> {
     let data = ["leakage.json", "pairs.csv"];
     let page = ["report.html", "histogram.svg"];
     let folder = args.out.as_ref().or(args.report.as_ref());
-    let of_data = folder
-        .iter()
-        .flat_map(|folder| data.map(|name| folder.join(name)));
-    let of_page = args.report.iter();
-    let of_page = of_page.flat_map(|folder| page.map(|name| folder.join(name)));
-    for path in of_data.chain(of_page) {
-        write::may_write(&path, args.force)?;
+    for (folder, names) in [(folder, data), (args.report.as_ref(), page)] {
+        for path in folder
+            .iter()
+            .flat_map(|folder| names.map(|name| folder.join(name)))
+        {
+            write::may_write(&path, args.force)?;
+        }
     }
     let (a, b) = read(&args.a, &args.b)?;
-    let models = match &args.meshes {
-        Some(folder) => {
-            let common = common_objects(&a, &b)?;
-            Some(load_models(folder, |id| common.contains(&id))?)
-        }
-        None => None,
-    };
+    let mut models = None;
+    if let Some(folder) = &args.meshes {
+        let common = common_objects(&a, &b)?;
+        models = Some(load_models(folder, |id| common.contains(&id))?);
+    }
     let (measure, limit) = match models {
         Some(_) => (Measure::AddPercent, args.add_percent),
         None => (Measure::RotDeg, args.rot_deg),

@@ -2,13 +2,12 @@
 
 use std::path::Path;
 
+use mvtop_core::Error;
 use mvtop_core::bundle::Bundle;
 use mvtop_core::onnx::{Provider, Runtime};
-use mvtop_core::{Error, Estimator};
 
 use crate::args::NetworkArgs;
 use crate::failure::{Failure, Result};
-use crate::model_dir;
 use crate::write::print;
 
 pub fn run(args: &NetworkArgs) -> Result<()> {
@@ -16,11 +15,11 @@ pub fn run(args: &NetworkArgs) -> Result<()> {
     let runtime = Runtime::locate(args.ort_lib.as_deref());
     print(&format!("{}\n", on_runtime(&runtime)))?;
 
-    let model = model_dir::find(args.model.as_deref()).and_then(|dir| {
+    let model = args.bundle().and_then(|dir| {
         print(&format!("Model  {}", dir.display()))?;
         check_bundle(&dir)?;
         if runtime.is_ok() {
-            Estimator::load(&dir, &args.options())?;
+            args.load(&dir)?;
             print(&format!("  networks   load and run on `{}`", args.provider))?;
         }
         Ok(())
@@ -42,11 +41,8 @@ fn on_runtime(runtime: &mvtop_core::Result<Runtime>) -> String {
     let mut lines = Vec::new();
     let attempts = match runtime {
         Ok(runtime) => {
-            let providers: Vec<&str> = runtime
-                .providers()
-                .into_iter()
-                .map(Provider::name)
-                .collect();
+            let providers = runtime.providers().into_iter().map(Provider::name);
+            let providers: Vec<&str> = providers.collect();
             lines.push(format!("ONNX Runtime  {}", runtime.library().display()));
             lines.push(format!("  found in    {}", runtime.found_in()));
             if let Some(version) = runtime.version() {
@@ -75,23 +71,17 @@ fn on_runtime(runtime: &mvtop_core::Result<Runtime>) -> String {
 
 fn check_bundle(dir: &Path) -> Result<()> {
     let bundle = Bundle::load(dir)?;
-    let classes: Vec<&str> = bundle
-        .classes
-        .iter()
-        .map(|class| class.name.as_str())
-        .collect();
-    let kind = if bundle.portable {
-        "standard operators only"
-    } else {
-        "mvtop's operator"
+    let classes: Vec<&str> = bundle.classes.iter().map(|c| c.name.as_str()).collect();
+    let kind = match bundle.portable {
+        true => "standard operators only",
+        false => "mvtop's operator",
     };
-    print(&format!("  preset     {} ({kind})", bundle.preset))?;
-    print(&format!("  classes    {}", classes.join(", ")))?;
+    let (preset, classes) = (&bundle.preset, classes.join(", "));
+    let (width, height) = (bundle.input.width, bundle.input.height);
     print(&format!(
-        "  input      {}x{} px",
-        bundle.input.width, bundle.input.height
-    ))?;
-    print("  checksums  match")
+        "  preset     {preset} ({kind})\n  classes    {classes}\n  input      {width}x{height} px\n  \
+         checksums  match"
+    ))
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use mvtop_core::{Estimator, PredictOptions, Prediction, Rig, ViewImage, annotati
 use crate::args::Infer;
 use crate::failure::{Failure, Result};
 use crate::write::{may_write, pretty_json, print};
-use crate::{model_dir, table, write};
+use crate::{table, write};
 
 /// File name of all views side by side.
 const SHEET: &str = "all_views.png";
@@ -18,43 +18,30 @@ const SHEET: &str = "all_views.png";
 pub fn run(args: &Infer) -> Result<()> {
     let rig = Rig::load(&args.rig)?;
     let files = assign(&rig, &args.images)?;
+    let boxes = args.boxes.as_deref().map(annotations::load_boxes);
     let options = PredictOptions {
         reference: args.reference.clone(),
-        boxes: args
-            .boxes
-            .as_deref()
-            .map(annotations::load_boxes)
-            .transpose()?,
+        boxes: boxes.transpose()?,
         min_views: args.detection.min_views as usize,
     };
-    let truth = args
-        .truth
-        .as_deref()
-        .map(annotations::load_truth)
-        .transpose()?;
-    let pictures = match &args.overlay {
-        Some(dir) => Some(Pictures::plan(dir, &rig, &files, args.force)?),
-        None => None,
-    };
+    let truth = args.truth.as_deref().map(annotations::load_truth);
+    let truth = truth.transpose()?;
+    let pictures = args.overlay.as_ref();
+    let pictures = pictures.map(|dir| Pictures::plan(dir, &rig, &files, args.force));
+    let pictures = pictures.transpose()?;
     let mut images = Vec::new();
     for (camera, path) in files {
         let image = mvtop_core::image::load(&path, &rig.cameras()[camera])?;
         images.push(ViewImage { camera, image });
     }
-    let estimator = Estimator::load(
-        &model_dir::find(args.network.model.as_deref())?,
-        &args.network.options(),
-    )?;
+    let estimator = args.network.load(&args.network.bundle()?)?;
 
     let prediction = estimator.predict(&rig, &images, &options)?;
 
-    let written = match &pictures {
-        Some(pictures) => {
-            let truth = truth.as_deref().unwrap_or_default();
-            pictures.write(&prediction, &estimator, &rig, &images, truth)?
-        }
-        None => Vec::new(),
-    };
+    if let Some(pictures) = &pictures {
+        let truth = truth.as_deref().unwrap_or_default();
+        pictures.write(&prediction, &estimator, &rig, &images, truth)?;
+    }
     if args.json {
         return print(&pretty_json(&Report::new(&prediction, &rig))?);
     }
@@ -62,11 +49,9 @@ pub fn run(args: &Infer) -> Result<()> {
     if let Some(truth) = &truth {
         print(&format!("\n{}", table::compared(&prediction, truth, &rig)))?;
     }
-    if !written.is_empty() {
-        let written: Vec<String> = written
-            .iter()
-            .map(|path| path.display().to_string())
-            .collect();
+    if let Some(pictures) = &pictures {
+        let written = pictures.files.iter().map(|path| path.display().to_string());
+        let written: Vec<String> = written.collect();
         print(&format!("\npictures: {}", written.join(" ")))?;
     }
     Ok(())
@@ -74,8 +59,6 @@ pub fn run(args: &Infer) -> Result<()> {
 
 /// Which camera each image belongs to.
 fn assign(rig: &Rig, images: &[PathBuf]) -> Result<Vec<(usize, PathBuf)>> {
-    let ids: Vec<&str> = rig.cameras().iter().map(|camera| camera.id()).collect();
-    let ids = ids.join(", ");
     let mut named = Vec::new();
     for image in images {
         let Some((id, path)) = image.to_str().and_then(|text| text.split_once('=')) else {
@@ -85,10 +68,7 @@ fn assign(rig: &Rig, images: &[PathBuf]) -> Result<Vec<(usize, PathBuf)>> {
             Some(camera) => named.push((camera, PathBuf::from(path))),
             None if image.exists() => {} // A file that has `=` in its name.
             None => {
-                let image = image.display();
-                return Err(Failure(format!(
-                    "image `{image}`: no camera `{id}` in the rig, expected one of: {ids}"
-                )));
+                rig.find(&format!("image `{}`", image.display()), id)?;
             }
         }
     }
@@ -102,10 +82,12 @@ fn assign(rig: &Rig, images: &[PathBuf]) -> Result<Vec<(usize, PathBuf)>> {
         ));
     }
     if images.len() != rig.cameras().len() {
+        let ids: Vec<&str> = rig.cameras().iter().map(|camera| camera.id()).collect();
         return Err(Failure(format!(
-            "expected {} images, one for each camera of the rig ({ids}), got {}; to use some of \
-             the cameras, give each image as ID=PATH",
-            rig.cameras().len(),
+            "expected {} images, one for each camera of the rig ({}), got {}; to use some of the \
+             cameras, give each image as ID=PATH",
+            ids.len(),
+            ids.join(", "),
             images.len()
         )));
     }
@@ -115,9 +97,8 @@ fn assign(rig: &Rig, images: &[PathBuf]) -> Result<Vec<(usize, PathBuf)>> {
 /// Where the pictures go.
 struct Pictures {
     dir: PathBuf,
-    /// In the order of the images.
+    /// In the order of the images, then all views side by side.
     files: Vec<PathBuf>,
-    sheet: PathBuf,
 }
 
 impl Pictures {
@@ -133,27 +114,21 @@ impl Pictures {
             }
             files.push(dir.join(name));
         }
-        let sheet = dir.join(SHEET);
-        for path in files.iter().chain([&sheet]) {
+        files.push(dir.join(SHEET));
+        for path in &files {
             may_write(path, force)?;
-            let same = |image: &(usize, PathBuf)| {
-                image
-                    .1
-                    .canonicalize()
-                    .is_ok_and(|image| path.canonicalize().is_ok_and(|p| p == image))
-            };
-            if images.iter().any(same) {
+            // `None` of a file that is not there, as of most pictures.
+            let file = path.canonicalize().ok();
+            let same = |(_, image): &(usize, PathBuf)| image.canonicalize().ok() == file;
+            if file.is_some() && images.iter().any(same) {
                 let path = path.display();
                 return Err(Failure(format!(
                     "{path} is one of the images; give --overlay another folder"
                 )));
             }
         }
-        Ok(Self {
-            dir: dir.to_owned(),
-            files,
-            sheet,
-        })
+        let dir = dir.to_owned();
+        Ok(Self { dir, files })
     }
 
     fn write(
@@ -163,7 +138,7 @@ impl Pictures {
         rig: &Rig,
         images: &[ViewImage],
         truth: &[TruePose],
-    ) -> Result<Vec<PathBuf>> {
+    ) -> Result<()> {
         write::folder(&self.dir)?;
         let bundle = estimator.bundle();
         let mut drawn = overlay::draw_prediction(prediction, &bundle.classes, rig, images);
@@ -178,25 +153,17 @@ impl Pictures {
                 *picture = overlay::draw_truth(picture, camera, &known.world_from_obj, diameter_m);
             }
         }
-        let sheet = overlay::contact_sheet(&drawn);
-        let files = self.files.iter().chain([&self.sheet]);
-        for (path, picture) in files.clone().zip(drawn.iter().chain([&sheet])) {
-            picture
-                .save(path)
-                .map_err(|cause| Failure(format!("cannot write {}: {cause}", path.display())))?;
+        drawn.push(overlay::contact_sheet(&drawn));
+        for (path, picture) in self.files.iter().zip(&drawn) {
+            let saved = picture.save(path);
+            saved.map_err(|cause| Failure(format!("cannot write {}: {cause}", path.display())))?;
         }
-        Ok(files.cloned().collect())
+        Ok(())
     }
 }
 
 /// A camera's id as a file name that is safe everywhere.
 fn file_name(id: &str) -> String {
-    let safe = |c: char| {
-        if c.is_ascii_alphanumeric() || "-_".contains(c) {
-            c
-        } else {
-            '_'
-        }
-    };
-    format!("{}.png", id.chars().map(safe).collect::<String>())
+    let other = |c: char| !(c.is_ascii_alphanumeric() || "-_".contains(c));
+    format!("{}.png", id.replace(other, "_"))
 }

@@ -64,6 +64,7 @@ mod tests {
                 rot_deg: 1.0,
                 t_m: 0.01,
             },
+            symmetry: mvtop_core::symmetry::Symmetry::default(),
             cameras: Vec::new(),
         });
         let prediction = Prediction {

@@ -17,9 +17,8 @@ pub fn find(named: Option<&Path>) -> Result<PathBuf> {
     }
     let executable = std::env::current_exe().unwrap_or_default();
     let above = executable.ancestors().skip(1).map(|dir| dir.join(SHIPPED));
-    let tried: Vec<PathBuf> = std::iter::once(PathBuf::from(SHIPPED))
-        .chain(above)
-        .collect();
+    let here = std::iter::once(PathBuf::from(SHIPPED));
+    let tried: Vec<PathBuf> = here.chain(above).collect();
     let found = tried.iter().find(|dir| dir.join("model.json").is_file());
     found.cloned().ok_or_else(|| {
         let tried: Vec<String> = tried.iter().map(|dir| dir.display().to_string()).collect();

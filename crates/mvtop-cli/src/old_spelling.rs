@@ -6,81 +6,73 @@ use std::ffi::OsString;
 ///
 /// - `args`: the first is the program's own name
 pub fn today(args: &[OsString]) -> Option<String> {
-    let args: Option<Vec<&str>> = args.iter().skip(1).map(|arg| arg.to_str()).collect();
-    let mut words = Words(args?.into_iter().map(str::to_owned).collect());
-    let command: Vec<&str> = words.0.iter().take(2).map(String::as_str).collect();
-    let today = match command[..] {
+    let words: Option<Vec<String>> = args
+        .iter()
+        .map(|arg| arg.to_str().map(Into::into))
+        .collect();
+    let mut words = words?;
+    *words.first_mut()? = "mvtop-cli".into();
+    let command: Vec<&str> = words.iter().skip(1).take(2).map(String::as_str).collect();
+    match command[..] {
         ["eval", "samples" | "bop"] => return None,
-        ["eval", ..] => words.eval()?,
-        ["audit", "leakage"] => words.leakage()?,
+        ["eval", ..] => eval(&mut words)?,
+        ["audit", "leakage"] => leakage(&mut words)?,
         _ => return None,
-    };
-    let today = today.iter().map(String::as_str);
-    shlex::try_join(["mvtop-cli"].into_iter().chain(today)).ok()
+    }
+    shlex::try_join(words.iter().map(String::as_str)).ok()
 }
 
-struct Words(Vec<String>);
+/// `eval --samples DIR`, `eval --dataset DIR`; both printed JSON.
+fn eval(words: &mut Vec<String>) -> Option<()> {
+    let kind = match take(words, "--samples") {
+        Some(folder) => vec!["samples".to_owned(), folder],
+        None => position(words, "--dataset").map(|_| vec!["bop".to_owned()])?,
+    };
+    words.splice(2..2, kind);
+    words.push("--json".into());
+    Some(())
+}
 
-impl Words {
-    /// `eval --samples DIR`, `eval --dataset DIR`; both printed JSON.
-    fn eval(&mut self) -> Option<Vec<String>> {
-        let kind = match self.take("--samples") {
-            Some(folder) => vec!["samples".to_owned(), folder],
-            None if self.has("--dataset") => vec!["bop".to_owned()],
-            None => return None,
-        };
-        self.0.splice(1..1, kind);
-        self.0.push("--json".into());
-        Some(self.0.clone())
-    }
-
-    /// `audit leakage --models DIR --json FILE --pairs FILE --picture FILE`
-    fn leakage(&mut self) -> Option<Vec<String>> {
-        let meshes = self.take("--models");
-        let picture = self.take("--picture");
-        let data = ["--json", "--pairs"].map(|name| self.take(name));
-        let file = picture.iter().chain(data.iter().flatten()).next();
-        let folder = file.map(|file| match file.rsplit_once('/') {
+/// `audit leakage --models DIR --json FILE --pairs FILE --picture FILE`
+fn leakage(words: &mut Vec<String>) -> Option<()> {
+    let [meshes, picture, json, pairs] =
+        ["--models", "--picture", "--json", "--pairs"].map(|name| take(words, name));
+    let results = if picture.is_some() {
+        "--report"
+    } else {
+        "--out"
+    };
+    let folder = picture
+        .or(json)
+        .or(pairs)
+        .map(|file| match file.rsplit_once('/') {
             Some((folder, _)) if !folder.is_empty() => folder.to_owned(),
             _ => ".".to_owned(),
         });
-        let results = if picture.is_some() {
-            "--report"
-        } else {
-            "--out"
-        };
-        let named = [("--meshes", meshes), (results, folder)];
-        let named: Vec<String> = named
-            .into_iter()
-            .filter_map(|(name, value)| Some([name.to_owned(), value?]))
-            .flatten()
-            .collect();
-        self.0.extend(named.iter().cloned());
-        (!named.is_empty()).then(|| self.0.clone())
+    let before = words.len();
+    for (name, value) in [("--meshes", meshes), (results, folder)] {
+        words.extend(value.into_iter().flat_map(|value| [name.to_owned(), value]));
     }
+    (words.len() > before).then_some(())
+}
 
-    fn has(&self, name: &str) -> bool {
-        let long = format!("{name}=");
-        self.0
-            .iter()
-            .any(|word| word == name || word.starts_with(&long))
-    }
+fn position(words: &[String], name: &str) -> Option<usize> {
+    let is = |word: &String| {
+        word.strip_prefix(name)
+            .is_some_and(|w| w.is_empty() || w.starts_with('='))
+    };
+    words.iter().position(is)
+}
 
-    /// Takes out an option that has a value, and gives this.
-    fn take(&mut self, name: &str) -> Option<String> {
-        let long = format!("{name}=");
-        let at = self
-            .0
-            .iter()
-            .position(|word| word == name || word.starts_with(&long))?;
-        if let Some(value) = self.0[at].strip_prefix(&long).map(str::to_owned) {
-            self.0.remove(at);
-            return Some(value);
-        }
-        self.0
-            .get(at + 1)
-            .filter(|value| !value.starts_with("--"))?;
-        self.0.remove(at);
-        Some(self.0.remove(at))
+/// Takes out an option that has a value, and gives this.
+fn take(words: &mut Vec<String>, name: &str) -> Option<String> {
+    let at = position(words, name)?;
+    if let Some((_, value)) = words[at].split_once('=') {
+        let value = value.to_owned();
+        words.remove(at);
+        return Some(value);
     }
+    words.get(at + 1).filter(|value| !value.starts_with("--"))?;
+    words.remove(at);
+    Some(words.remove(at))
 }

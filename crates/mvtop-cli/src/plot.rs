@@ -17,6 +17,29 @@ const COLORS: [RGBColor; 2] = [RGBColor(31, 119, 180), RGBColor(214, 39, 40)];
 const LINES: RGBColor = RGBColor(221, 221, 221);
 const REST: RGBColor = RGBColor(153, 153, 153);
 
+/// A chart with its title and axes; what differs of the axes is set by the last argument.
+macro_rules! chart {
+    ($area:expr, $title:expr, $y_label_area:expr, $axes:expr, |$mesh:ident| $set:expr) => {{
+        let (x, y) = $axes;
+        let mut chart = ChartBuilder::on($area)
+            .caption($title, ("sans-serif", 16))
+            .margin(8)
+            .margin_right(16)
+            .x_label_area_size(36)
+            .y_label_area_size($y_label_area)
+            .build_cartesian_2d(x, y)?;
+        let mut mesh = chart.configure_mesh();
+        let $mesh = mesh
+            .disable_x_mesh()
+            .bold_line_style(LINES)
+            .light_line_style(TRANSPARENT)
+            .label_style(("sans-serif", 14))
+            .x_label_formatter(&|x| number(*x));
+        $set.draw()?;
+        chart
+    }};
+}
+
 /// A histogram. The last bar holds all that lies beyond the others.
 pub struct Bars<'a> {
     /// px
@@ -36,26 +59,15 @@ impl Bars<'_> {
         svg(self.size, |area| {
             let most = self.counts.iter().copied().max().unwrap_or(0);
             let x_max = self.width * self.counts.len() as f64;
-            let mut chart = ChartBuilder::on(area)
-                .caption(self.title, ("sans-serif", 16))
-                .margin(8)
-                .margin_right(16)
-                .x_label_area_size(36)
-                .y_label_area_size(if self.y_label.is_empty() { 36 } else { 64 })
-                // Room for what stands above the highest bar.
-                .build_cartesian_2d(0.0..x_max, 0..most + most / 10 + 1)?;
-            chart
-                .configure_mesh()
-                .disable_x_mesh()
-                .bold_line_style(LINES)
-                .light_line_style(TRANSPARENT)
-                .x_desc(self.x_label)
-                .y_desc(self.y_label)
-                .x_labels(self.size.0 as usize / 60)
-                .y_labels(self.size.1 as usize / 40)
-                .label_style(("sans-serif", 14))
-                .x_label_formatter(&|x| number(*x))
-                .draw()?;
+            // Room for what stands above the highest bar.
+            let axes = (0.0..x_max, 0..most + most / 10 + 1);
+            let y_label_area = if self.y_label.is_empty() { 36 } else { 64 };
+            let mut chart = chart!(area, self.title, y_label_area, axes, |mesh| {
+                mesh.x_desc(self.x_label)
+                    .y_desc(self.y_label)
+                    .x_labels(self.size.0 as usize / 60)
+                    .y_labels(self.size.1 as usize / 40)
+            });
             for (bin, &count) in self.counts.iter().enumerate() {
                 let last = bin + 1 == self.counts.len();
                 let color = if last { REST } else { COLORS[0] };
@@ -122,25 +134,10 @@ pub fn recall_curves(
     errors_of: &[(&str, Vec<f64>)],
 ) -> Result<String> {
     svg(SMALL, |area| {
-        let mut chart = ChartBuilder::on(area)
-            .caption(title, ("sans-serif", 16))
-            .margin(8)
-            .margin_right(16)
-            .x_label_area_size(36)
-            .y_label_area_size(36)
-            .build_cartesian_2d(0.0..max, 0.0..1.0)?;
-        chart
-            .configure_mesh()
-            .disable_x_mesh()
-            .bold_line_style(LINES)
-            .light_line_style(TRANSPARENT)
-            .x_desc(unit)
-            .x_labels(6)
-            .y_labels(6)
-            .label_style(("sans-serif", 14))
-            .x_label_formatter(&|x| number(*x))
-            .y_label_formatter(&|y| number(*y))
-            .draw()?;
+        let mut chart = chart!(area, title, 36, (0.0..max, 0.0..1.0), |mesh| {
+            let mesh = mesh.x_desc(unit).x_labels(6).y_labels(6);
+            mesh.y_label_formatter(&|y| number(*y))
+        });
         for ((name, errors), color) in errors_of.iter().zip(COLORS) {
             chart
                 .draw_series(LineSeries::new(steps(errors, max), color.stroke_width(2)))?

@@ -54,22 +54,16 @@ pub fn compared(prediction: &Prediction, truth: &[TruePose], rig: &Rig) -> Strin
     for (known, found) in truth.iter().zip(matches(truth, prediction)) {
         let ref_from_obj = world_from_ref.inv_mul(&known.world_from_obj);
         lines.push(format!("{}  {:24}  q_wxyz", known.seen.class, "t (m)"));
-        match found {
-            Some(object) => {
-                let rotation =
-                    rotation_error_deg(&ref_from_obj.rotation, &object.ref_from_obj.rotation);
-                let translation = translation_error(&ref_from_obj, &object.ref_from_obj);
-                lines.push(format!("  predicted  {}", pose(&object.ref_from_obj)));
-                lines.push(format!("  known      {}", pose(&ref_from_obj)));
-                lines.push(format!(
-                    "  error      rotation {rotation:.2} deg, translation {:.1} mm",
-                    translation * 1e3
-                ));
-            }
-            None => {
-                lines.push("  predicted  not found".to_owned());
-                lines.push(format!("  known      {}", pose(&ref_from_obj)));
-            }
+        let found = found.map(|object| &object.ref_from_obj);
+        let predicted = found.map_or("not found".into(), pose);
+        lines.push(format!("  predicted  {predicted}"));
+        lines.push(format!("  known      {}", pose(&ref_from_obj)));
+        if let Some(found) = found {
+            let rotation = rotation_error_deg(&ref_from_obj.rotation, &found.rotation);
+            let translation = 1e3 * translation_error(&ref_from_obj, found);
+            lines.push(format!(
+                "  error      rotation {rotation:.2} deg, translation {translation:.1} mm"
+            ));
         }
     }
     lines.join("\n")

@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use crate::rig::transform;
-use crate::{BBox, Error, Result};
+use crate::{BBox, Error, Result, json};
 
 /// One object and where the cameras see it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -56,26 +56,20 @@ pub fn load_truth(path: &Path) -> Result<Vec<TruePose>> {
         boxes: BTreeMap<String, BBox>,
     }
     let expected = r#"{"objects": [{"class": NAME, "T_world_obj": 4x4 rows in metres}]}"#;
+    let refuse = |problem| Error::Annotations {
+        path: path.to_owned(),
+        problem,
+    };
     let pose = |(i, object): (usize, Object)| {
         let place = format!("T_world_obj of object {i}");
+        let (class, boxes) = (object.class, object.boxes);
         Ok(TruePose {
-            world_from_obj: transform::read(place, &object.t_world_obj, 1.0).map_err(
-                |problem| Error::Annotations {
-                    path: path.to_owned(),
-                    problem,
-                },
-            )?,
-            seen: GivenBoxes {
-                class: object.class,
-                boxes: object.boxes,
-            },
+            seen: GivenBoxes { class, boxes },
+            world_from_obj: transform::read(place, &object.t_world_obj, 1.0).map_err(refuse)?,
         })
     };
-    objects(path, expected)?
-        .into_iter()
-        .enumerate()
-        .map(pose)
-        .collect()
+    let objects = objects(path, expected)?.into_iter();
+    objects.enumerate().map(pose).collect()
 }
 
 fn objects<T: DeserializeOwned>(path: &Path, expected: &str) -> Result<Vec<T>> {
@@ -83,16 +77,7 @@ fn objects<T: DeserializeOwned>(path: &Path, expected: &str) -> Result<Vec<T>> {
     struct Document<T> {
         objects: Vec<T>,
     }
-    let text = std::fs::read_to_string(path).map_err(|cause| Error::Read {
-        path: path.to_owned(),
-        cause,
-    })?;
-    let document: Document<T> = serde_json::from_str(&text).map_err(|cause| Error::Json {
-        path: path.to_owned(),
-        expected: expected.to_owned(),
-        cause,
-    })?;
-    Ok(document.objects)
+    json::read(path, expected).map(|document: Document<T>| document.objects)
 }
 
 #[cfg(test)]

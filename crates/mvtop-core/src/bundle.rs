@@ -8,6 +8,7 @@ use serde::Deserialize;
 
 use self::manifest::{Header, Manifest, ManifestClass, read_points};
 use crate::rays::LosEncoding;
+use crate::symmetry::Symmetry;
 use crate::{Error, Result};
 
 /// The name and version in `model.json` that this crate reads.
@@ -92,6 +93,8 @@ pub struct Class {
     pub diameter_m: f64,
     /// Points on the surface.
     pub points: Vec<SurfacePoint>,
+    /// Motions after which it looks the same.
+    pub symmetry: Symmetry,
 }
 
 /// A colored point on the surface of an object.
@@ -154,11 +157,8 @@ impl Bundle {
             path: path.clone(),
             problem,
         };
-        let text = std::fs::read_to_string(&path).map_err(|e| {
-            refuse(format!(
-                "cannot be read ({e}), expected a model bundle there"
-            ))
-        })?;
+        let unreadable = |e| format!("cannot be read ({e}), expected a model bundle there");
+        let text = std::fs::read_to_string(&path).map_err(|e| refuse(unreadable(e)))?;
         let header: Header = serde_json::from_str(&text)
             .map_err(|e| refuse(format!("is not the description of a model bundle: {e}")))?;
         if header.format != FORMAT || header.version != VERSION {
@@ -175,25 +175,17 @@ impl Bundle {
         for (name, record) in &manifest.files {
             record.check(&dir.join(name))?;
         }
-        let classes = manifest
-            .classes
-            .into_iter()
-            .map(|class| {
-                let points = read_points(&dir.join(&class.points))?;
-                let ManifestClass {
-                    id,
-                    name,
-                    diameter_m,
-                    ..
-                } = class;
-                Ok(Class {
-                    id,
-                    name,
-                    diameter_m,
-                    points,
-                })
+        let class = |class: ManifestClass| {
+            Ok(Class {
+                symmetry: class.symmetry().map_err(refuse)?,
+                points: read_points(&dir.join(&class.points))?,
+                id: class.id,
+                name: class.name,
+                diameter_m: class.diameter_m,
             })
-            .collect::<Result<_>>()?;
+        };
+        let classes = manifest.classes.into_iter().map(class);
+        let classes = classes.collect::<Result<_>>()?;
         Ok(Self {
             dir: dir.to_owned(),
             preset: manifest.preset,

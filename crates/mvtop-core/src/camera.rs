@@ -68,22 +68,20 @@ impl Camera {
         if let Some(problem) = id_problem(&id) {
             return Err(Error::Camera(format!("camera: {problem}")));
         }
-        let checked = side("width", width)
+        let pose =
+            || transform::check(&world_from_cam).map_err(|cause| format!("its pose: {cause}"));
+        side("width", width)
             .and_then(|()| side("height", height))
             .and_then(|()| intrinsics.check_size(width, height))
-            .and_then(|()| {
-                transform::check(&world_from_cam).map_err(|cause| format!("its pose: {cause}"))
-            });
-        match checked {
-            Ok(()) => Ok(Self {
-                id,
-                width,
-                height,
-                intrinsics,
-                world_from_cam,
-            }),
-            Err(problem) => Err(Error::Camera(format!("camera `{id}`: {problem}"))),
-        }
+            .and_then(|()| pose())
+            .map_err(|problem| Error::Camera(format!("camera `{id}`: {problem}")))?;
+        Ok(Self {
+            id,
+            width,
+            height,
+            intrinsics,
+            world_from_cam,
+        })
     }
 
     /// Its name, unique in a rig and usable in file names.
@@ -116,13 +114,8 @@ impl Camera {
     /// # Errors
     /// As [`Camera::new`].
     pub fn moved_to(&self, world_from_cam: Isometry3<f64>) -> Result<Self> {
-        let size = [self.width, self.height];
-        Self::new(
-            self.id.as_str(),
-            size,
-            self.intrinsics.clone(),
-            world_from_cam,
-        )
+        let (size, intrinsics) = ([self.width, self.height], self.intrinsics.clone());
+        Self::new(self.id.as_str(), size, intrinsics, world_from_cam)
     }
 }
 
@@ -145,10 +138,9 @@ pub(crate) fn id_problem(id: &str) -> Option<String> {
 }
 
 fn side(key: &str, side: u32) -> Result<(), String> {
-    if (1..=LONGEST_SIDE).contains(&side) {
-        Ok(())
-    } else {
-        Err(side_problem(key, &side.to_string()))
+    match side {
+        1..=LONGEST_SIDE => Ok(()),
+        _ => Err(side_problem(key, &side.to_string())),
     }
 }
 

@@ -1,7 +1,7 @@
 //! One error for the whole crate: a sentence to read, a kind and a cause to match on.
 
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::transform::TransformError;
 
@@ -15,13 +15,12 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 /// programs that match on it, as [`Error::kind`] is.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
+#[allow(missing_docs)] // of fields: the sentences say what they are
 pub enum Error {
     /// A file could not be read.
     #[error("cannot read {}: {cause}", path.display())]
     Read {
-        /// The file.
         path: PathBuf,
-        /// What the system said.
         #[source]
         cause: io::Error,
     },
@@ -31,7 +30,6 @@ pub enum Error {
     Rig {
         /// Its file, or `rig` where it came as text or as cameras.
         origin: String,
-        /// What is wrong, and the fix.
         problem: String,
         /// Where it is no JSON.
         #[source]
@@ -41,22 +39,16 @@ pub enum Error {
     /// An image file that cannot be used.
     #[error("image {} of camera `{camera}`: {problem}", path.display())]
     Image {
-        /// Id of the camera that took it.
         camera: String,
-        /// The file.
         path: PathBuf,
-        /// What is wrong with it.
         problem: String,
     },
 
     /// An array of the wrong shape.
     #[error("{name}: expected {expected}, got {got:?}")]
     Shape {
-        /// Which array.
         name: &'static str,
-        /// Its shape should be this.
         expected: String,
-        /// Its shape is this.
         got: Vec<usize>,
     },
 
@@ -73,39 +65,19 @@ pub enum Error {
 
     /// An ONNX Runtime library that was asked for cannot be used.
     #[error("ONNX Runtime library {}: {problem}", path.display())]
-    Runtime {
-        /// The library.
-        path: PathBuf,
-        /// What is wrong, and the fix.
-        problem: String,
-    },
+    Runtime { path: PathBuf, problem: String },
 
     /// An execution provider that the loaded library does not offer.
     #[error("execution provider `{provider}`: {problem}")]
-    Provider {
-        /// Its name.
-        provider: String,
-        /// Why it cannot be used.
-        problem: String,
-    },
+    Provider { provider: String, problem: String },
 
     /// A network that could not be loaded or run.
     #[error("network {}: {problem}", path.display())]
-    Network {
-        /// Its graph.
-        path: PathBuf,
-        /// What is wrong, and the fix.
-        problem: String,
-    },
+    Network { path: PathBuf, problem: String },
 
     /// A model bundle that is refused.
     #[error("model bundle {}: {problem}", path.display())]
-    Bundle {
-        /// The file at fault.
-        path: PathBuf,
-        /// What is wrong, and the fix.
-        problem: String,
-    },
+    Bundle { path: PathBuf, problem: String },
 
     /// Arguments that do not fit each other: images and rig, boxes and model.
     #[error("{0}")]
@@ -128,9 +100,7 @@ pub enum Error {
     /// Numbers that are no rigid transform.
     #[error("{name}: {cause}")]
     Transform {
-        /// Which transform.
         name: String,
-        /// What is wrong with it.
         #[source]
         cause: TransformError,
     },
@@ -138,11 +108,8 @@ pub enum Error {
     /// A file of JSON that holds something else than it should.
     #[error("{}: expected {expected}, got: {cause}", path.display())]
     Json {
-        /// The file.
         path: PathBuf,
-        /// What it should hold.
         expected: String,
-        /// What it holds, or where it is no JSON.
         #[source]
         cause: serde_json::Error,
     },
@@ -154,7 +121,6 @@ pub enum Error {
     /// A file of true poses that is refused.
     #[error("{}: {problem}", path.display())]
     Annotations {
-        /// The file.
         path: PathBuf,
         /// Which object, what was expected and what came.
         problem: String,
@@ -163,22 +129,16 @@ pub enum Error {
     /// A camera that the rig does not have.
     #[error("{role}: no camera `{id}` in the rig, expected one of: {}", known.join(", "))]
     UnknownCamera {
-        /// What the camera was named for.
         role: String,
-        /// Its id.
         id: String,
-        /// Ids of the rig's cameras.
         known: Vec<String>,
     },
 
     /// A class that the model does not know.
     #[error("{role}: no class `{class}` in the model, expected one of: {}", known.join(", "))]
     UnknownClass {
-        /// What the class was named for.
         role: String,
-        /// Its name.
         class: String,
-        /// Names of the model's classes.
         known: Vec<String>,
     },
 
@@ -188,11 +148,8 @@ pub enum Error {
         expected[0], expected[1], got[0], got[1]
     )]
     ImageSize {
-        /// Id of the camera.
         camera: String,
-        /// Width and height in the rig, px.
         expected: [u32; 2],
-        /// Width and height of the image, px.
         got: [u32; 2],
     },
 
@@ -201,7 +158,6 @@ pub enum Error {
     TooFewImages {
         /// One, or the fewest views of an object that are asked for.
         expected: usize,
-        /// The number of images.
         got: usize,
     },
 }
@@ -267,6 +223,15 @@ impl Error {
             | Self::TooFewImages { .. } => ErrorKind::Input,
             Self::Json { .. } | Self::Data(_) | Self::Annotations { .. } => ErrorKind::Data,
             Self::Pose(_) | Self::Rotation6d(_) => ErrorKind::Pose,
+        }
+    }
+
+    /// For `map_err`: a file or folder that could not be read.
+    pub fn read(path: &Path) -> impl Fn(io::Error) -> Self {
+        let path = path.to_owned();
+        move |cause| Self::Read {
+            path: path.clone(),
+            cause,
         }
     }
 

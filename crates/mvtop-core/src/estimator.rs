@@ -1,5 +1,6 @@
 //! From images to poses: start reading at [`Estimator::predict`].
 
+mod complete;
 mod decode;
 mod picture;
 mod pose;
@@ -121,7 +122,10 @@ impl Estimator {
         options: &PredictOptions,
     ) -> Result<Prediction> {
         let mut clock = Clock::start();
-        let reference = reference(rig, options.reference.as_deref())?;
+        let reference = match &options.reference {
+            Some(id) => rig.find("reference", id)?,
+            None => rig.reference(),
+        };
         let views = view::gather(&self.bundle, rig, images)?;
         let needed = options.min_views.max(1);
         if views.len() < needed {
@@ -160,25 +164,31 @@ impl Estimator {
         let detect = clock.lap();
 
         let mut closeup = 0.0;
-        let (pictures, groups) = match shown {
-            Shown::WholeImages(pictures) => (pictures, picture::in_whole_images(&views, &objects)),
+        let (pictures, groups, closeups) = match shown {
+            Shown::WholeImages(pictures) => {
+                let groups = picture::in_whole_images(&views, &objects);
+                (pictures, groups, None)
+            }
             Shown::CloseUps(closeups) => {
-                let taken =
+                let (pictures, groups) =
                     picture::in_closeups(network, &self.bundle, closeups, &views, &objects)?;
                 closeup = clock.lap();
-                taken
+                (pictures, groups, Some(closeups))
             }
         };
-        let poses = decode::poses(network, self.bundle.los_encoding, &pictures, &groups)?;
+        let poses = decode::poses(network, &self.bundle, &pictures, &groups)?;
+        let mut found: Vec<(Sighting, DecodedPose)> = objects.into_iter().zip(poses).collect();
+        if let (Some(closeups), None) = (closeups, &options.boxes) {
+            found = self.completed(closeups, &views, found)?;
+        }
         let decode = clock.lap();
 
         let ref_from_world = rig.cameras()[reference].world_from_cam().inverse();
         Ok(Prediction {
             reference,
-            objects: objects
-                .iter()
-                .zip(poses)
-                .map(|(object, pose)| self.object_pose(&views, &ref_from_world, object, pose))
+            objects: found
+                .into_iter()
+                .map(|(object, pose)| self.object_pose(&views, &ref_from_world, &object, pose))
                 .collect(),
             timings: Timings {
                 prepare,
@@ -190,6 +200,42 @@ impl Estimator {
             },
             provider: self.network.provider().to_owned(),
         })
+    }
+
+    /// Objects with what single views have missed, and their poses from all that shows them.
+    fn completed(
+        &self,
+        closeups: &CloseUps,
+        views: &[View],
+        found: Vec<(Sighting, DecodedPose)>,
+    ) -> Result<Vec<(Sighting, DecodedPose)>> {
+        let classes = &self.bundle.classes;
+        let merged = complete::merge(classes, views, found);
+        let (mut again, mut objects) = (Vec::new(), Vec::new());
+        for (index, (object, pose, gained)) in merged.iter().enumerate() {
+            let more = complete::filled_in(&classes[object.class], views, object, pose);
+            if let Some(object) = more.or_else(|| gained.then(|| object.clone())) {
+                again.push(index);
+                objects.push(object);
+            }
+        }
+        let mut found: Vec<_> = merged.into_iter().map(|(o, pose, _)| (o, pose)).collect();
+        if again.is_empty() {
+            return Ok(found);
+        }
+        let network = self.network.as_ref();
+        let (pictures, groups) =
+            picture::in_closeups(network, &self.bundle, closeups, views, &objects)?;
+        let poses = decode::poses(network, &self.bundle, &pictures, &groups)?;
+        for (index, pose) in again.into_iter().zip(poses) {
+            // A view in which the object is hidden may mislead: the pose that is expected to be
+            // nearer counts.
+            let known = &mut found[index].1;
+            if pose.sigma.rot_deg < known.sigma.rot_deg {
+                *known = pose;
+            }
+        }
+        Ok(found)
     }
 
     fn object_pose(
@@ -215,17 +261,10 @@ impl Estimator {
             ref_from_obj: ref_from_world * pose.world_from_obj,
             world_from_obj: pose.world_from_obj,
             sigma: pose.sigma,
+            symmetry: class.symmetry.clone(),
             cameras: cameras.collect(),
         }
     }
-}
-
-fn reference(rig: &Rig, id: Option<&str>) -> Result<usize> {
-    let Some(id) = id else {
-        return Ok(rig.reference());
-    };
-    rig.index_of(id)
-        .ok_or_else(|| sightings::unknown_camera(rig, "reference", id))
 }
 
 /// Milliseconds since the last lap and since the start.

@@ -48,26 +48,16 @@ pub fn load(path: &Path, camera: &Camera) -> Result<RgbImage> {
     let mut bytes = Vec::new();
     File::open(path)
         .and_then(|file| file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes))
-        .map_err(|cause| Error::Read {
-            path: path.to_owned(),
-            cause,
-        })?;
+        .map_err(Error::read(path))?;
     if bytes.len() as u64 > MAX_FILE_BYTES {
-        return Err(refuse(format!(
-            "is larger than {} MiB",
-            MAX_FILE_BYTES >> 20
-        )));
+        let most = MAX_FILE_BYTES >> 20;
+        return Err(refuse(format!("is larger than {most} MiB")));
     }
     let mut reader = ImageReader::new(Cursor::new(bytes))
         .with_guessed_format()
-        .map_err(|cause| Error::Read {
-            path: path.to_owned(),
-            cause,
-        })?;
-    if reader
-        .format()
-        .is_none_or(|format| !format.reading_enabled())
-    {
+        .map_err(Error::read(path))?;
+    let usable = |format: image::ImageFormat| format.reading_enabled();
+    if !reader.format().is_some_and(usable) {
         return Err(refuse(
             "is none of PNG, JPEG, TIFF and BMP; convert it to one of them".into(),
         ));
@@ -95,9 +85,8 @@ pub fn load(path: &Path, camera: &Camera) -> Result<RgbImage> {
             orientation.to_exif()
         )));
     }
-    Ok(DynamicImage::from_decoder(decoder)
-        .map_err(broken)?
-        .into_rgb8())
+    let decoded = DynamicImage::from_decoder(decoder).map_err(broken)?;
+    Ok(decoded.into_rgb8())
 }
 
 /// How an image lies in the network's input: scaled to fit, at the top left, the rest padded.
@@ -180,24 +169,15 @@ pub fn to_tensor(
     mean: [f32; 3],
     std: [f32; 3],
 ) -> Result<Array3<f32>> {
+    let Letterbox { width, height, .. } = letterbox;
     let resized = resize(image, letterbox).map_err(|()| Error::Shape {
         name: "image",
-        expected: format!(
-            "{}x{} px, the letterbox's",
-            letterbox.width, letterbox.height
-        ),
+        expected: format!("{width}x{height} px, the letterbox's"),
         got: vec![image.width() as usize, image.height() as usize],
     })?;
-    let (width, height) = (
-        letterbox.resized_width as usize,
-        letterbox.resized_height as usize,
-    );
-    let net = (
-        3,
-        letterbox.net_height as usize,
-        letterbox.net_width as usize,
-    );
-    let mut tensor = Array3::zeros(net);
+    let [width, height] = [letterbox.resized_width, letterbox.resized_height].map(|n| n as usize);
+    let [columns, rows] = [letterbox.net_width, letterbox.net_height].map(|n| n as usize);
+    let mut tensor = Array3::zeros((3, rows, columns));
     for channel in 0..3 {
         let normalised: [f32; 256] =
             std::array::from_fn(|x| (x as f32 / 255.0 - mean[channel]) / std[channel]);

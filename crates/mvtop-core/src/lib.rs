@@ -21,6 +21,8 @@ pub mod annotations;
 
 mod bbox;
 
+mod dispatch;
+
 /// Images, from file to the network's input.
 pub mod image;
 
@@ -49,6 +51,9 @@ pub mod closeup;
 /// Rotations, and errors of poses.
 pub mod pose;
 
+/// What no view tells: turns after which an object looks the same.
+pub mod symmetry;
+
 /// What the estimator answers.
 pub mod prediction;
 
@@ -57,6 +62,9 @@ pub mod report;
 
 /// Pictures of a prediction.
 pub mod overlay;
+
+/// Files of JSON.
+pub mod json;
 
 mod error;
 

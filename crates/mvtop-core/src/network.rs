@@ -42,10 +42,8 @@ pub trait Network: Send + Sync {
         images: ArrayView4<f32>,
         camera_rays: ArrayView3<f32>,
     ) -> Result<(DetectorMaps, Array3<f32>)> {
-        Ok((
-            self.detect(images.view())?,
-            self.encode(images, camera_rays)?,
-        ))
+        let maps = self.detect(images.view())?;
+        Ok((maps, self.encode(images, camera_rays)?))
     }
 
     /// The pose decoder, for objects that share an anchor: the view that comes first.
@@ -167,12 +165,12 @@ impl Network for OnnxNetwork {
         pictures: ArrayView4<f32>,
         camera_rays: ArrayView3<f32>,
     ) -> Result<Array3<f32>> {
-        let graph = self.closeup.as_ref().unwrap_or(&self.features);
-        let mut outputs = graph.run(&[
+        let inputs = [
             ("images", pictures.into()),
             ("camera_rays", camera_rays.into()),
-        ])?;
-        outputs.take("memory")
+        ];
+        let graph = self.closeup.as_ref().unwrap_or(&self.features);
+        graph.run(&inputs)?.take("memory")
     }
 
     fn detect_and_encode(
@@ -180,10 +178,11 @@ impl Network for OnnxNetwork {
         images: ArrayView4<f32>,
         camera_rays: ArrayView3<f32>,
     ) -> Result<(DetectorMaps, Array3<f32>)> {
-        let mut outputs = self.features.run(&[
+        let inputs = [
             ("images", images.into()),
             ("camera_rays", camera_rays.into()),
-        ])?;
+        ];
+        let mut outputs = self.features.run(&inputs)?;
         Ok((DetectorMaps::take(&mut outputs)?, outputs.take("memory")?))
     }
 

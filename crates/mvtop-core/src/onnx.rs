@@ -4,7 +4,7 @@
 //! loaded once and stays until the process ends.
 
 use crate::{Error, Result};
-use ndarray::{ArrayD, ArrayViewD, CowArray, Dimension, IxDyn};
+use ndarray::{ArrayD, ArrayView, ArrayViewD, CowArray, Dimension, IxDyn};
 use ort::session::SessionInputValue;
 use ort::value::TensorRef;
 use std::borrow::Cow;
@@ -29,24 +29,41 @@ pub struct SessionOptions {
     pub threads: usize,
 }
 
-/// An input of a graph: borrowed when contiguous, copied otherwise.
+/// An input of a graph, in the memory layout that ONNX Runtime reads: borrowed when contiguous,
+/// copied otherwise.
 #[derive(Debug, Clone)]
 pub enum Tensor<'a> {
     /// 32-bit floats.
-    F32(ArrayViewD<'a, f32>),
+    F32(CowArray<'a, f32, IxDyn>),
     /// 64-bit integers.
-    I64(ArrayViewD<'a, i64>),
+    I64(CowArray<'a, i64, IxDyn>),
 }
 
-impl<'a, D: Dimension> From<ndarray::ArrayView<'a, f32, D>> for Tensor<'a> {
-    fn from(array: ndarray::ArrayView<'a, f32, D>) -> Self {
-        Self::F32(array.into_dyn())
+impl<'a, D: Dimension> From<ArrayView<'a, f32, D>> for Tensor<'a> {
+    fn from(array: ArrayView<'a, f32, D>) -> Self {
+        Self::F32(contiguous(array.into_dyn()))
     }
 }
 
-impl<'a, D: Dimension> From<ndarray::ArrayView<'a, i64, D>> for Tensor<'a> {
-    fn from(array: ndarray::ArrayView<'a, i64, D>) -> Self {
-        Self::I64(array.into_dyn())
+impl<'a, D: Dimension> From<ArrayView<'a, i64, D>> for Tensor<'a> {
+    fn from(array: ArrayView<'a, i64, D>) -> Self {
+        Self::I64(contiguous(array.into_dyn()))
+    }
+}
+
+fn contiguous<T: Clone>(array: ArrayViewD<'_, T>) -> CowArray<'_, T, IxDyn> {
+    match array.is_standard_layout() {
+        true => array.into(),
+        false => array.as_standard_layout().into_owned().into(),
+    }
+}
+
+impl Tensor<'_> {
+    fn value(&self) -> ort::Result<SessionInputValue<'_>> {
+        Ok(match self {
+            Self::F32(array) => TensorRef::from_array_view(array)?.into(),
+            Self::I64(array) => TensorRef::from_array_view(array)?.into(),
+        })
     }
 }
 
@@ -91,23 +108,15 @@ impl Session {
     /// # Errors
     /// [`Error::Network`] when an input is missing, has a wrong type or shape, or a node fails.
     pub fn run(&self, inputs: &[(&str, Tensor<'_>)]) -> Result<Outputs> {
-        if let Some(missing) = self
-            .inputs
-            .iter()
-            .find(|name| !inputs.iter().any(|(given, _)| given == name))
-        {
+        let given = |name: &&String| inputs.iter().any(|(given, _)| given == name);
+        if let Some(missing) = self.inputs.iter().find(|name| !given(name)) {
             return Err(self.error(format!("input `{missing}` was not given")));
         }
-        let contiguous: Vec<_> = inputs
-            .iter()
-            .filter(|(name, _)| self.inputs.iter().any(|declared| declared == name))
-            .map(|(name, tensor)| (*name, Contiguous::new(tensor)))
-            .collect();
-        let mut values = Vec::with_capacity(contiguous.len());
-        for (name, tensor) in &contiguous {
-            let value = tensor
-                .value()
-                .map_err(|e| self.error(format!("input `{name}`: {e}")))?;
+        let declared = |name: &str| self.inputs.iter().any(|declared| declared == name);
+        let mut values = Vec::with_capacity(inputs.len());
+        for (name, tensor) in inputs.iter().filter(|(name, _)| declared(name)) {
+            let value = tensor.value();
+            let value = value.map_err(|e| self.error(format!("input `{name}`: {e}")))?;
             values.push((Cow::Borrowed(*name), value));
         }
 
@@ -160,28 +169,6 @@ impl Outputs {
             error(format!(
                 "output `{name}`: expected {axes} axes, got shape {shape:?}"
             ))
-        })
-    }
-}
-
-/// A tensor in the memory layout that ONNX Runtime reads.
-enum Contiguous<'a> {
-    F32(CowArray<'a, f32, IxDyn>),
-    I64(CowArray<'a, i64, IxDyn>),
-}
-
-impl<'a> Contiguous<'a> {
-    fn new(tensor: &'a Tensor<'_>) -> Self {
-        match tensor {
-            Tensor::F32(array) => Self::F32(array.as_standard_layout()),
-            Tensor::I64(array) => Self::I64(array.as_standard_layout()),
-        }
-    }
-
-    fn value(&self) -> ort::Result<SessionInputValue<'_>> {
-        Ok(match self {
-            Self::F32(array) => TensorRef::from_array_view(array)?.into(),
-            Self::I64(array) => TensorRef::from_array_view(array)?.into(),
         })
     }
 }

@@ -4,7 +4,7 @@ mod canvas;
 
 use image::RgbImage;
 use image::imageops::{FilterType, replace, resize};
-use nalgebra::{Isometry3, Point2, Point3};
+use nalgebra::{Isometry3, Point2, Point3, Vector3};
 
 use self::canvas::{Canvas, Color};
 use crate::bundle::Class;
@@ -61,19 +61,14 @@ pub fn draw(image: &RgbImage, camera: &Camera, objects: &[Drawn]) -> RgbImage {
         draw_axes(&mut canvas, camera, object, unit);
     }
     for (object, &color) in colored() {
-        let corner = object
-            .bbox
-            .map(|bbox| Point2::new(bbox.x0, bbox.y0))
-            .or_else(|| {
-                let reach = object.diameter_m / 2.0;
-                let center = Point3::from(object.cam_from_obj.translation.vector);
-                camera.intrinsics().project(&Point3::new(
-                    center.x - reach,
-                    center.y - reach,
-                    center.z,
-                ))
-            });
-        if let Some(corner) = corner {
+        let beside = || {
+            let reach = object.diameter_m / 2.0;
+            let center = Point3::from(object.cam_from_obj.translation.vector);
+            let corner = center - Vector3::new(reach, reach, 0.0);
+            camera.intrinsics().project(&corner)
+        };
+        let corner = object.bbox.map(|bbox| Point2::new(bbox.x0, bbox.y0));
+        if let Some(corner) = corner.or_else(beside) {
             let (_, height) = canvas::text_size(&object.label, text_scale);
             let above = corner.y - f64::from(height) - 2.0 * unit;
             canvas.text(&object.label, corner.x, above, text_scale, color);
@@ -94,15 +89,12 @@ pub fn draw_prediction(
     rig: &Rig,
     images: &[ViewImage],
 ) -> Vec<RgbImage> {
-    let points: Vec<Vec<Point3<f64>>> = classes
-        .iter()
-        .map(|class| class.points.iter().map(|p| p.position.into()).collect())
-        .collect();
+    let points = |class: &Class| class.points.iter().map(|p| p.position.into()).collect();
+    let points: Vec<Vec<Point3<f64>>> = classes.iter().map(points).collect();
     let drawn = |ViewImage { camera, image }: &ViewImage| {
         let in_camera = |object: &ObjectPose| {
-            let class = classes
-                .iter()
-                .position(|class| class.name == object.class)?;
+            let mut names = classes.iter().map(|class| &class.name);
+            let class = names.position(|name| *name == object.class)?;
             let seen = object.cameras.iter().find(|seen| seen.camera == *camera)?;
             Some(Drawn {
                 cam_from_obj: seen.cam_from_obj,
@@ -113,9 +105,8 @@ pub fn draw_prediction(
             })
         };
         let objects: Vec<Drawn> = prediction.objects.iter().filter_map(in_camera).collect();
-        rig.cameras()
-            .get(*camera)
-            .map_or_else(|| image.clone(), |camera| draw(image, camera, &objects))
+        let camera = rig.cameras().get(*camera);
+        camera.map_or_else(|| image.clone(), |camera| draw(image, camera, &objects))
     };
     images.iter().map(drawn).collect()
 }
@@ -203,24 +194,19 @@ fn axes(
     cam_from_obj: &Isometry3<f64>,
     length: f64,
 ) -> Vec<(Vec<Point2<f64>>, Color)> {
-    let mut axes: Vec<(f64, Vec<Point2<f64>>, Color)> = Vec::new();
-    for (axis, color) in AXIS_COLORS.into_iter().enumerate() {
-        let at = |piece: usize| {
-            let mut point = Point3::origin();
-            point[axis] = length * piece as f64 / AXIS_PIECES as f64;
-            cam_from_obj * point
-        };
-        let pixels: Option<Vec<_>> = (0..=AXIS_PIECES)
-            .map(|piece| camera.intrinsics().project(&at(piece)))
-            .collect();
-        if let Some(pixels) = pixels {
-            axes.push((at(AXIS_PIECES).z, pixels, color));
-        }
-    }
-    axes.sort_by(|a, b| b.0.total_cmp(&a.0));
-    axes.into_iter()
-        .map(|(_, pixels, color)| (pixels, color))
-        .collect()
+    let at = |axis: usize, piece: usize| {
+        let mut point = Point3::origin();
+        point[axis] = length * piece as f64 / AXIS_PIECES as f64;
+        cam_from_obj * point
+    };
+    let mut axes = [0, 1, 2];
+    axes.sort_by(|&a, &b| at(b, AXIS_PIECES).z.total_cmp(&at(a, AXIS_PIECES).z));
+    let line = |axis: usize| {
+        let pixel = |piece| camera.intrinsics().project(&at(axis, piece));
+        let pixels: Option<Vec<_>> = (0..=AXIS_PIECES).map(pixel).collect();
+        Some((pixels?, AXIS_COLORS[axis]))
+    };
+    axes.into_iter().filter_map(line).collect()
 }
 
 #[cfg(test)]

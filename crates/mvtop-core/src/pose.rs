@@ -44,11 +44,7 @@ pub fn translation_error(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
 
 /// `[w, x, y, z]` of the two quaternions of a rotation the one with `w >= 0`.
 pub fn wxyz(rotation: &UnitQuaternion<f64>) -> [f64; 4] {
-    let q = if rotation.w < 0.0 {
-        -rotation.into_inner()
-    } else {
-        rotation.into_inner()
-    };
+    let q = rotation.into_inner() * if rotation.w < 0.0 { -1.0 } else { 1.0 };
     // Adding zero turns -0 into 0.
     [q.w + 0.0, q.i + 0.0, q.j + 0.0, q.k + 0.0]
 }

@@ -4,6 +4,7 @@ use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 use crate::BBox;
+use crate::symmetry::Symmetry;
 
 /// Poses of all objects, and how long each stage took.
 #[derive(Debug, Clone)]
@@ -34,6 +35,9 @@ pub struct ObjectPose {
     pub world_from_obj: Isometry3<f64>,
     /// How far the network expects to be off.
     pub sigma: Sigma,
+    /// What no view tells: motions of the object after which it looks the same. Of the poses that
+    /// look alike the one is given whose axes are nearest to those of the world frame.
+    pub symmetry: Symmetry,
     /// Every camera that gave an image, in the rig's order.
     pub cameras: Vec<CameraPose>,
 }

@@ -58,12 +58,9 @@ pub fn camera_rays(camera: &Camera, letterbox: &Letterbox, strides: &[usize]) ->
     let mut rays = Vec::new();
     for &stride in strides {
         let size = [letterbox.net_width, letterbox.net_height].map(|size| size as usize);
-        let [columns, rows] = size.map(|size| {
-            if stride == 0 {
-                0
-            } else {
-                size.div_ceil(stride)
-            }
+        let [columns, rows] = size.map(|size| match stride {
+            0 => 0,
+            _ => size.div_ceil(stride),
         });
         let center = |cell: usize, size: usize, cells: usize| {
             (cell as f64 + 0.5) * size as f64 / cells as f64 - 0.5
@@ -74,11 +71,9 @@ pub fn camera_rays(camera: &Camera, letterbox: &Letterbox, strides: &[usize]) ->
                 center(cell / columns, size[1], rows),
             ];
             let [u, v] = letterbox.image_from_net(net);
-            let inside =
-                u <= f64::from(camera.width()) - 0.5 && v <= f64::from(camera.height()) - 0.5;
-            let ray = inside
-                .then(|| camera.intrinsics().unproject(&Point2::new(u, v)))
-                .flatten();
+            let [right, bottom] = [camera.width(), camera.height()].map(|n| f64::from(n) - 0.5);
+            let inside = (u <= right && v <= bottom).then(|| Point2::new(u, v));
+            let ray = inside.and_then(|pixel| camera.intrinsics().unproject(&pixel));
             ray.map_or([0.0; 3], |ray| [ray.x as f32, ray.y as f32, ray.z as f32])
         }));
     }
@@ -134,12 +129,8 @@ impl BoxRays {
     /// Of a box in the camera's image; `None` where one of its pixels has no ray.
     pub fn new(camera: &Camera, bbox: BBox) -> Option<Self> {
         let ray = |u, v| {
-            Some(
-                camera
-                    .intrinsics()
-                    .unproject(&Point2::new(u, v))?
-                    .into_inner(),
-            )
+            let ray = camera.intrinsics().unproject(&Point2::new(u, v))?;
+            Some(ray.into_inner())
         };
         let (BBox { x0, y0, x1, y1 }, center) = (bbox, bbox.center());
         Some(Self {

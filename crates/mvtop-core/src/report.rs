@@ -5,6 +5,7 @@ use serde::Serialize;
 
 use crate::pose::wxyz;
 use crate::prediction::{CameraPose, ObjectPose, Prediction, Sigma, Timings};
+use crate::symmetry::{Axis, Symmetry};
 use crate::{BBox, Camera, Rig};
 
 /// Raised when a key changes its meaning or goes away; new keys leave it as it is.
@@ -46,8 +47,28 @@ pub struct Object {
     pub q_wxyz: [f64; 4],
     /// How far the network expects to be off.
     pub sigma: Sigma,
+    /// What no view tells; null where the pose is the only one that looks like this.
+    pub symmetry: Option<Undetermined>,
     /// Every camera that gave an image.
     pub cameras: Vec<ObjectInCamera>,
+}
+
+/// Poses that look like the one that is given, [`ObjectPose::symmetry`].
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Undetermined {
+    /// How many poses look alike but for turns about the axis, this one among them.
+    pub poses: usize,
+    /// An axis in the object's frame about which any turn looks the same.
+    pub axis: Option<Axis>,
+}
+
+impl Undetermined {
+    fn of(symmetry: &Symmetry) -> Option<Self> {
+        (!symmetry.is_none()).then(|| Self {
+            poses: 1 + symmetry.discrete.len(),
+            axis: symmetry.axis,
+        })
+    }
 }
 
 /// One object as one camera sees it.
@@ -70,20 +91,12 @@ impl Report {
     ///
     /// - `rig`: the one that the prediction was made with
     pub fn new(prediction: &Prediction, rig: &Rig) -> Self {
-        let id = |camera: usize| {
-            rig.cameras()
-                .get(camera)
-                .map_or("", |c: &Camera| c.id())
-                .to_owned()
-        };
+        let id = |camera| rig.cameras().get(camera).map_or("", Camera::id).to_owned();
+        let objects = prediction.objects.iter();
         Self {
             schema_version: SCHEMA_VERSION,
             reference: id(prediction.reference),
-            objects: prediction
-                .objects
-                .iter()
-                .map(|object| Object::new(object, id))
-                .collect(),
+            objects: objects.map(|object| Object::new(object, id)).collect(),
             timings_ms: prediction.timings,
             provider: prediction.provider.clone(),
         }
@@ -107,6 +120,7 @@ impl Object {
             t_m: object.ref_from_obj.translation.vector.into(),
             q_wxyz: wxyz(&object.ref_from_obj.rotation),
             sigma: object.sigma,
+            symmetry: Undetermined::of(&object.symmetry),
             cameras: object.cameras.iter().map(in_camera).collect(),
         }
     }
@@ -151,6 +165,10 @@ mod tests {
                     rot_deg: 4.0,
                     t_m: 0.01,
                 },
+                symmetry: Symmetry {
+                    discrete: vec![Isometry3::identity(); 5],
+                    axis: None,
+                },
                 cameras: vec![seen(0, Some([1., 2., 3., 4.].into())), seen(1, None)],
             }],
             timings: Timings {
@@ -167,6 +185,10 @@ mod tests {
         assert_eq!(json["provider"], "cpu");
         let object = &json["objects"][0];
         assert_eq!(object["class"], "mvball");
+        assert_eq!(
+            object["symmetry"],
+            serde_json::json!({"poses": 6, "axis": null})
+        );
         assert_eq!(object["t_m"], serde_json::json!([1.0, 2.0, 3.0]));
         assert_eq!(
             object["T_world_obj"][0],

@@ -5,6 +5,7 @@ mod parse;
 pub(crate) mod transform;
 mod unit;
 
+use std::collections::HashSet;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
@@ -14,7 +15,6 @@ use serde_json::{Value, json};
 
 use crate::camera::Camera;
 use crate::{Error, Result, pose};
-use unit::Unit;
 
 const FORMAT: &str = "mvtop-rig";
 const VERSION: u64 = 1;
@@ -67,16 +67,10 @@ impl Rig {
                 "`cameras` must list 1 to {MOST_CAMERAS} cameras, got {count}"
             ));
         }
-        for (index, camera) in cameras.iter().enumerate() {
-            if cameras[..index]
-                .iter()
-                .any(|other| other.id() == camera.id())
-            {
-                return Err(format!(
-                    "two cameras have the id `{}`; ids must differ",
-                    camera.id()
-                ));
-            }
+        let mut ids = HashSet::new();
+        if let Some(twice) = cameras.iter().find(|camera| !ids.insert(camera.id())) {
+            let id = twice.id();
+            return Err(format!("two cameras have the id `{id}`; ids must differ"));
         }
         if reference >= count {
             return Err(format!(
@@ -101,16 +95,12 @@ impl Rig {
         let mut text = String::new();
         File::open(path)
             .and_then(|file| file.take(MAX_FILE_BYTES + 1).read_to_string(&mut text))
-            .map_err(|cause| Error::Read {
-                path: path.to_owned(),
-                cause,
-            })?;
+            .map_err(Error::read(path))?;
         let origin = path.display().to_string();
         if text.len() as u64 > MAX_FILE_BYTES {
-            let problem = format!("larger than {} MiB, so no rig", MAX_FILE_BYTES >> 20);
             return Err(Error::Rig {
                 origin,
-                problem,
+                problem: format!("larger than {} MiB, so no rig", MAX_FILE_BYTES >> 20),
                 cause: None,
             });
         }
@@ -131,7 +121,7 @@ impl Rig {
         let mut rig = json!({
             "format": FORMAT,
             "version": VERSION,
-            "unit": Unit::Metre.name(),
+            "unit": unit::METRE.name,
             "reference": self.reference_camera().id(),
             "cameras": self.cameras.iter().map(camera_json).collect::<Vec<_>>(),
         });
@@ -161,12 +151,20 @@ impl Rig {
     /// [`Error::Camera`] for a pose that [`Camera::new`] refuses.
     pub fn moved(&self, world_from_cam: impl Fn(usize, &Camera) -> Isometry3<f64>) -> Result<Self> {
         let cameras = self.cameras.iter().enumerate();
+        let moved = cameras.map(|(index, camera)| camera.moved_to(world_from_cam(index, camera)));
         Ok(Self {
-            cameras: cameras
-                .map(|(index, camera)| camera.moved_to(world_from_cam(index, camera)))
-                .collect::<Result<_>>()?,
+            cameras: moved.collect::<Result<_>>()?,
             reference: self.reference,
         })
+    }
+
+    /// The same rig with the camera of that id as its reference.
+    ///
+    /// # Errors
+    /// [`Error::UnknownCamera`].
+    pub fn referring_to(mut self, id: &str) -> Result<Self> {
+        self.reference = self.find("reference", id)?;
+        Ok(self)
     }
 
     /// At least one; ids are unique.
@@ -182,6 +180,20 @@ impl Rig {
     /// The camera in whose frame poses are given.
     pub fn reference_camera(&self) -> &Camera {
         &self.cameras[self.reference]
+    }
+
+    /// As [`Rig::index_of`], refusing an id that the rig does not have.
+    ///
+    /// - `role`: what the camera is named for, for the error
+    ///
+    /// # Errors
+    /// [`Error::UnknownCamera`].
+    pub fn find(&self, role: &str, id: &str) -> Result<usize> {
+        self.index_of(id).ok_or_else(|| Error::UnknownCamera {
+            role: role.to_owned(),
+            id: id.to_owned(),
+            known: self.cameras.iter().map(|c| c.id().to_owned()).collect(),
+        })
     }
 
     /// Index of the camera of that id.

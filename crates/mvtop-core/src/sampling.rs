@@ -12,7 +12,7 @@
 //! Source: Zhu et al., "Deformable DETR", ICLR 2021, eq. 3.
 
 use crate::{Error, Result};
-use ndarray::{Array3, ArrayView4, ArrayView5, ArrayView6};
+use ndarray::{Array3, ArrayView, ArrayView4, ArrayView5, ArrayView6, Dimension};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -45,12 +45,9 @@ impl LevelShapes {
         let mut cells = 0usize;
         for &(height, width) in shapes {
             // Cell indices are computed in i32 and coordinates in f32: both are exact below 2^24.
-            if height == 0 || width == 0 || height >= 1 << 24 || width >= 1 << 24 {
-                return Err(shape_error(
-                    "level",
-                    "1 to 2^24 - 1 cells a side",
-                    &[height, width],
-                ));
+            let sides = [height, width];
+            if sides.iter().any(|side| !(1..1 << 24).contains(side)) {
+                return Err(shape_error("level", "1 to 2^24 - 1 cells a side", &sides));
             }
             levels.push(Level {
                 first_cell: cells,
@@ -61,7 +58,7 @@ impl LevelShapes {
                 .checked_mul(width)
                 .and_then(|n| n.checked_add(cells))
                 .filter(|&n| n <= 1 << 31) // kept in u32 by the kernel
-                .ok_or_else(|| shape_error("levels", "fewer cells", &[height, width]))?;
+                .ok_or_else(|| shape_error("levels", "fewer cells", &sides))?;
         }
         Ok(Self { levels, cells })
     }
@@ -95,6 +92,21 @@ pub struct Dims {
     pub queries: usize,
     /// K, points of one query, head and level.
     pub points: usize,
+}
+
+impl Dims {
+    /// Of value, weights and locations.
+    fn shapes(&self, levels: &LevelShapes) -> [Vec<usize>; 3] {
+        let Self { batch, queries, .. } = *self;
+        let taps = [batch, queries, self.heads, levels.len(), self.points];
+        let value = vec![batch, levels.cells(), self.heads, self.head_dim];
+        [value, taps.to_vec(), [&taps[..], &[2]].concat()]
+    }
+
+    /// Of the output, `[B, Q, H, D]`.
+    fn output(&self) -> [usize; 4] {
+        [self.batch, self.queries, self.heads, self.head_dim]
+    }
 }
 
 /// One sampling problem over borrowed, contiguous arrays.
@@ -142,22 +154,11 @@ impl<'a> Sampling<'a> {
         locations: &'a [f32],
         weights: &'a [f32],
     ) -> Result<Self> {
-        let Dims {
-            batch,
-            heads,
-            head_dim,
-            queries,
-            points,
-        } = dims;
-        let taps = [batch, queries, heads, levels.len(), points];
-        check_len(
-            "value",
-            value.len(),
-            &[batch, levels.cells(), heads, head_dim],
-        )?;
+        let [values, taps, places] = dims.shapes(levels);
+        check_len("value", value.len(), &values)?;
         check_len("weights", weights.len(), &taps)?;
-        check_len("locations", locations.len(), &[&taps[..], &[2]].concat())?;
-        check_len("output", 0, &[0, batch, queries, heads, head_dim])?;
+        check_len("locations", locations.len(), &places)?;
+        check_len("output", 0, &[&[0], &dims.output()[..]].concat())?;
         Ok(Self {
             levels,
             dims,
@@ -179,16 +180,6 @@ impl<'a> Sampling<'a> {
     ) -> Result<Self> {
         let (batch, _, heads, head_dim) = value.dim();
         let (_, queries, _, _, points) = weights.dim();
-        let expect = |name, got: &[usize], expected: &[usize]| match got == expected {
-            true => Ok(()),
-            false => Err(shape_error(name, format!("{expected:?}"), got)),
-        };
-        let taps = [batch, queries, heads, levels.len(), points];
-        let cells = [batch, levels.cells(), heads, head_dim];
-        expect("value", value.shape(), &cells)?;
-        expect("weights", weights.shape(), &taps)?;
-        expect("locations", locations.shape(), &[&taps[..], &[2]].concat())?;
-        let contiguous = |name, shape: &[usize]| shape_error(name, "a contiguous array", shape);
         let dims = Dims {
             batch,
             heads,
@@ -196,19 +187,11 @@ impl<'a> Sampling<'a> {
             queries,
             points,
         };
-        Self::new(
-            levels,
-            dims,
-            value
-                .to_slice()
-                .ok_or_else(|| contiguous("value", value.shape()))?,
-            locations
-                .to_slice()
-                .ok_or_else(|| contiguous("locations", locations.shape()))?,
-            weights
-                .to_slice()
-                .ok_or_else(|| contiguous("weights", weights.shape()))?,
-        )
+        let [values, taps, places] = dims.shapes(levels);
+        let value = numbers("value", value, &values)?;
+        let weights = numbers("weights", weights, &taps)?;
+        let locations = numbers("locations", locations, &places)?;
+        Self::new(levels, dims, value, locations, weights)
     }
 
     /// Length of the output.
@@ -218,8 +201,8 @@ impl<'a> Sampling<'a> {
 
     /// Shape of the output `[B, Q, H·D]`.
     pub fn output_shape(&self) -> [usize; 3] {
-        let Dims { batch, queries, .. } = self.dims;
-        [batch, queries, self.dims.heads * self.dims.head_dim]
+        let [batch, queries, heads, head_dim] = self.dims.output();
+        [batch, queries, heads * head_dim]
     }
 
     /// Samples in parallel over batches and blocks of queries, in rayon's current pool.
@@ -229,24 +212,21 @@ impl<'a> Sampling<'a> {
     /// # Errors
     /// [`Error::Shape`] when `out` has another length.
     pub fn forward(&self, out: &mut [f32]) -> Result<()> {
-        self.blocks(out)?
-            .into_par_iter()
-            .for_each(|block| self.sample(block));
+        let blocks = self.blocks(out)?.into_par_iter();
+        blocks.for_each(|block| self.sample(block));
         Ok(())
     }
 
-    /// Cuts the work into independent pieces, for a thread pool of the caller's choice.
-    ///
-    /// # Errors
-    /// [`Error::Shape`] when `out` is not `[B, Q, H·D]`.
+    /// Cuts the work into independent pieces, for a thread pool of the caller's choice; refuses an
+    /// `out` that is not `[B, Q, H·D]`.
     pub(crate) fn blocks<'o>(&self, out: &'o mut [f32]) -> Result<Vec<Block<'o>>> {
-        self.check_output("output", out.len())?;
+        check_len("output", out.len(), &self.dims.output())?;
         let per_query = self.dims.heads * self.dims.head_dim;
         let mut blocks = Vec::new();
         if out.is_empty() {
             return Ok(blocks);
         }
-        for (batch, out) in out.chunks_mut(self.output_per_batch()).enumerate() {
+        for (batch, out) in out.chunks_mut(self.dims.queries * per_query).enumerate() {
             for (i, out) in out.chunks_mut(QUERIES_PER_BLOCK * per_query).enumerate() {
                 let first = i * QUERIES_PER_BLOCK;
                 let queries = first..first + out.len() / per_query;
@@ -275,37 +255,21 @@ impl<'a> Sampling<'a> {
     /// # Errors
     /// [`Error::Shape`] when a gradient has another length than what it belongs to.
     pub fn backward(&self, grad_out: &[f32], gradients: Gradients<'_>) -> Result<()> {
-        self.check_output("gradient of the output", grad_out.len())?;
         check_len(
-            "gradient of value",
-            gradients.value.len(),
-            &[self.value.len()],
+            "gradient of the output",
+            grad_out.len(),
+            &self.dims.output(),
         )?;
-        check_len(
-            "gradient of locations",
-            gradients.locations.len(),
-            &[self.locations.len()],
-        )?;
-        check_len(
-            "gradient of weights",
-            gradients.weights.len(),
-            &[self.weights.len()],
-        )?;
-        gradients.value.fill(0.0);
-        gradients.locations.fill(0.0);
-        gradients.weights.fill(0.0);
-        let Dims {
-            batch,
-            heads,
-            head_dim,
-            queries,
-            ..
-        } = self.dims;
-        let per_batch = [
-            self.output_per_batch(),
-            self.levels.cells() * heads * head_dim,
-            self.weights.len() / batch.max(1),
-        ];
+        for (name, gradient, of) in [
+            ("gradient of value", &mut *gradients.value, self.value),
+            ("gradient of locations", gradients.locations, self.locations),
+            ("gradient of weights", gradients.weights, self.weights),
+        ] {
+            check_len(name, gradient.len(), &[of.len()])?;
+            gradient.fill(0.0);
+        }
+        let batch = self.dims.batch.max(1);
+        let per_batch = [grad_out.len(), self.value.len(), self.weights.len()].map(|n| n / batch);
         if per_batch.contains(&0) {
             return Ok(()); // An empty axis: every gradient is zero.
         }
@@ -317,52 +281,32 @@ impl<'a> Sampling<'a> {
             .zip(gradients.weights.par_chunks_mut(taps))
             .enumerate()
             .for_each(|(batch, (((grad_out, value), locations), weights))| {
-                let job = self.batch(batch, 0..queries);
+                let gradients = Gradients {
+                    value,
+                    locations,
+                    weights,
+                };
                 kernel::backward(
-                    &job,
+                    &self.batch(batch, 0..self.dims.queries),
                     grad_out,
-                    Gradients {
-                        value,
-                        locations,
-                        weights,
-                    },
+                    gradients,
                 );
             });
         Ok(())
     }
 
-    fn output_per_batch(&self) -> usize {
-        self.dims.queries * self.dims.heads * self.dims.head_dim
-    }
-
-    fn check_output(&self, name: &'static str, len: usize) -> Result<()> {
-        let Dims {
-            batch,
-            heads,
-            head_dim,
-            queries,
-            ..
-        } = self.dims;
-        check_len(name, len, &[batch, queries, heads, head_dim])
-    }
-
     /// The part of the inputs that some queries of one batch read.
     fn batch(&self, batch: usize, queries: Range<usize>) -> kernel::Job<'a> {
-        let Dims {
-            heads,
-            head_dim,
-            points,
-            ..
-        } = self.dims;
-        let values = self.levels.cells() * heads * head_dim;
-        let taps = heads * self.levels.len() * points;
-        let first = batch * self.dims.queries;
+        let dims = self.dims;
+        let values = self.levels.cells() * dims.heads * dims.head_dim;
+        let taps = dims.heads * self.levels.len() * dims.points;
+        let first = batch * dims.queries;
         let (from, to) = ((first + queries.start) * taps, (first + queries.end) * taps);
         kernel::Job {
             levels: &self.levels.levels,
-            heads,
-            head_dim,
-            points,
+            heads: dims.heads,
+            head_dim: dims.head_dim,
+            points: dims.points,
             value: &self.value[batch * values..(batch + 1) * values],
             locations: &self.locations[2 * from..2 * to],
             weights: &self.weights[from..to],
@@ -387,8 +331,7 @@ pub fn deformable_sampling(
     levels: &[(usize, usize)],
 ) -> Result<Array3<f32>> {
     let levels = LevelShapes::new(levels)?;
-    let value = value.as_standard_layout();
-    let locations = locations.as_standard_layout();
+    let (value, locations) = (value.as_standard_layout(), locations.as_standard_layout());
     let weights = weights.as_standard_layout();
     let sampling = Sampling::of_arrays(&levels, value.view(), locations.view(), weights.view())?;
     let mut out = vec![0.0; sampling.output_len()];
@@ -397,20 +340,31 @@ pub fn deformable_sampling(
         .map_err(|_| shape_error("output", "contiguous numbers", &sampling.output_shape()))
 }
 
+/// The array's numbers, refused where it has another shape or layout.
+fn numbers<'a, D: Dimension>(
+    name: &'static str,
+    array: ArrayView<'a, f32, D>,
+    shape: &[usize],
+) -> Result<&'a [f32]> {
+    if array.shape() != shape {
+        return Err(shape_error(name, format!("{shape:?}"), array.shape()));
+    }
+    let contiguous = array.to_slice();
+    contiguous.ok_or_else(|| shape_error(name, "a contiguous array", shape))
+}
+
 fn check_len(name: &'static str, len: usize, shape: &[usize]) -> Result<()> {
     // Empty axes must not hide an overflow of the others, so they count as one here.
-    let fits = shape
-        .iter()
-        .try_fold(1usize, |n, &axis| n.checked_mul(axis.max(1)))
-        .is_some();
-    if !fits || len != shape.iter().product::<usize>() {
-        return Err(shape_error(
+    let mut axes = shape.iter();
+    let fits = axes.try_fold(1usize, |n, &axis| n.checked_mul(axis.max(1)));
+    match fits.is_some() && len == shape.iter().product::<usize>() {
+        true => Ok(()),
+        false => Err(shape_error(
             name,
             format!("numbers of shape {shape:?}"),
             &[len],
-        ));
+        )),
     }
-    Ok(())
 }
 
 fn shape_error(name: &'static str, expected: impl Into<String>, got: &[usize]) -> Error {

@@ -2,10 +2,13 @@
 //!
 //! A transform `a_from_b` takes coordinates of frame b to frame a.
 
-use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 
 /// How far a rotation may be from exact before it is taken for a mistake rather than for rounding.
 const TOLERANCE: f64 = 1e-3;
+/// What rounding alone may do to a rotation: what is exact up to this stays as it is, so that a rig
+/// that was written is read back the same.
+const ROUNDING: f64 = 1e-14;
 /// Longest translation that is believed, metres: the Earth's size, for geocentric worlds.
 const FARTHEST: f64 = 1e7;
 
@@ -101,7 +104,7 @@ pub fn from_rotation(
 ) -> Result<Isometry3<f64>, TransformError> {
     finite(rotation.as_flattened())?;
     let matrix = Matrix3::from_fn(|row, column| rotation[row][column]);
-    with_translation(nearest_rotation(&matrix)?, translation)
+    with_translation(checked_rotation(matrix)?, translation)
 }
 
 /// The transform of a unit quaternion and a translation.
@@ -119,8 +122,12 @@ pub fn from_quaternion_wxyz(
     finite(&wxyz)?;
     let [w, x, y, z] = wxyz;
     let quaternion = Quaternion::new(w, x, y, z);
-    unit_norm(&quaternion)?;
-    with_translation(UnitQuaternion::new_normalize(quaternion), translation)
+    let norm = unit_norm(&quaternion)?;
+    let rotation = match (norm - 1.0).abs() <= ROUNDING {
+        true => UnitQuaternion::new_unchecked(quaternion),
+        false => UnitQuaternion::new_normalize(quaternion),
+    };
+    with_translation(rotation, translation)
 }
 
 /// Refuses a pose that was put together elsewhere and that none of the functions above would give.
@@ -137,13 +144,13 @@ fn finite(numbers: &[f64]) -> Result<(), TransformError> {
     }
 }
 
-fn unit_norm(quaternion: &Quaternion<f64>) -> Result<(), TransformError> {
+/// The norm, refused where it is not 1.
+fn unit_norm(quaternion: &Quaternion<f64>) -> Result<f64, TransformError> {
     let norm = quaternion.norm();
     // Not `> TOLERANCE`: overflow must end here too.
-    if (norm - 1.0).abs() <= TOLERANCE {
-        Ok(())
-    } else {
-        Err(TransformError::Norm(norm))
+    match (norm - 1.0).abs() <= TOLERANCE {
+        true => Ok(norm),
+        false => Err(TransformError::Norm(norm)),
     }
 }
 
@@ -157,31 +164,42 @@ fn with_translation(
     if distance > FARTHEST {
         return Err(TransformError::TooFar(distance));
     }
-    Ok(Isometry3::from_parts(
-        Translation3::from(translation),
-        rotation,
-    ))
+    Ok(Isometry3::from_parts(translation.into(), rotation))
 }
 
-/// The rotation nearest to a matrix that is one but for rounding.
-fn nearest_rotation(matrix: &Matrix3<f64>) -> Result<UnitQuaternion<f64>, TransformError> {
+fn checked_rotation(matrix: Matrix3<f64>) -> Result<UnitQuaternion<f64>, TransformError> {
     let determinant = matrix.determinant();
-    let off = (matrix.transpose() * matrix - Matrix3::identity())
-        .abs()
-        .max();
-    if off <= TOLERANCE && determinant < 0.0 {
-        return Err(TransformError::Reflection);
+    let off = off_orthonormal(&matrix).amax();
+    match nearest_rotation(matrix, TOLERANCE) {
+        Some(rotation) if (determinant - 1.0).abs() <= TOLERANCE => {
+            Ok(UnitQuaternion::from_rotation_matrix(&rotation))
+        }
+        None if off <= TOLERANCE => Err(TransformError::Reflection),
+        _ => Err(TransformError::NotRotation { determinant, off }),
     }
-    let refused = Err(TransformError::NotRotation { determinant, off });
-    // Not `off > TOLERANCE`: overflow to NaN must end here too.
-    if !(off <= TOLERANCE && (determinant - 1.0).abs() <= TOLERANCE) {
-        return refused;
+}
+
+/// The rotation nearest to a matrix that is one but for rounding; what is exact stays as it is.
+///
+/// - `tolerance`: how far the matrix may be off, in any entry of RᵀR, below 0.1
+/// - returns: `None` where it is off by more, or a reflection
+///
+/// Source: Björck and Bowie, "An Iterative Algorithm for Computing the Best Estimate of an
+/// Orthogonal Matrix", 1971.
+pub fn nearest_rotation(mut matrix: Matrix3<f64>, tolerance: f64) -> Option<Rotation3<f64>> {
+    let mut off = off_orthonormal(&matrix);
+    // Not `> tolerance`: overflow to NaN must be refused, too.
+    if !(off.amax() <= tolerance && matrix.determinant() > 0.0) {
+        return None;
     }
-    let svd = matrix.svd(true, true);
-    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
-        return refused;
-    };
-    Ok(UnitQuaternion::from_rotation_matrix(
-        &Rotation3::from_matrix_unchecked(u * v_t),
-    ))
+    // Each step squares what it is off by, so three are enough.
+    while off.amax() > ROUNDING {
+        matrix -= matrix * off * 0.5;
+        off = off_orthonormal(&matrix);
+    }
+    Some(Rotation3::from_matrix_unchecked(matrix))
+}
+
+fn off_orthonormal(matrix: &Matrix3<f64>) -> Matrix3<f64> {
+    matrix.transpose() * matrix - Matrix3::identity()
 }

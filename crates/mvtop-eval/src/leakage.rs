@@ -15,7 +15,6 @@ mod split;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::iter::Sum;
-use std::ops::Add;
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -152,23 +151,14 @@ pub fn leakage(a: &Split, b: &Split, settings: &Settings) -> Result<Leakage> {
         )));
     }
     let mut found = Leakage::default();
-    for &id in a
-        .objects
-        .keys()
-        .chain(b.objects.keys())
-        .collect::<BTreeSet<_>>()
-    {
-        let (of_a, of_b) = (a.objects.get(&id), b.objects.get(&id));
+    let ids: BTreeSet<u32> = a.objects.keys().chain(b.objects.keys()).copied().collect();
+    for id in ids {
         let model = settings.models.and_then(|models| models.get(&id));
         let compare = Compare {
             shape: model.map(Shape::new).transpose()?,
             settings,
         };
-        let (object, pairs) = compare.object(
-            id,
-            of_a.map_or(&[][..], Vec::as_slice),
-            of_b.map_or(&[][..], Vec::as_slice),
-        );
+        let (object, pairs) = compare.object(id, a.poses_of(id), b.poses_of(id));
         found.objects.push(object);
         found.pairs.extend(pairs);
     }
@@ -195,40 +185,32 @@ impl Compare<'_> {
         a: &[PoseRecord],
         b: &[PoseRecord],
     ) -> (ObjectLeakage, Vec<Pair>) {
-        let grid = |poses: &[PoseRecord]| {
-            // Larger than what is searched, so that few searches leave their cell.
-            Grid::new(
-                poses.iter().map(|pose| pose.translation_mm),
-                8.0 * self.settings.within_mm,
-            )
-        };
+        // Larger than what is searched, so that few searches leave their cell.
+        let cell = 8.0 * self.settings.within_mm;
+        let grid = |poses: &[PoseRecord]| Grid::new(poses.iter().map(|p| p.translation_mm), cell);
         let (grid_a, grid_b) = (grid(a), grid(b));
         let twins = |from: &[PoseRecord], to: &[PoseRecord], grid: &Grid| -> Vec<Option<Twin>> {
-            from.par_iter()
-                .map(|pose| self.twin(pose, to, grid, None))
-                .collect()
+            let twin = |pose| self.twin(pose, to, grid, None);
+            from.par_iter().map(twin).collect()
         };
         let repeated = |poses: &[PoseRecord], grid: &Grid| {
             let own = |(i, pose)| self.twin(pose, poses, grid, Some(i));
             let twins = poses.par_iter().enumerate().map(own);
-            twins.filter(|twin| self.recurs(twin)).count() as u64
+            twins.flatten().filter(|twin| self.recurs(twin)).count() as u64
         };
         let counts = |twins: &[Option<Twin>], repeated| Counts {
             poses: twins.len() as u64,
             same_translation: twins.iter().flatten().count() as u64,
-            recurring: twins.iter().filter(|twin| self.recurs(twin)).count() as u64,
+            recurring: twins.iter().flatten().filter(|t| self.recurs(t)).count() as u64,
             repeated,
         };
         let of_a = twins(a, b, &grid_b);
         let of_b = twins(b, a, &grid_a);
-        let recurring = of_a
-            .iter()
-            .enumerate()
-            .filter(|(_, twin)| self.recurs(twin));
-        let pairs = recurring.filter_map(|(index, twin)| {
-            twin.map(|twin| Pair {
+        let pairs = of_a.iter().enumerate().filter_map(|(a, twin)| {
+            let twin = twin.filter(|twin| self.recurs(twin))?;
+            Some(Pair {
                 object_id,
-                a: index,
+                a,
                 b: twin.index,
                 difference: twin.difference,
             })
@@ -242,8 +224,8 @@ impl Compare<'_> {
         (object, pairs.collect())
     }
 
-    fn recurs(&self, twin: &Option<Twin>) -> bool {
-        twin.is_some_and(|twin| twin.difference <= self.settings.limit)
+    fn recurs(&self, twin: &Twin) -> bool {
+        twin.difference <= self.settings.limit
     }
 
     /// The most alike of the poses with the same translation. `except` is the pose's own index where
@@ -323,21 +305,12 @@ impl Histogram {
     }
 }
 
-impl Add for Histogram {
-    type Output = Self;
-
-    fn add(mut self, other: Self) -> Self {
-        for (bin, more) in self.bins.iter_mut().zip(other.bins) {
-            *bin += more;
-        }
-        self.beyond += other.beyond;
-        self
-    }
-}
-
 impl Sum for Histogram {
     fn sum<I: Iterator<Item = Self>>(all: I) -> Self {
-        all.fold(Self::default(), Add::add)
+        all.fold(Self::default(), |sum, next| Self {
+            bins: std::array::from_fn(|i| sum.bins[i] + next.bins[i]),
+            beyond: sum.beyond + next.beyond,
+        })
     }
 }
 

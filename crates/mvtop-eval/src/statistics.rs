@@ -61,16 +61,13 @@ pub fn roc_curve(scores: &[f64], labels: &[bool]) -> Vec<[f64; 2]> {
 
 /// How many samples without and with the label have each score, lowest score first.
 fn ties(scores: &[f64], labels: &[bool]) -> Vec<[u64; 2]> {
-    let mut samples: Vec<(f64, bool)> =
-        scores.iter().copied().zip(labels.iter().copied()).collect();
-    samples.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let alike = samples.chunk_by(|a, b| a.0 == b.0);
-    alike
-        .map(|tie| {
-            let with = tie.iter().filter(|(_, label)| *label).count();
-            [(tie.len() - with) as u64, with as u64]
-        })
-        .collect()
+    let mut samples: Vec<(&f64, &bool)> = scores.iter().zip(labels).collect();
+    samples.sort_by(|a, b| a.0.total_cmp(b.0));
+    let count = |tie: &[(&f64, &bool)]| {
+        let with = tie.iter().filter(|(_, label)| **label).count();
+        [(tie.len() - with) as u64, with as u64]
+    };
+    samples.chunk_by(|a, b| a.0 == b.0).map(count).collect()
 }
 
 /// Pearson's correlation coefficient, `Σ (x - x̄)(y - ȳ) / √(Σ (x - x̄)² Σ (y - ȳ)²)`.
@@ -104,17 +101,14 @@ pub struct Bin {
 ///
 /// - `bins`: how many; as many as there are samples where those are fewer
 pub fn calibration(expected: &[f64], actual: &[f64], bins: usize) -> Vec<Bin> {
-    let mut pairs: Vec<(f64, f64)> = expected
-        .iter()
-        .copied()
-        .zip(actual.iter().copied())
-        .collect();
+    let actual = actual.iter().copied();
+    let mut pairs: Vec<(f64, f64)> = expected.iter().copied().zip(actual).collect();
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
     let bins = bins.min(pairs.len());
     let cut = |bin: usize| pairs.len() * bin / bins;
     let bin = |i: usize| {
-        let (expected, actual): (Vec<f64>, Vec<f64>) =
-            pairs[cut(i)..cut(i + 1)].iter().copied().unzip();
+        let pairs = pairs[cut(i)..cut(i + 1)].iter().copied();
+        let (expected, actual): (Vec<f64>, Vec<f64>) = pairs.unzip();
         Some(Bin {
             count: expected.len(),
             expected: mean(&expected)?,

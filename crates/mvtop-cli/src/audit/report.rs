@@ -1,5 +1,7 @@
 //! The outcome as a table, as JSON and as CSV.
 
+use std::error::Error;
+
 use mvtop_eval::leakage::{Counts, Histogram, ObjectLeakage, PoseRecord, Split};
 use serde::Serialize;
 
@@ -65,16 +67,12 @@ pub fn table(result: &Audited) -> String {
 }
 
 fn cells(counts: &Counts) -> String {
-    let Counts {
-        poses,
-        same_translation,
-        recurring,
-        repeated,
-    } = *counts;
+    let (poses, same, recurring) = (counts.poses, counts.same_translation, counts.recurring);
     format!(
-        "{poses:>8} {same_translation:>9} {:>6.2} % {recurring:>9} {:>6.2} % {repeated:>11}",
-        percent(same_translation, poses),
-        percent(recurring, poses)
+        "{poses:>8} {same:>9} {:>6.2} % {recurring:>9} {:>6.2} % {:>11}",
+        percent(same, poses),
+        percent(recurring, poses),
+        counts.repeated
     )
 }
 
@@ -123,9 +121,7 @@ pub fn json(result: &Audited) -> Result<String> {
         scenes: split.scenes.len(),
         poses: split.poses(),
     };
-    let ObjectLeakage {
-        a, b, histogram, ..
-    } = result.leakage.total();
+    let total = result.leakage.total();
     let report = Report {
         schema_version: 1,
         a: source(&result.names[0], &result.a),
@@ -133,7 +129,11 @@ pub fn json(result: &Audited) -> Result<String> {
         within_mm: result.within_mm,
         measure: result.measure.key(),
         limit: result.limit,
-        total: Total { a, b, histogram },
+        total: Total {
+            a: total.a,
+            b: total.b,
+            histogram: total.histogram,
+        },
         objects: &result.leakage.objects,
     };
     Ok(pretty_json(&report)? + "\n")
@@ -141,7 +141,10 @@ pub fn json(result: &Audited) -> Result<String> {
 
 /// One line for each recurring pose of split a.
 pub fn csv(result: &Audited) -> Result<String> {
-    let failed = |cause: String| Failure(format!("cannot write CSV: {cause}"));
+    records(result).map_err(|cause| Failure(format!("cannot write CSV: {cause}")))
+}
+
+fn records(result: &Audited) -> std::result::Result<String, Box<dyn Error>> {
     let by_add = result.measure == Measure::AddPercent;
     let mut csv = csv::Writer::from_writer(Vec::new());
     let mut header = vec![
@@ -156,8 +159,7 @@ pub fn csv(result: &Audited) -> Result<String> {
         "rotation_deg",
     ];
     header.extend(by_add.then_some("add_percent"));
-    csv.write_record(&header)
-        .map_err(|cause| failed(cause.to_string()))?;
+    csv.write_record(&header)?;
     let place = |split: &Split, pose: &PoseRecord| {
         let scene = split.scenes[pose.scene as usize].clone();
         [scene, pose.image.to_string(), pose.annotation.to_string()]
@@ -170,11 +172,7 @@ pub fn csv(result: &Audited) -> Result<String> {
         record.extend(place(&result.a, a).into_iter().chain(place(&result.b, b)));
         record.extend([apart, a.rotation_error_deg(b)].map(|x| x.to_string()));
         record.extend(by_add.then(|| pair.difference.to_string()));
-        csv.write_record(&record)
-            .map_err(|cause| failed(cause.to_string()))?;
+        csv.write_record(&record)?;
     }
-    let bytes = csv
-        .into_inner()
-        .map_err(|cause| failed(cause.to_string()))?;
-    String::from_utf8(bytes).map_err(|cause| failed(cause.to_string()))
+    Ok(String::from_utf8(csv.into_inner()?)?)
 }

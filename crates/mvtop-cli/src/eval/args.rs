@@ -137,22 +137,8 @@ pub struct Trial {
     #[arg(long, conflicts_with = "min_views")]
     pub true_boxes: bool,
 
-    /// Move each side of the true boxes at random: standard deviation, as a share of the box's size
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = not_negative)]
-    #[arg(requires = "true_boxes")]
-    pub box_noise: f64,
-
-    /// Turn every camera but the reference by this angle about a random axis through its center
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = not_negative)]
-    pub rig_noise_deg: f64,
-
-    /// Move the center of every camera but the reference by this distance in a random direction
-    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = not_negative)]
-    pub rig_noise_mm: f64,
-
-    /// Which random axes and directions: the same seed gives the same ones, scaled, for any noise
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub noise_seed: u64,
+    #[command(flatten)]
+    pub noise: Noise,
 
     /// Largest rotation error of a pose that counts as resolved
     #[arg(long, value_name = "DEG", default_value_t = 15.0, value_parser = not_negative)]
@@ -160,15 +146,4 @@ pub struct Trial {
 
     #[command(flatten)]
     pub network: NetworkArgs,
-}
-
-impl Trial {
-    pub fn noise(&self) -> Noise {
-        Noise {
-            seed: self.noise_seed,
-            rig_deg: self.rig_noise_deg,
-            rig_mm: self.rig_noise_mm,
-            boxes: self.box_noise,
-        }
-    }
 }

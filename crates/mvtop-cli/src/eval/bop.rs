@@ -10,9 +10,9 @@ use std::collections::HashSet;
 use std::path::Path;
 use std::time::Instant;
 
-use mvtop_core::Estimator;
 use mvtop_core::annotations::TruePose;
 use mvtop_core::prediction::ObjectPose;
+use mvtop_core::{Error, Estimator};
 use mvtop_eval::bop::{Estimate, FrameId, Group, RESULTS_HEADER, load_depth};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -25,7 +25,7 @@ use super::args::BopArgs;
 use super::outcome::Outcome;
 use crate::failure::{Failure, Result};
 use crate::matching::{matches, unmatched};
-use crate::{model_dir, progress, write};
+use crate::{progress, write};
 
 pub fn run(args: &BopArgs) -> Result<()> {
     let (folder, page) = match (&args.out, &args.report) {
@@ -33,9 +33,8 @@ pub fn run(args: &BopArgs) -> Result<()> {
         (None, Some(folder)) => (folder, true),
         (None, None) => return Err(Failure("give --out DIR or --report DIR".into())),
     };
-    let network = &args.trial.network;
-    let bundle = model_dir::find(network.model.as_deref())?;
-    let estimator = Estimator::load(&bundle, &network.options())?;
+    let bundle = args.trial.network.bundle()?;
+    let estimator = args.trial.network.load(&bundle)?;
     let plan = Plan::new(args, &estimator)?;
     let about = about(args, &bundle)?;
     let (mut journal, mut lines) = Journal::open(folder, &about, args.force)?;
@@ -70,20 +69,15 @@ pub fn run(args: &BopArgs) -> Result<()> {
     }
     let files = [&poses, "summary.json", "groups.jsonl", "report.html"];
     let written = &files[..if page { 4 } else { 3 }];
-    write::print(&format!(
-        "{}\n\nin {}: {}",
-        results.text(&plan.classes),
-        folder.display(),
-        written.join(", ")
-    ))
+    let (table, folder) = (results.text(&plan.classes), folder.display());
+    write::print(&format!("{table}\n\nin {folder}: {}", written.join(", ")))
 }
 
 /// What results depend on. Where files lie is no part of it, but for the names of the data set.
 fn about(args: &BopArgs, bundle: &Path) -> Result<Value> {
     let hash = |path: &Path| {
-        let bytes = std::fs::read(path)
-            .map_err(|cause| Failure(format!("cannot read {}: {cause}", path.display())))?;
-        Ok::<_, Failure>(format!("{:x}", Sha256::digest(bytes)))
+        let bytes = std::fs::read(path).map_err(Error::read(path))?;
+        Ok::<_, Error>(format!("{:x}", Sha256::digest(bytes)))
     };
     let (split, trial) = (&args.split, &args.trial);
     Ok(json!({
@@ -98,10 +92,10 @@ fn about(args: &BopArgs, bundle: &Path) -> Result<Value> {
         "model_sha256": hash(&bundle.join("model.json"))?,
         "true_boxes": trial.true_boxes,
         "min_views": trial.detection.min_views,
-        "box_noise": trial.box_noise,
-        "rig_noise_deg": trial.rig_noise_deg,
-        "rig_noise_mm": trial.rig_noise_mm,
-        "noise_seed": trial.noise_seed,
+        "box_noise": trial.noise.boxes,
+        "rig_noise_deg": trial.noise.rig_deg,
+        "rig_noise_mm": trial.noise.rig_mm,
+        "noise_seed": trial.noise.seed,
         "vsd_delta_mm": args.vsd_delta_mm,
     }))
 }
@@ -119,10 +113,8 @@ fn evaluate(plan: &Plan, group: &Group, args: &BopArgs, estimator: &Estimator) -
     let mut prediction = sample.predict(estimator, &args.trial)?;
     let time_s = start.elapsed().as_secs_f64();
     // Objects that are not asked for are neither right nor wrong.
-    prediction.objects.retain(|found| {
-        plan.object(&found.class)
-            .is_some_and(|id| plan.wanted(group, id))
-    });
+    let wanted = |class: &str| plan.object(class).is_some_and(|id| plan.wanted(group, id));
+    prediction.objects.retain(|found| wanted(&found.class));
     let matched = matches(&sample.truth, &prediction);
     let depth = load_depth(&plan.scenes[&group.scene].frames[&group.views[0]])?;
     let view = score::View {
@@ -138,6 +130,10 @@ fn evaluate(plan: &Plan, group: &Group, args: &BopArgs, estimator: &Estimator) -
         let scored = Scored::new(outcome, known, found, model, &view);
         Some(scored.map_err(|problem| Failure(format!("{}: {problem}", sample.name))))
     };
+    let estimate = |found: &ObjectPose| {
+        let obj_id = plan.object(&found.class)?;
+        Some(Estimate::new(obj_id, found.score, &found.ref_from_obj))
+    };
     let known = sample.truth.iter().zip(&matched);
     let FrameId { sensor, image } = group.views[0].clone();
     Ok(Line {
@@ -147,14 +143,7 @@ fn evaluate(plan: &Plan, group: &Group, args: &BopArgs, estimator: &Estimator) -
         image,
         time_s,
         extra: unmatched(&matched, &prediction),
-        estimates: prediction
-            .objects
-            .iter()
-            .filter_map(|found| {
-                let obj_id = plan.object(&found.class)?;
-                Some(Estimate::new(obj_id, found.score, &found.ref_from_obj))
-            })
-            .collect(),
+        estimates: prediction.objects.iter().filter_map(estimate).collect(),
         objects: known
             .enumerate()
             .filter_map(scored)
@@ -164,11 +153,11 @@ fn evaluate(plan: &Plan, group: &Group, args: &BopArgs, estimator: &Estimator) -
 
 /// Results in BOP's format, for the reference images.
 fn csv(lines: &[Line]) -> String {
-    let mut text = String::from(RESULTS_HEADER);
-    for line in lines {
-        for estimate in &line.estimates {
-            text += &estimate.csv_line(line.scene, line.image, line.time_s);
-        }
-    }
-    text
+    let of_line = |line: &Line| -> String {
+        let estimates = line.estimates.iter();
+        estimates
+            .map(|e| e.csv_line(line.scene, line.image, line.time_s))
+            .collect()
+    };
+    RESULTS_HEADER.to_owned() + &lines.iter().map(of_line).collect::<String>()
 }

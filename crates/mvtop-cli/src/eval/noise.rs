@@ -4,6 +4,7 @@
 //! order of samples nor the number of views, and grows in proportion to its size: a camera is turned
 //! about the same axis by 0.5 and by 2 degrees. `docs/output.md` gives the recipe.
 
+use clap::Args;
 use mvtop_core::annotations::GivenBoxes;
 use mvtop_core::{BBox, Rig};
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
@@ -12,16 +13,29 @@ use rand::rngs::ChaCha20Rng;
 use rand_distr::{Distribution, StandardNormal, UnitSphere};
 use sha2::{Digest, Sha256};
 
-/// How much is added, and which draw of it.
-#[derive(Debug, Clone, Copy, Default)]
+use crate::args::not_negative;
+
+// A plain comment, as clap would take it for the command's own: how much is added, and which draw.
+#[derive(Debug, Clone, Copy, Default, Args)]
 pub struct Noise {
-    pub seed: u64,
-    /// Angle by which each camera but the reference is turned about its own center.
-    pub rig_deg: f64,
-    /// Distance by which its center is moved.
-    pub rig_mm: f64,
-    /// Standard deviation of each side of a box, in widths (left, right) or heights (top, bottom).
+    /// Move each side of the true boxes at random: standard deviation, as a share of the box's size
+    #[arg(long = "box-noise", value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(value_parser = not_negative, requires = "true_boxes")]
     pub boxes: f64,
+
+    /// Turn every camera but the reference by this angle about a random axis through its center
+    #[arg(long = "rig-noise-deg", value_name = "DEG", default_value_t = 0.0)]
+    #[arg(value_parser = not_negative)]
+    pub rig_deg: f64,
+
+    /// Move the center of every camera but the reference by this distance in a random direction
+    #[arg(long = "rig-noise-mm", value_name = "MM", default_value_t = 0.0)]
+    #[arg(value_parser = not_negative)]
+    pub rig_mm: f64,
+
+    /// Which random axes and directions: the same seed gives the same ones, scaled, for any noise
+    #[arg(long = "noise-seed", value_name = "N", default_value_t = 0)]
+    pub seed: u64,
 }
 
 impl Noise {
@@ -69,9 +83,8 @@ impl Noise {
                 x1: moved(bbox.x1, width),
                 y1: moved(bbox.y1, height),
             };
-            let clipped = rig
-                .index_of(id)
-                .and_then(|i| bbox.clip(rig.cameras()[i].width(), rig.cameras()[i].height()));
+            let camera = rig.index_of(id).map(|index| &rig.cameras()[index]);
+            let clipped = camera.and_then(|camera| bbox.clip(camera.width(), camera.height()));
             *bbox = clipped.unwrap_or(*bbox);
             clipped.is_some()
         });

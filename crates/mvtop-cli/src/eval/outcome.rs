@@ -68,4 +68,13 @@ impl Outcome {
             timings_ms: prediction.timings,
         }
     }
+
+    /// `None` where it was not found.
+    pub fn errors(&self) -> Option<Errors> {
+        Some(Errors {
+            rot_deg: self.rot_deg?,
+            trans_m: self.trans_m?,
+            add_m: self.add_m,
+        })
+    }
 }

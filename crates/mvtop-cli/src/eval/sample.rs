@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use mvtop_core::annotations::{self, GivenBoxes, TruePose};
-use mvtop_core::{Estimator, PredictOptions, Prediction, Rig, ViewImage};
+use mvtop_core::{Error, Estimator, PredictOptions, Prediction, Rig, ViewImage};
 
 use super::args::Trial;
 use super::noise::Noise;
@@ -19,8 +19,7 @@ pub struct Sample {
 
 /// Folders with a rig in them, sorted by name.
 pub fn folders(dir: &Path) -> Result<Vec<PathBuf>> {
-    let entries = std::fs::read_dir(dir)
-        .map_err(|cause| Failure(format!("cannot read {}: {cause}", dir.display())))?;
+    let entries = std::fs::read_dir(dir).map_err(Error::read(dir))?;
     let mut folders: Vec<PathBuf> = entries
         .filter_map(|entry| Some(entry.ok()?.path()))
         .filter(|path| path.join("rig.json").is_file())
@@ -49,10 +48,7 @@ impl Sample {
             )));
         }
         let mut images = Vec::new();
-        for index in (0..cameras)
-            .map(|i| (rig.reference() + i) % cameras)
-            .take(views)
-        {
+        for index in (0..views).map(|i| (rig.reference() + i) % cameras) {
             let camera = &rig.cameras()[index];
             let files = ["png", "jpg", "jpeg", "tif", "tiff", "bmp"]
                 .map(|end| folder.join(format!("{}.{end}", camera.id())));
@@ -68,9 +64,9 @@ impl Sample {
                 image: mvtop_core::image::load(file, camera)?,
             });
         }
-        let name = folder.file_name().unwrap_or_default();
+        let name = folder.file_name().unwrap_or_default().to_string_lossy();
         Ok(Self {
-            name: name.to_string_lossy().into_owned(),
+            name: name.into_owned(),
             rig,
             images,
             truth,
@@ -78,10 +74,10 @@ impl Sample {
     }
 
     pub fn predict(&self, estimator: &Estimator, trial: &Trial) -> Result<Prediction> {
-        let noise = trial.noise();
+        let noise = &trial.noise;
         let options = PredictOptions {
             reference: None,
-            boxes: trial.true_boxes.then(|| self.boxes(&noise)),
+            boxes: trial.true_boxes.then(|| self.boxes(noise)),
             min_views: trial.detection.min_views as usize,
         };
         let rig = noise.disturb_rig(&self.rig, &self.name)?;
@@ -100,10 +96,7 @@ impl Sample {
             noise.disturb_boxes(&mut seen, &self.rig, &self.name, object);
             seen.boxes.keys().any(has_image).then_some(seen)
         };
-        self.truth
-            .iter()
-            .enumerate()
-            .filter_map(disturbed)
-            .collect()
+        let known = self.truth.iter().enumerate();
+        known.filter_map(disturbed).collect()
     }
 }

@@ -13,7 +13,7 @@ use super::sample::{Sample, folders};
 use super::summary::Summary;
 use crate::failure::{Failure, Result};
 use crate::matching::{matches, unmatched};
-use crate::{model_dir, progress, write};
+use crate::{progress, write};
 
 pub fn run(args: &SamplesArgs) -> Result<()> {
     let trial = &args.trial;
@@ -21,10 +21,7 @@ pub fn run(args: &SamplesArgs) -> Result<()> {
     if let Some(out) = &args.out {
         write::may_write(out, args.force)?;
     }
-    let estimator = Estimator::load(
-        &model_dir::find(trial.network.model.as_deref())?,
-        &trial.network.options(),
-    )?;
+    let estimator = trial.network.load(&trial.network.bundle()?)?;
     let bar = progress::bar(folders.len() as u64, "{pos}/{len} samples");
     let mut views = None;
     let mut outcomes = Vec::new();

@@ -4,7 +4,7 @@ use mvtop_core::prediction::Sigma;
 use mvtop_eval::statistics::{self, CALIBRATION_BINS, auroc, correlation, mean, median};
 use serde::Serialize;
 
-use super::outcome::Outcome;
+use super::outcome::{Errors, Outcome};
 
 /// A rotation that is off by more is taken for a wrong one rather than an inexact one.
 const WRONG_DEG: f64 = 30.0;
@@ -47,14 +47,6 @@ pub struct Bin {
     rot_mean_deg: f64,
 }
 
-/// A found object.
-struct Found<'a> {
-    rot_deg: f64,
-    trans_m: f64,
-    add_m: Option<f64>,
-    sigma: &'a Sigma,
-}
-
 impl Summary {
     /// - `pairs`: number of samples
     /// - `extra`: predicted objects that no outcome is about
@@ -66,36 +58,32 @@ impl Summary {
         outcomes: &[Outcome],
         resolved_deg: f64,
     ) -> Self {
-        let found: Vec<Found> = outcomes
-            .iter()
-            .filter_map(|outcome| {
-                Some(Found {
-                    rot_deg: outcome.rot_deg?,
-                    trans_m: outcome.trans_m?,
-                    add_m: outcome.add_m,
-                    sigma: outcome.sigma.as_ref()?,
-                })
-            })
-            .collect();
-        let mean_of =
-            |value: &dyn Fn(&Found) -> f64| mean(&found.iter().map(value).collect::<Vec<f64>>());
-        let rotations: Vec<f64> = found.iter().map(|f| f.rot_deg).collect();
-        let expected: Vec<f64> = found.iter().map(|f| f.sigma.rot_deg).collect();
+        let found = |outcome: &Outcome| Some((outcome.errors()?, outcome.sigma?));
+        let found: Vec<(Errors, Sigma)> = outcomes.iter().filter_map(found).collect();
+        let all = |value: &dyn Fn(&Errors, &Sigma) -> f64| -> Vec<f64> {
+            found
+                .iter()
+                .map(|(errors, sigma)| value(errors, sigma))
+                .collect()
+        };
+        let mean_of = |value: &dyn Fn(&Errors, &Sigma) -> f64| mean(&all(value));
+        let (rotations, expected) = (all(&|e, _| e.rot_deg), all(&|_, sigma| sigma.rot_deg));
         let open: Vec<bool> = rotations.iter().map(|&rot| rot > resolved_deg).collect();
         Self {
             views,
             pairs,
             found: found.len(),
-            rot_mean_deg: mean_of(&|f| f.rot_deg),
+            rot_mean_deg: mean(&rotations),
             rot_median_deg: median(&rotations),
-            share_over_30_deg: mean_of(&|f| f64::from(u8::from(f.rot_deg > WRONG_DEG))),
-            add_mean_m: mean_of(&|f| f.add_m.unwrap_or(f64::NAN)).filter(|mean| mean.is_finite()),
-            trans_mean_m: mean_of(&|f| f.trans_m),
-            sigma_rot_mean_deg: mean_of(&|f| f.sigma.rot_deg),
-            sigma_t_mean_m: mean_of(&|f| f.sigma.t_m),
+            share_over_30_deg: mean_of(&|e, _| f64::from(u8::from(e.rot_deg > WRONG_DEG))),
+            add_mean_m: mean_of(&|e, _| e.add_m.unwrap_or(f64::NAN))
+                .filter(|mean| mean.is_finite()),
+            trans_mean_m: mean_of(&|e, _| e.trans_m),
+            sigma_rot_mean_deg: mean(&expected),
+            sigma_t_mean_m: mean_of(&|_, sigma| sigma.t_m),
             extra,
             resolved_deg,
-            resolved_share: mean_of(&|f| f64::from(u8::from(f.rot_deg <= resolved_deg))),
+            resolved_share: mean_of(&|e, _| f64::from(u8::from(e.rot_deg <= resolved_deg))),
             sigma_rot_auroc: auroc(&expected, &open),
             sigma_rot_correlation: correlation(&expected, &rotations),
             calibration: calibration(&expected, &rotations),
@@ -113,44 +101,34 @@ impl Summary {
             x.map_or("–".into(), |x| format!("{:.digits$}", x * unit))
         };
         let (deg, mm) = (|x| number(x, 1.0, 2), |x| number(x, 1e3, 1));
-        let percent = |x| number(x, 100.0, 1);
-        let row = |name, mean: &str, median: &str, expected: &str| {
-            let row = format!("{name:18}{mean:>8}{median:>10}{expected:>12}");
-            row.trim_end().to_owned()
-        };
-        let found = format!("found: {} of {objects} objects", self.found);
-        [
-            format!(
-                "{of}: {}, views: {}, {found}, false positives: {}\n",
-                self.pairs, self.views, self.extra
-            ),
-            row("error", "mean", "median", "expected"),
-            row(
-                "rotation, °",
-                &deg(self.rot_mean_deg),
-                &deg(self.rot_median_deg),
-                &deg(self.sigma_rot_mean_deg),
-            ),
-            row(
-                "translation, mm",
-                &mm(self.trans_mean_m),
-                "",
-                &mm(self.sigma_t_mean_m),
-            ),
-            row("ADD, mm", &mm(self.add_mean_m), "", ""),
-            format!(
-                "\nrotation within {}°: {} % of the found, over {WRONG_DEG}°: {} %",
-                self.resolved_deg,
-                percent(self.resolved_share),
-                percent(self.share_over_30_deg)
-            ),
-            format!(
-                "expected and actual rotation error: AUROC {}, correlation {}",
-                number(self.sigma_rot_auroc, 1.0, 3),
-                number(self.sigma_rot_correlation, 1.0, 2)
-            ),
-        ]
-        .join("\n")
+        let Self {
+            views,
+            pairs,
+            found,
+            extra,
+            resolved_deg,
+            ..
+        } = self;
+        format!(
+            "{of}: {pairs}, views: {views}, found: {found} of {objects} objects, \
+             false positives: {extra}\n\n\
+             error                 mean    median    expected\n\
+             rotation, °       {:>8}{:>10}{:>12}\n\
+             translation, mm   {:>8}{:>22}\n\
+             ADD, mm           {:>8}\n\n\
+             rotation within {resolved_deg}°: {} % of the found, over {WRONG_DEG}°: {} %\n\
+             expected and actual rotation error: AUROC {}, correlation {}",
+            deg(self.rot_mean_deg),
+            deg(self.rot_median_deg),
+            deg(self.sigma_rot_mean_deg),
+            mm(self.trans_mean_m),
+            mm(self.sigma_t_mean_m),
+            mm(self.add_mean_m),
+            number(self.resolved_share, 100.0, 1),
+            number(self.share_over_30_deg, 100.0, 1),
+            number(self.sigma_rot_auroc, 1.0, 3),
+            number(self.sigma_rot_correlation, 1.0, 2),
+        )
     }
 }
 

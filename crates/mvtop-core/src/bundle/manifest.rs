@@ -2,14 +2,16 @@
 
 use std::collections::{BTreeMap, HashSet};
 use std::fs::File;
-use std::io::Read;
 use std::path::{Component, Path};
 
+use nalgebra::{Point3, Unit, Vector3};
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
 use super::{CloseUps, Detector, Input, PoseInput, SurfacePoint};
 use crate::rays::LosEncoding;
+use crate::symmetry::{Axis, Symmetry};
+use crate::transform::from_matrix;
 use crate::{Error, Result};
 
 /// Largest side of the network input and largest stride, px: a bundle cannot ask for more memory
@@ -47,6 +49,45 @@ pub(super) struct ManifestClass {
     pub name: String,
     pub diameter_m: f64,
     pub points: String,
+    /// Rows of homogeneous matrices, metres, as the next ones.
+    #[serde(default)]
+    pub symmetries_discrete: Vec<[[f64; 4]; 4]>,
+    #[serde(default)]
+    pub symmetries_continuous: Vec<ManifestAxis>,
+}
+
+#[derive(Deserialize)]
+pub(super) struct ManifestAxis {
+    pub axis: [f64; 3],
+    pub offset: [f64; 3],
+}
+
+impl ManifestClass {
+    /// The text is the problem. Of several axes, as a ball has, the first counts.
+    pub fn symmetry(&self) -> Result<Symmetry, String> {
+        let problem = |what: String| format!("class `{}`: {what}", self.name);
+        let discrete = self.symmetries_discrete.iter().map(|rows| {
+            from_matrix(rows).map_err(|error| problem(format!("symmetries_discrete: {error}")))
+        });
+        let axis = self.symmetries_continuous.first().map(|symmetry| {
+            let ManifestAxis { axis, offset } = symmetry;
+            let direction = Unit::try_new(Vector3::from(*axis), 1e-9);
+            let finite = axis.iter().chain(offset).all(|x| x.is_finite());
+            let expected = || {
+                problem(format!(
+                    "symmetries_continuous: expected an axis, got {axis:?}"
+                ))
+            };
+            Ok::<_, String>(Axis {
+                direction: direction.filter(|_| finite).ok_or_else(expected)?,
+                point: Point3::from(*offset),
+            })
+        });
+        Ok(Symmetry {
+            discrete: discrete.collect::<Result<_, String>>()?,
+            axis: axis.transpose()?,
+        })
+    }
 }
 
 #[derive(Deserialize)]
@@ -78,13 +119,9 @@ pub(super) struct PointsFile {
 impl Manifest {
     /// What serde cannot check; the text is the problem.
     pub fn check(&self) -> Result<(), String> {
-        let Input {
-            width,
-            height,
-            mean,
-            std,
-        } = &self.input;
-        if !(1..=MAX_SIDE).contains(width) || !(1..=MAX_SIDE).contains(height) {
+        let (width, height) = (self.input.width, self.input.height);
+        let (mean, std) = (self.input.mean, self.input.std);
+        if !(1..=MAX_SIDE).contains(&width) || !(1..=MAX_SIDE).contains(&height) {
             return Err(format!(
                 "input is {width} x {height} px, expected 1 to {MAX_SIDE} a side"
             ));
@@ -94,32 +131,23 @@ impl Manifest {
                 "input has mean {mean:?} and std {std:?}, expected std above 0"
             ));
         }
-        if self.strides.is_empty() || !self.strides.is_sorted_by(|a, b| a < b) {
-            return Err(format!(
-                "strides are {:?}, expected them rising",
-                self.strides
-            ));
+        let strides = &self.strides;
+        if strides.is_empty() || !strides.is_sorted_by(|a, b| a < b) {
+            return Err(format!("strides are {strides:?}, expected them rising"));
         }
         // Coarser levels may have a last cell that sticks out: 480 / 64 makes 8 rows.
-        let stride = self.strides[0];
+        let stride = strides[0];
         if stride == 0 || width % stride != 0 || height % stride != 0 {
             return Err(format!(
                 "stride {stride} does not divide the input {width} x {height}"
             ));
         }
-        let Detector {
-            score_threshold,
-            agree_threshold,
-            nms_iou,
-        } = self.detector;
-        let agree_threshold = agree_threshold.unwrap_or(score_threshold);
-        if ![score_threshold, agree_threshold, nms_iou]
-            .iter()
-            .all(|x| (0.0..=1.0).contains(x))
-        {
+        let detector = self.detector;
+        let shares = [detector.score_threshold, detector.nms_iou];
+        let mut shares = shares.into_iter().chain(detector.agree_threshold);
+        if !shares.all(|x| (0.0..=1.0).contains(&x)) {
             return Err(format!(
-                "detector has {:?}, expected numbers from 0 to 1",
-                self.detector
+                "detector has {detector:?}, expected numbers from 0 to 1"
             ));
         }
         if self.classes.is_empty() {
@@ -127,17 +155,13 @@ impl Manifest {
         }
         let (mut ids, mut names) = (HashSet::new(), HashSet::new());
         for class in &self.classes {
-            if !ids.insert(class.id) || !names.insert(&class.name) {
-                return Err(format!(
-                    "class `{}` with id {} comes twice",
-                    class.name, class.id
-                ));
+            let (id, name, diameter) = (class.id, &class.name, class.diameter_m);
+            if !ids.insert(id) || !names.insert(name) {
+                return Err(format!("class `{name}` with id {id} comes twice"));
             }
-            if !(class.diameter_m.is_finite() && class.diameter_m > 0.0) {
-                return Err(format!(
-                    "class `{}` has the diameter {} m, expected it above 0",
-                    class.name, class.diameter_m
-                ));
+            if !(diameter.is_finite() && diameter > 0.0) {
+                let problem = format!("has the diameter {diameter} m, expected it above 0");
+                return Err(format!("class `{name}` {problem}"));
             }
         }
         for name in self.files.keys() {
@@ -146,41 +170,30 @@ impl Manifest {
                 return Err(format!("file `{name}` lies outside the bundle"));
             }
         }
-        let Graphs {
-            features,
-            closeup,
-            decoder,
-        } = &self.graphs;
+        let graphs = [&self.graphs.features, &self.graphs.decoder].into_iter();
         let points = self.classes.iter().map(|class| &class.points);
-        if let Some(name) = [features, decoder]
-            .into_iter()
-            .chain(closeup)
-            .chain(points)
-            .find(|n| !self.files.contains_key(*n))
-        {
+        let mut used = graphs.chain(&self.graphs.closeup).chain(points);
+        if let Some(name) = used.find(|name| !self.files.contains_key(*name)) {
             return Err(format!("file `{name}` is used but not listed in `files`"));
         }
         Ok(())
     }
-}
 
-impl Manifest {
     /// What poses are decoded from; the text is the problem.
     ///
     /// - `dir`: the bundle's folder
     pub fn poses(&self, dir: &Path) -> Result<PoseInput, String> {
         let cells = |strides: &[u32]| strides.iter().map(|&stride| stride as usize).collect();
-        let (ManifestCloseUp { size, strides }, graph) = match (&self.closeup, &self.graphs.closeup)
-        {
+        let (size, strides, graph) = match (&self.closeup, &self.graphs.closeup) {
             (None, None) => {
                 let strides = cells(&self.strides);
                 return Ok(PoseInput::WholeImages { strides });
             }
-            (Some(closeup), Some(graph)) => (closeup, graph),
+            (Some(closeup), Some(graph)) => (closeup.size, &closeup.strides, graph),
             _ => return Err("closeup: expected its size and its graph, got one of them".into()),
         };
         let fits = |&stride: &u32| stride > 0 && size.is_multiple_of(stride);
-        if !(1..=MAX_SIDE).contains(size)
+        if !(1..=MAX_SIDE).contains(&size)
             || strides.is_empty()
             || !strides.is_sorted_by(|a, b| a < b)
             || !strides.iter().all(fits)
@@ -191,7 +204,7 @@ impl Manifest {
             ));
         }
         Ok(PoseInput::CloseUps(CloseUps {
-            size: *size,
+            size,
             strides: cells(strides),
             graph: dir.join(graph),
         }))
@@ -223,23 +236,9 @@ impl FileRecord {
 
 /// Length and SHA-256 of a file, in hexadecimal.
 pub(super) fn digest(path: &Path) -> std::io::Result<(u64, String)> {
-    let mut file = File::open(path)?;
-    let (mut hash, mut bytes) = (Sha256::new(), 0);
-    let mut buffer = vec![0; 1 << 16];
-    loop {
-        let read = file.read(&mut buffer)?;
-        if read == 0 {
-            break;
-        }
-        hash.update(&buffer[..read]);
-        bytes += read as u64;
-    }
-    let hex = hash
-        .finalize()
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect();
-    Ok((bytes, hex))
+    let mut hash = Sha256::new();
+    let bytes = std::io::copy(&mut File::open(path)?, &mut hash)?;
+    Ok((bytes, format!("{:x}", hash.finalize())))
 }
 
 pub(super) fn read_points(path: &Path) -> Result<Vec<SurfacePoint>> {
@@ -251,31 +250,21 @@ pub(super) fn read_points(path: &Path) -> Result<Vec<SurfacePoint>> {
     let file: PointsFile =
         serde_json::from_str(&text).map_err(|e| refuse(format!("is not a points file: {e}")))?;
     if file.unit != "m" {
-        return Err(refuse(format!(
-            "is in `{}`, expected metres (`m`)",
-            file.unit
-        )));
+        let unit = file.unit;
+        return Err(refuse(format!("is in `{unit}`, expected metres (`m`)")));
     }
     if file.points.is_empty() {
         return Err(refuse("holds no points".into()));
     }
-    file.points
-        .iter()
-        .enumerate()
-        .map(|(i, &[x, y, z, r, g, b])| {
-            let color = [r, g, b];
-            let valid = [x, y, z].iter().all(|v| v.is_finite())
-                && color.iter().all(|c| (0.0..=255.0).contains(c));
-            // Rounded, since the file may hold averaged colors.
-            let point = SurfacePoint {
-                position: [x, y, z],
-                color: color.map(|c| c.round() as u8),
-            };
-            valid.then_some(point).ok_or_else(|| {
-                refuse(format!(
-                    "point {i}: expected finite x, y, z and r, g, b from 0 to 255"
-                ))
-            })
-        })
-        .collect()
+    let point = |(i, &[x, y, z, r, g, b]): (usize, &[f64; 6])| {
+        let (position, color) = ([x, y, z], [r, g, b]);
+        let valid = position.iter().all(|v| v.is_finite())
+            && color.iter().all(|c| (0.0..=255.0).contains(c));
+        // Rounded, since the file may hold averaged colors.
+        let color = color.map(|c| c.round() as u8);
+        let problem = || format!("point {i}: expected finite x, y, z and r, g, b from 0 to 255");
+        let point = valid.then_some(SurfacePoint { position, color });
+        point.ok_or_else(|| refuse(problem()))
+    };
+    file.points.iter().enumerate().map(point).collect()
 }

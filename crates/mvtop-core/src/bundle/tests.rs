@@ -105,6 +105,38 @@ fn threshold_of_agreeing_boxes_may_be_left_out() {
 }
 
 #[test]
+fn symmetries_are_read_and_checked() {
+    let half_turn = || json!([[[-1, 0, 0, 0.02], [0, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]]);
+    let dir = bundle(|m| {
+        m["classes"][0]["symmetries_discrete"] = half_turn();
+        m["classes"][0]["symmetries_continuous"] =
+            json!([{"axis": [0, 0, 2], "offset": [0.01, 0, 0]}]);
+    });
+    let symmetry = &Bundle::load(dir.path()).unwrap().classes[0].symmetry;
+    assert_eq!(symmetry.discrete[0].translation.x, 0.02);
+    assert!((symmetry.discrete[0].rotation.angle() - std::f64::consts::PI).abs() < 1e-12);
+    let axis = symmetry.axis.unwrap();
+    assert_eq!((axis.direction.z, axis.point.x), (1.0, 0.01));
+
+    let bent = refusal(|m| {
+        m["classes"][0]["symmetries_discrete"] = half_turn();
+        m["classes"][0]["symmetries_discrete"][0][2][2] = json!(2);
+    });
+    assert!(
+        bent.contains("class `mvball`: symmetries_discrete: "),
+        "{bent}"
+    );
+    let nowhere = refusal(|m| {
+        m["classes"][0]["symmetries_continuous"] =
+            json!([{"axis": [0, 0, 0], "offset": [0, 0, 0]}]);
+    });
+    assert!(
+        nowhere.contains("expected an axis, got [0.0, 0.0, 0.0]"),
+        "{nowhere}"
+    );
+}
+
+#[test]
 fn half_widths_of_a_bar_are_its_thickness_and_its_length() {
     // Corners of 20 x 40 x 120 mm.
     let points = (0..8).map(|i| SurfacePoint {
@@ -118,6 +150,7 @@ fn half_widths_of_a_bar_are_its_thickness_and_its_length() {
         id: 1,
         name: "bar".into(),
         diameter_m: 0.128,
+        symmetry: Symmetry::default(),
         points: points.collect(),
     };
     let [least, greatest] = class.half_widths();

@@ -136,16 +136,12 @@ fn fold([k1, k2, _, _, k3, k4, k5, k6]: &[f64; 8]) -> f64 {
     let under = [1.0, *k4, *k5, *k6];
     // The sign of d(g r)/dr as a polynomial in s = r²: under (over + 2s over') - 2s over under'.
     let twice_s = |p: &[f64]| radial::product(&[0.0, 2.0], &radial::derivative(p));
-    let rise: Vec<f64> = over
-        .iter()
-        .zip(twice_s(&over))
-        .map(|(a, b)| a + b)
-        .collect();
-    let slope: Vec<f64> = radial::product(&under, &rise)
-        .iter()
-        .zip(radial::product(&over, &twice_s(&under)))
-        .map(|(a, b)| a - b)
-        .collect();
+    let plus = |a: &[f64], factor: f64, b: &[f64]| -> Vec<f64> {
+        a.iter().zip(b).map(|(a, b)| a + factor * b).collect()
+    };
+    let rise = plus(&over, 1.0, &twice_s(&over));
+    let fall = radial::product(&over, &twice_s(&under));
+    let slope = plus(&radial::product(&under, &rise), -1.0, &fall);
     [&slope[..], &under[..]]
         .iter()
         .filter_map(|p| radial::sign_changes(p, WIDEST * WIDEST).first().copied())

@@ -23,19 +23,14 @@ impl Intrinsics {
     /// # Errors
     /// [`Error::Camera`] for a number that is not finite, or a focal length that is not above 0.
     pub fn new(fx: f64, fy: f64, cx: f64, cy: f64, projection: Projection) -> Result<Self> {
-        for (key, number) in [("fx", fx), ("fy", fy), ("cx", cx), ("cy", cy)] {
-            if !number.is_finite() {
-                return Err(Error::Camera(format!(
-                    "`{key}` must be a finite number, got {number}"
-                )));
-            }
+        let numbers = [("fx", fx), ("fy", fy), ("cx", cx), ("cy", cy)];
+        if let Some((key, number)) = numbers.iter().find(|(_, number)| !number.is_finite()) {
+            let problem = format!("`{key}` must be a finite number, got {number}");
+            return Err(Error::Camera(problem));
         }
-        for (key, focal) in [("fx", fx), ("fy", fy)] {
-            if focal <= 0.0 {
-                return Err(Error::Camera(format!(
-                    "the focal length `{key}` must be above 0 px, got {focal}"
-                )));
-            }
+        if let Some((key, focal)) = numbers[..2].iter().find(|(_, focal)| *focal <= 0.0) {
+            let problem = format!("the focal length `{key}` must be above 0 px, got {focal}");
+            return Err(Error::Camera(problem));
         }
         Ok(Self {
             fx,
@@ -94,10 +89,8 @@ impl Intrinsics {
     /// ```
     pub fn project(&self, point: &Point3<f64>) -> Option<Point2<f64>> {
         let image = self.projection.project(point)?;
-        finite(Point2::new(
-            self.fx * image.x + self.cx,
-            self.fy * image.y + self.cy,
-        ))
+        let (u, v) = (self.fx * image.x + self.cx, self.fy * image.y + self.cy);
+        finite(Point2::new(u, v))
     }
 
     /// Direction, in the camera frame, of the ray that is imaged at a pixel.
@@ -105,11 +98,8 @@ impl Intrinsics {
     /// The exact inverse of [`Intrinsics::project`], by Newton's method run until it settles; `None`
     /// where it does not, or where no ray within the projection's range meets the pixel.
     pub fn unproject(&self, pixel: &Point2<f64>) -> Option<Unit<Vector3<f64>>> {
-        let image = finite(Point2::new(
-            (pixel.x - self.cx) / self.fx,
-            (pixel.y - self.cy) / self.fy,
-        ))?;
-        let ray = self.projection.unproject(&image)?;
+        let (x, y) = ((pixel.x - self.cx) / self.fx, (pixel.y - self.cy) / self.fy);
+        let ray = self.projection.unproject(&finite(Point2::new(x, y))?)?;
         // The norm of a ray that overflowed is no longer 1.
         Unit::try_new(ray, 0.0).filter(|ray| (ray.norm() - 1.0).abs() < 1e-9)
     }

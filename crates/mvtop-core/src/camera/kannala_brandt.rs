@@ -61,11 +61,8 @@ impl ProjectionModel for KannalaBrandt {
         }
         let angle = radial::invert(|angle| self.profile(angle), radius, self.fold)?;
         let (sin, cos) = angle.sin_cos();
-        Some(Vector3::new(
-            image.x / radius * sin,
-            image.y / radius * sin,
-            cos,
-        ))
+        let across = image.coords / radius * sin;
+        Some(across.push(cos))
     }
 }
 
@@ -75,9 +72,7 @@ impl KannalaBrandt {
         let [k1, k2, k3, k4] = self.params;
         let s = angle * angle;
         let radius = angle * radial::eval(&[1.0, k1, k2, k3, k4], s);
-        (
-            radius,
-            radial::eval(&[1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3, 9.0 * k4], s),
-        )
+        let slope = radial::eval(&[1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3, 9.0 * k4], s);
+        (radius, slope)
     }
 }

@@ -171,34 +171,30 @@ impl Projection {
                 let fitting = alike.find(|model| model.counts.contains(&params.len()));
                 (fitting.unwrap_or(first).new)(params)?
             }
-            Some(name) => {
-                let named = |model: &&Registered| model.distortion == name;
-                match (alike.find(named), MODELS.iter().find(named)) {
-                    (Some(model), _) => (model.new)(params)?,
-                    (None, Some(other)) => {
-                        return Err(Error::Camera(format!(
-                            "the distortion {name} needs `model` {:?}, got {family:?}",
-                            other.family
-                        )));
-                    }
-                    (None, None) => {
-                        return Err(Error::Camera(format!(
-                            "the distortion's `model` must be {}, got {name:?}",
-                            either(quoted(distortions()))
-                        )));
-                    }
+            Some(name) => match MODELS.iter().find(|model| model.distortion == name) {
+                Some(model) if model.family == family => (model.new)(params)?,
+                Some(other) => {
+                    return Err(Error::Camera(format!(
+                        "the distortion {name} needs `model` {:?}, got {family:?}",
+                        other.family
+                    )));
                 }
-            }
+                None => {
+                    return Err(Error::Camera(format!(
+                        "the distortion's `model` must be {}, got {name:?}",
+                        either(quoted(distortions()))
+                    )));
+                }
+            },
         };
         Ok(projection.simplest())
     }
 
     /// A pinhole without distortion is a pinhole.
     pub(super) fn simplest(self) -> Self {
-        if self.family() == PINHOLE && self.params().iter().all(|&p| p == 0.0) {
-            Self::Pinhole
-        } else {
-            self
+        match self.family() == PINHOLE && self.params().iter().all(|&p| p == 0.0) {
+            true => Self::Pinhole,
+            false => self,
         }
     }
 }
@@ -234,7 +230,6 @@ fn either(names: Vec<String>) -> String {
 
 /// The point on the plane z = 1, `None` unless it lies in front of the camera.
 pub(super) fn on_plane(point: &Point3<f64>) -> Option<Point2<f64>> {
-    (point.z > 0.0)
-        .then(|| Point2::new(point.x / point.z, point.y / point.z))
-        .and_then(finite)
+    let on_plane = (point.z > 0.0).then(|| Point2::new(point.x / point.z, point.y / point.z));
+    on_plane.and_then(finite)
 }

@@ -6,13 +6,8 @@ pub(super) fn eval(coefficients: &[f64], x: f64) -> f64 {
 }
 
 pub(super) fn derivative(coefficients: &[f64]) -> Vec<f64> {
-    let powers = (1..).map(f64::from);
-    coefficients
-        .iter()
-        .skip(1)
-        .zip(powers)
-        .map(|(c, power)| c * power)
-        .collect()
+    let powers = coefficients.iter().zip(0..).skip(1);
+    powers.map(|(c, power)| c * f64::from(power)).collect()
 }
 
 pub(super) fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
@@ -45,10 +40,9 @@ pub(super) fn sign_changes(coefficients: &[f64], end: f64) -> Vec<f64> {
             }
             while low.max(high * f64::EPSILON) < (low + high) / 2.0 && (low + high) / 2.0 < high {
                 let middle = (low + high) / 2.0;
-                if (eval(coefficients, middle) > 0.0) == rising {
-                    high = middle;
-                } else {
-                    low = middle;
+                match (eval(coefficients, middle) > 0.0) == rising {
+                    true => high = middle,
+                    false => low = middle,
                 }
             }
             Some(low)

@@ -7,6 +7,7 @@ use ndarray::{Array2, Array3, Axis};
 use super::picture::{Group, Picture, Pictures, Query};
 use super::pose::{DecodedPose, mean_pose};
 use crate::Result;
+use crate::bundle::Bundle;
 use crate::network::{Network, Queries};
 use crate::rays::{BoxRays, LosEncoding, encode};
 
@@ -20,11 +21,16 @@ pub const MAX_ANCHORS: usize = 4;
 /// the reference camera's, the poses in the world do not depend on which camera that is.
 pub fn poses(
     network: &dyn Network,
-    encoding: LosEncoding,
+    bundle: &Bundle,
     pictures: &Pictures,
     groups: &[Group],
 ) -> Result<Vec<DecodedPose>> {
+    let encoding = bundle.los_encoding;
     let objects = groups.iter().map(|group| group.objects.len()).sum();
+    let mut classes = vec![0; objects];
+    for query in groups.iter().flat_map(|group| &group.objects) {
+        classes[query.object] = query.class;
+    }
     let mut anchored: Vec<Vec<DecodedPose>> = iter::repeat_with(Vec::new).take(objects).collect();
     for Group {
         pictures: range,
@@ -55,7 +61,9 @@ pub fn poses(
             }
         }
     }
-    Ok(anchored.iter().map(|poses| mean_pose(poses)).collect())
+    let mean =
+        |(poses, class): (&Vec<DecodedPose>, usize)| mean_pose(poses, &bundle.classes[class]);
+    Ok(anchored.iter().zip(classes).map(mean).collect())
 }
 
 impl Query {

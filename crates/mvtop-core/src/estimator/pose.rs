@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Matrix4, Quaternion, Translation3, UnitQuaternion, Vector3};
 use ndarray::Array2;
 
+use crate::bundle::Class;
 use crate::network::Decoded;
 use crate::pose::rotation_from_6d;
 use crate::prediction::Sigma;
@@ -44,18 +45,25 @@ impl DecodedPose {
 }
 
 /// The mean of one object's poses, at least one; of their expected errors likewise.
-pub fn mean_pose(poses: &[DecodedPose]) -> DecodedPose {
-    let count = poses.len() as f64;
-    let translation: Vector3<f64> = poses
+///
+/// Of poses that look alike those near the first are averaged, and one and the same is given
+/// ([`Symmetry::canonical`]).
+pub fn mean_pose(poses: &[DecodedPose], class: &Class) -> DecodedPose {
+    let (symmetry, diameter) = (&class.symmetry, class.diameter_m);
+    let first = &poses[0].world_from_obj;
+    let alike: Vec<Isometry3<f64>> = poses
         .iter()
-        .map(|pose| pose.world_from_obj.translation.vector)
-        .sum();
-    let rotation = mean_rotation(poses.iter().map(|pose| pose.world_from_obj.rotation));
+        .map(|pose| symmetry.nearest(&pose.world_from_obj, first, diameter))
+        .collect();
+    let count = poses.len() as f64;
+    let translation: Vector3<f64> = alike.iter().map(|pose| pose.translation.vector).sum();
+    let rotation = mean_rotation(alike.iter().map(|pose| pose.rotation));
+    let mean_of = Isometry3::from_parts((translation / count).into(), rotation);
     let mean = |number: fn(&Sigma) -> f64| {
         poses.iter().map(|pose| number(&pose.sigma)).sum::<f64>() / count
     };
     DecodedPose {
-        world_from_obj: Isometry3::from_parts((translation / count).into(), rotation),
+        world_from_obj: symmetry.canonical(&mean_of, diameter),
         sigma: Sigma {
             rot_deg: mean(|sigma| sigma.rot_deg),
             t_m: mean(|sigma| sigma.t_m),

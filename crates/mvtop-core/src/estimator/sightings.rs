@@ -12,6 +12,7 @@ use crate::rays::BoxRays;
 use crate::{BBox, Error, Result, Rig};
 
 /// An object before its pose is known.
+#[derive(Clone)]
 pub struct Sighting {
     /// Index into the bundle's classes.
     pub class: usize,
@@ -105,8 +106,8 @@ pub fn given(
                 known: bundle.classes.iter().map(|c| c.name.clone()).collect(),
             });
         };
-        if let Some(unknown) = given.boxes.keys().find(|id| rig.index_of(id).is_none()) {
-            return Err(unknown_camera(rig, &role, unknown));
+        for id in given.boxes.keys() {
+            rig.find(&role, id)?;
         }
         let mut in_views = Vec::new();
         for View { camera, .. } in views {
@@ -136,17 +137,4 @@ pub fn given(
         });
     }
     Ok(objects)
-}
-
-/// - `role`: what the camera was named for
-pub fn unknown_camera(rig: &Rig, role: &str, id: &str) -> Error {
-    Error::UnknownCamera {
-        role: role.to_owned(),
-        id: id.to_owned(),
-        known: rig
-            .cameras()
-            .iter()
-            .map(|camera| camera.id().to_owned())
-            .collect(),
-    }
 }

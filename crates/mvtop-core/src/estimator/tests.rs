@@ -2,6 +2,7 @@
 
 mod arguments;
 mod closeups;
+mod completed;
 mod detected;
 mod frames;
 
@@ -11,6 +12,7 @@ use crate::bundle::{Class, Detector, Input};
 use crate::image::Letterbox;
 use crate::network::{Decoded, DetectorMaps, Queries};
 use crate::rays::LosEncoding;
+use crate::symmetry::Symmetry;
 use crate::{BBox, Camera, Intrinsics, Projection};
 use image::RgbImage;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
@@ -35,6 +37,7 @@ fn bundle() -> Bundle {
             id: 7,
             name: "ball".into(),
             diameter_m: 2.0 * RADIUS,
+            symmetry: Symmetry::default(),
             points: vec![],
         }],
         detector: Detector {

@@ -54,69 +54,50 @@ pub(super) fn candidates(
     around: Surroundings,
 ) -> Box<dyn Iterator<Item = Candidate>> {
     let variable = |name: &str| (around.variable)(name).filter(|value| !value.is_empty());
-    let named = |path: PathBuf, found_in: &str| -> Box<dyn Iterator<Item = Candidate>> {
-        // Made absolute because a bare name would be looked for in the system's folders.
-        let path = std::path::absolute(&path).unwrap_or(path);
-        Box::new(std::iter::once(Candidate {
-            path,
+    let explicit = explicit.map(|path| (path.to_owned(), "the path given"));
+    let named = explicit.or_else(|| Some((variable("ORT_DYLIB_PATH")?.into(), "ORT_DYLIB_PATH")));
+    if let Some((path, found_in)) = named {
+        return Box::new(std::iter::once(Candidate {
+            // Made absolute because a bare name would be looked for in the system's folders.
+            path: std::path::absolute(&path).unwrap_or(path),
             found_in: found_in.into(),
             binding: true,
-        }))
+        }));
+    }
+
+    type Search = Box<dyn FnOnce() -> Vec<PathBuf>>;
+    let mut places: Vec<(String, Search)> = Vec::new();
+    let executable = around.executable.as_deref();
+    if let Some(dir) = executable.and_then(Path::parent).map(Path::to_owned) {
+        let search = Box::new(move || libraries_in(&dir));
+        places.push(("the executable's folder".into(), search));
+    }
+    for dir in around.current_dir.iter().flat_map(|dir| dir.ancestors()) {
+        let venv = dir.join(".venv");
+        let name = venv.display().to_string();
+        places.push((name, Box::new(move || libraries_of(&venv))));
+    }
+    for name in ["VIRTUAL_ENV", "CONDA_PREFIX"] {
+        if let Some(prefix) = variable(name).map(PathBuf::from) {
+            places.push((name.into(), Box::new(move || libraries_of(&prefix))));
+        }
+    }
+    let of_package = move || {
+        let package = package_of(around.python, PYTHON_TIMEOUT);
+        package.map_or(Vec::new(), |package| libraries_in(&package.join("capi")))
     };
-    if let Some(path) = explicit {
-        return named(path.to_owned(), "the path given");
-    }
-    if let Some(path) = variable("ORT_DYLIB_PATH") {
-        return named(path.into(), "ORT_DYLIB_PATH");
-    }
-
-    let beside = around
-        .executable
-        .as_deref()
-        .and_then(Path::parent)
-        .map(Path::to_owned);
-    let above: Vec<PathBuf> = around
-        .current_dir
-        .iter()
-        .flat_map(|dir| dir.ancestors())
-        .map(|d| d.join(".venv"))
-        .collect();
-    let environments = ["VIRTUAL_ENV", "CONDA_PREFIX"]
-        .into_iter()
-        .filter_map(|name| Some((PathBuf::from(variable(name)?), name)))
-        .collect::<Vec<_>>();
-
-    let found = |found_in: String, paths: Vec<PathBuf>| {
-        paths.into_iter().map(move |path| Candidate {
+    places.push((around.python.into(), Box::new(of_package)));
+    places.push((
+        "the system".into(),
+        Box::new(|| vec![SYSTEM_LIBRARY.into()]),
+    ));
+    Box::new(places.into_iter().flat_map(|(found_in, search)| {
+        search().into_iter().map(move |path| Candidate {
             path,
             found_in: found_in.clone(),
             binding: false,
         })
-    };
-    let beside = beside
-        .into_iter()
-        .flat_map(move |dir| found("the executable's folder".into(), libraries_in(&dir)));
-    let above = above
-        .into_iter()
-        .flat_map(move |venv| found(venv.display().to_string(), libraries_of(&venv)));
-    let environments = environments
-        .into_iter()
-        .flat_map(move |(prefix, name)| found(name.to_owned(), libraries_of(&prefix)));
-    let packages = std::iter::once_with(move || package_of(around.python, PYTHON_TIMEOUT))
-        .flatten()
-        .flat_map(move |package| found(around.python.into(), libraries_in(&package.join("capi"))));
-    let system = std::iter::once(Candidate {
-        path: SYSTEM_LIBRARY.into(),
-        found_in: "the system".into(),
-        binding: false,
-    });
-    Box::new(
-        beside
-            .chain(above)
-            .chain(environments)
-            .chain(packages)
-            .chain(system),
-    )
+    }))
 }
 
 /// The ONNX Runtime libraries in a folder. Wheels hold one with its version in the name and none
@@ -129,14 +110,10 @@ fn libraries_in(dir: &Path) -> Vec<PathBuf> {
             || (name.ends_with(".dylib")
                 && (name == "libonnxruntime.dylib" || name.starts_with("libonnxruntime.1")))
     };
-    sorted_entries(dir)
-        .into_iter()
-        .filter(|path| {
-            path.file_name()
-                .and_then(|name| name.to_str())
-                .is_some_and(is_library)
-        })
-        .collect()
+    let name = |path: &PathBuf| path.file_name()?.to_str().map(is_library);
+    let mut paths = sorted_entries(dir);
+    paths.retain(|path| name(path) == Some(true));
+    paths
 }
 
 /// The libraries of the `onnxruntime` package in a virtual or conda environment.
@@ -152,12 +129,8 @@ fn libraries_of(prefix: &Path) -> Vec<PathBuf> {
 
 /// Sorted from last to first, so that the newest of several versions comes first.
 fn sorted_entries(dir: &Path) -> Vec<PathBuf> {
-    let Ok(entries) = std::fs::read_dir(dir) else {
-        return Vec::new();
-    };
-    let mut paths: Vec<_> = entries
-        .filter_map(|entry| Some(entry.ok()?.path()))
-        .collect();
+    let entries = std::fs::read_dir(dir).into_iter().flatten();
+    let mut paths: Vec<_> = entries.filter_map(|e| Some(e.ok()?.path())).collect();
     paths.sort_by(|a, b| b.cmp(a));
     paths
 }

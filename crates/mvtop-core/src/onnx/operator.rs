@@ -4,12 +4,14 @@
 //! all float; attribute `level_shapes`, integers `h0, w0, h1, w1, …`; output `[B, Q, H·D]`.
 //! See [`crate::sampling`] for what it computes.
 
-use crate::sampling::{Dims, LevelShapes, Sampling};
+use crate::Error;
+use crate::sampling::{LevelShapes, Sampling};
+use ndarray::{ArrayView, Dimension};
 use ort::operator::{
     BoxedKernel, ComputeContext, KernelContext, Operator, OperatorDomain, OperatorInput,
     OperatorOutput, ShapeInferenceContext,
 };
-use ort::value::{Shape, SymbolicDimensions, TensorElementType, ValueType};
+use ort::value::{DynValue, Shape, SymbolicDimensions, TensorElementType, ValueType};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -38,11 +40,8 @@ impl Operator for DeformableSampling {
 
     fn infer_shape(&self, context: &mut ShapeInferenceContext) -> ort::Result<()> {
         no_panic(|| {
-            let inputs = context.inputs();
-            match output_type(&inputs) {
-                Some(output) => context.set_output(0, &output),
-                None => Ok(()),
-            }
+            let output = output_type(&context.inputs());
+            output.map_or(Ok(()), |output| context.set_output(0, &output))
         })
     }
 
@@ -66,62 +65,29 @@ fn compute(levels: &LevelShapes, context: &ComputeContext) -> ort::Result<()> {
     let value = context.input(0)?.ok_or_else(missing)?;
     let locations = context.input(1)?.ok_or_else(missing)?;
     let weights = context.input(2)?.ok_or_else(missing)?;
-    let (value_shape, value) = value.try_extract_tensor::<f32>()?;
-    let (locations_shape, locations) = locations.try_extract_tensor::<f32>()?;
-    let (weights_shape, weights) = weights.try_extract_tensor::<f32>()?;
-    let (&[batch, cells, heads, head_dim], &[_, queries, _, _, points]) =
-        (&value_shape[..], &weights_shape[..])
-    else {
-        return Err(error(format!(
-            "expected value [B, N, H, D] and weights [B, Q, H, L, K], got {value_shape:?} and \
-             {weights_shape:?}"
-        )));
-    };
-    let taps = [batch, queries, heads, levels.len() as i64, points];
-    let expect = |name, got: &[i64], expected: &[i64]| match got == expected {
-        true => Ok(()),
-        false => Err(error(format!(
-            "{name} has shape {got:?}, expected {expected:?}"
-        ))),
-    };
-    expect(
-        "value",
-        value_shape,
-        &[batch, levels.cells() as i64, heads, head_dim],
-    )?;
-    expect("weights", weights_shape, &taps)?;
-    expect("locations", locations_shape, &[&taps[..], &[2]].concat())?;
-    debug_assert_eq!(cells, levels.cells() as i64);
-
-    let axis = |length: i64| usize::try_from(length).map_err(|_| error("an axis is negative"));
-    let dims = Dims {
-        batch: axis(batch)?,
-        heads: axis(heads)?,
-        head_dim: axis(head_dim)?,
-        queries: axis(queries)?,
-        points: axis(points)?,
-    };
-    let sampling = Sampling::new(levels, dims, value, locations, weights).map_err(error)?;
+    let (value, locations, weights) = (array(&value)?, array(&locations)?, array(&weights)?);
+    let sampling =
+        Sampling::of_arrays(levels, value, locations, weights).map_err(|cause| match cause {
+            Error::Shape {
+                name,
+                expected,
+                got,
+            } => error(format!("{name} has shape {got:?}, expected {expected}")),
+            cause => error(cause),
+        })?;
     let mut out = context
-        .output(0, [batch, queries, heads * head_dim])?
+        .output(0, sampling.output_shape().map(|length| length as i64))?
         .ok_or_else(|| error("the output is missing"))?;
     let (_, out) = out.try_extract_tensor_mut::<f32>()?;
-    let blocks: Vec<_> = sampling
-        .blocks(out)
-        .map_err(error)?
-        .into_iter()
-        .map(|b| Mutex::new(Some(b)))
-        .collect();
+    let blocks = sampling.blocks(out).map_err(error)?.into_iter();
+    let blocks: Vec<_> = blocks.map(|block| Mutex::new(Some(block))).collect();
     // ONNX Runtime's own threads, never rayon's: a rayon task that waits for this network would
     // otherwise take up the very thread that the network waits for.
     let panicked = AtomicBool::new(false);
     context.par_for(blocks.len(), 0, |i| {
         let run = || {
-            let block = blocks[i]
-                .lock()
-                .unwrap_or_else(PoisonError::into_inner)
-                .take();
-            if let Some(block) = block {
+            let mut block = blocks[i].lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some(block) = block.take() {
                 sampling.sample(block);
             }
         };
@@ -129,23 +95,21 @@ fn compute(levels: &LevelShapes, context: &ComputeContext) -> ort::Result<()> {
             panicked.store(true, Ordering::Relaxed);
         }
     })?;
-    if panicked.into_inner() {
-        Err(error("panicked"))
-    } else {
-        Ok(())
+    match panicked.into_inner() {
+        true => Err(error("panicked")),
+        false => Ok(()),
     }
 }
 
+fn array<D: Dimension>(input: &DynValue) -> ort::Result<ArrayView<'_, f32, D>> {
+    let array = input.try_extract_array::<f32>()?;
+    array.into_dimensionality().map_err(error)
+}
+
 fn levels_of(sides: &[i64]) -> ort::Result<LevelShapes> {
-    let shapes: Option<Vec<_>> = sides
-        .chunks(2)
-        .map(|s| {
-            Some((
-                usize::try_from(s[0]).ok()?,
-                usize::try_from(*s.get(1)?).ok()?,
-            ))
-        })
-        .collect();
+    let side = |&side: &i64| usize::try_from(side).ok();
+    let shape = |pair: &[i64]| Some((side(pair.first()?)?, side(pair.get(1)?)?));
+    let shapes: Option<Vec<_>> = sides.chunks(2).map(shape).collect();
     let shapes = shapes.ok_or_else(|| {
         error(format!(
             "attribute `level_shapes` is {sides:?}, expected pairs of height and width"

@@ -57,14 +57,12 @@ impl Runtime {
         for candidate in locate::candidates(explicit, Surroundings::of_process()) {
             match load(&candidate.path) {
                 Ok(environment) => {
-                    let loaded = Loaded {
+                    let loaded = LOADED.get_or_init(|| Loaded {
                         environment,
                         library: candidate,
                         attempts,
-                    };
-                    return Ok(Self {
-                        loaded: LOADED.get_or_init(|| loaded),
                     });
+                    return Ok(Self { loaded });
                 }
                 Err(problem) if candidate.binding => {
                     return Err(Error::Runtime {
@@ -156,10 +154,8 @@ impl Runtime {
         if !path.is_file() {
             return Err(network_error(&"no such file"));
         }
-        let session = builder
-            .commit_from_file(path)
-            .map_err(|e| network_error(&e))?;
-        Ok(Session::new(path, session))
+        let session = builder.commit_from_file(path);
+        Ok(Session::new(path, session.map_err(|e| network_error(&e))?))
     }
 }
 
@@ -168,10 +164,11 @@ fn load(path: &Path) -> Result<Environment, String> {
     use ort::LoadDynamicError as E;
     let start = || {
         let builder = ort::init_from(path).map_err(|e| match e {
-            E::Dlopen { error, .. } => match std::error::Error::source(&error) {
-                Some(reason) => format!("cannot be loaded, {}", one_line(reason)),
-                None => format!("cannot be loaded, {}", one_line(&error)),
-            },
+            E::Dlopen { error, .. } => {
+                let reason = std::error::Error::source(&error).map(one_line);
+                let reason = reason.unwrap_or_else(|| one_line(&error));
+                format!("cannot be loaded, {reason}")
+            }
             E::MissingApi { .. } => "is not an ONNX Runtime library".to_owned(),
             E::InvalidVersionString => "gives a version that cannot be read".to_owned(),
             E::BadVersion { version_str, .. } => format!(
@@ -187,11 +184,8 @@ fn load(path: &Path) -> Result<Environment, String> {
 }
 
 fn one_line(error: &(impl fmt::Display + ?Sized)) -> String {
-    error
-        .to_string()
-        .split_whitespace()
-        .collect::<Vec<_>>()
-        .join(" ")
+    let text = error.to_string();
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 fn same_file(a: &Path, b: &Path) -> bool {

@@ -40,12 +40,11 @@ impl Canvas {
     /// Lines through `points`, `width` px thick; `alpha` is the opacity, 0 to 1.
     pub fn polyline(&mut self, points: &[Point2<f64>], width: f64, color: Color, alpha: f64) {
         let mut path = PathBuilder::new();
-        for (i, point) in points.iter().enumerate() {
+        for point in points {
             let (x, y) = (point.x as f32 + FROM_CENTER, point.y as f32 + FROM_CENTER);
-            if i == 0 {
-                path.move_to(x, y);
-            } else {
-                path.line_to(x, y);
+            match path.is_empty() {
+                true => path.move_to(x, y),
+                false => path.line_to(x, y),
             }
         }
         let stroke = Stroke {
@@ -55,9 +54,8 @@ impl Canvas {
             ..Stroke::default()
         };
         if let Some(path) = path.finish() {
-            let paint = paint(color, alpha);
-            self.0
-                .stroke_path(&path, &paint, &stroke, Transform::identity(), None);
+            let (paint, here) = (paint(color, alpha), Transform::identity());
+            self.0.stroke_path(&path, &paint, &stroke, here, None);
         }
     }
 
@@ -102,9 +100,9 @@ impl Canvas {
     }
 
     fn fill(&mut self, path: &Path, color: Color, alpha: f64) {
-        let paint = paint(color, alpha);
-        self.0
-            .fill_path(path, &paint, FillRule::Winding, Transform::identity(), None);
+        let (paint, here) = (paint(color, alpha), Transform::identity());
+        let canvas = &mut self.0;
+        canvas.fill_path(path, &paint, FillRule::Winding, here, None);
     }
 }
 

@@ -24,26 +24,19 @@ impl<'a> Fields<'a> {
         optional: &[&str],
     ) -> Checked<Self> {
         let Value::Object(map) = value else {
-            return Err(format!(
-                "{place} must be a JSON object, got {}",
-                show(value)
-            ));
+            let got = show(value);
+            return Err(format!("{place} must be a JSON object, got {got}"));
         };
         let known: Vec<&str> = required.iter().chain(optional).copied().collect();
         if let Some(key) = map.keys().find(|key| !known.contains(&key.as_str())) {
-            return Err(format!(
-                "{place}: unknown key `{}`; {}",
-                shorten(key),
-                fix(key, &known)
-            ));
+            let (key, fix) = (shorten(key), fix(key, &known));
+            return Err(format!("{place}: unknown key `{key}`; {fix}"));
         }
-        match required.iter().find(|key| !map.contains_key(**key)) {
-            Some(key) => Err(format!(
-                "{place}: the key `{key}` is missing{}",
-                example(key)
-            )),
-            None => Ok(Self { place, map }),
+        if let Some(key) = required.iter().find(|key| !map.contains_key(**key)) {
+            let example = example(key);
+            return Err(format!("{place}: the key `{key}` is missing{example}"));
         }
+        Ok(Self { place, map })
     }
 
     pub fn optional(&self, key: &str) -> Option<&'a Value> {
@@ -55,15 +48,12 @@ impl<'a> Fields<'a> {
     }
 
     pub fn text(&self, key: &str) -> Checked<&'a str> {
-        let value = self.value(key);
-        value
-            .as_str()
-            .ok_or_else(|| self.wrong(key, "a string", value))
+        let text = self.value(key).as_str();
+        text.ok_or_else(|| self.wrong(key, "a string"))
     }
 
     pub fn number(&self, key: &str) -> Checked<f64> {
-        let value = self.value(key);
-        number(value).ok_or_else(|| self.wrong(key, "a finite number", value))
+        number(self.value(key)).ok_or_else(|| self.wrong(key, "a finite number"))
     }
 
     /// False where the key is left out.
@@ -71,29 +61,22 @@ impl<'a> Fields<'a> {
         match self.optional(key) {
             None => Ok(false),
             Some(Value::Bool(flag)) => Ok(*flag),
-            Some(other) => Err(self.wrong(key, "true or false", other)),
+            Some(_) => Err(self.wrong(key, "true or false")),
         }
     }
 
     pub fn list(&self, key: &str) -> Checked<&'a [Value]> {
-        let value = self.value(key);
-        value
-            .as_array()
-            .map(Vec::as_slice)
-            .ok_or_else(|| self.wrong(key, "a list", value))
+        let list = self.value(key).as_array().map(Vec::as_slice);
+        list.ok_or_else(|| self.wrong(key, "a list"))
     }
 
     pub fn numbers(&self, key: &str) -> Checked<Vec<f64>> {
-        let value = self.value(key);
-        numbers(value).ok_or_else(|| self.wrong(key, "a list of finite numbers", value))
+        numbers(self.value(key)).ok_or_else(|| self.wrong(key, "a list of finite numbers"))
     }
 
-    pub fn wrong(&self, key: &str, expected: &str, got: &Value) -> String {
-        format!(
-            "{}: `{key}` must be {expected}, got {}",
-            self.place,
-            show(got)
-        )
+    pub fn wrong(&self, key: &str, expected: &str) -> String {
+        let (place, got) = (&self.place, show(self.value(key)));
+        format!("{place}: `{key}` must be {expected}, got {got}")
     }
 }
 
@@ -174,10 +157,8 @@ fn instead_of(key: &str, known: &[&str]) -> Option<String> {
         "ref" | "reference_camera" | "anchor" => "give the reference camera's id as `reference`",
         "camera" | "views" | "sensors" => "give the cameras as the list `cameras`",
         "type" | "camera_model" | "projection" => {
-            return Some(format!(
-                "give the projection as `model`: {}",
-                families().join(" or ")
-            ));
+            let families = families().join(" or ");
+            return Some(format!("give the projection as `model`: {families}"));
         }
         "camera_frame" | "pixel_origin" => {
             "leave it out: frames are OpenCV's (x right, y down, z forward) and pixel (0, 0) is \

@@ -31,32 +31,22 @@ fn read(value: &Value) -> Checked<Rig> {
         &["reference", "trust_unit"],
     )?;
     if fields.value("format") != FORMAT {
-        return Err(fields.wrong("format", &format!("\"{FORMAT}\""), fields.value("format")));
+        return Err(fields.wrong("format", &format!("\"{FORMAT}\"")));
     }
     if fields.value("version") != VERSION {
-        return Err(fields.wrong("version", &VERSION.to_string(), fields.value("version")));
+        return Err(fields.wrong("version", &VERSION.to_string()));
     }
-    let unit = unit::Unit::named(fields.text("unit")?).ok_or_else(|| {
-        fields.wrong(
-            "unit",
-            "one of \"m\", \"cm\" and \"mm\"",
-            fields.value("unit"),
-        )
-    })?;
+    let unit = unit::Unit::named(fields.text("unit")?)
+        .ok_or_else(|| fields.wrong("unit", "one of \"m\", \"cm\" and \"mm\""))?;
     let list = fields.list("cameras")?.iter().enumerate();
-    let cameras = list
-        .map(|(index, value)| camera(index, value, unit.metres()))
-        .collect::<Checked<_>>()?;
-    let mut rig = Rig::checked(cameras, 0)?;
+    let cameras = list.map(|(index, value)| camera(index, value, unit.metres));
+    let mut rig = Rig::checked(cameras.collect::<Checked<_>>()?, 0)?;
     if fields.optional("reference").is_some() {
         let id = fields.text("reference")?;
         rig.reference = rig.index_of(id).ok_or_else(|| {
             let ids: Vec<_> = rig.cameras.iter().map(Camera::id).collect();
-            format!(
-                "`reference` is `{}`, but the cameras are {}",
-                shorten(id),
-                shorten(&ids.join(", "))
-            )
+            let (id, ids) = (shorten(id), shorten(&ids.join(", ")));
+            format!("`reference` is `{id}`, but the cameras are {ids}")
         })?;
     }
     match unit::implausible(&rig.cameras) {
@@ -66,19 +56,15 @@ fn read(value: &Value) -> Checked<Rig> {
 }
 
 fn syntax(text: &str, error: &serde_json::Error) -> String {
-    let line = text
-        .lines()
-        .nth(error.line().saturating_sub(1))
-        .unwrap_or("");
-    let rest = line.get(error.column().saturating_sub(1)..).unwrap_or("");
+    let line = text.lines().nth(error.line().saturating_sub(1));
+    let rest = line.and_then(|line| line.get(error.column().saturating_sub(1)..));
     // Python's json writes these, but they are no JSON.
-    let hint = if ["NaN", "Infinity", "-Infinity"]
-        .iter()
-        .any(|word| rest.starts_with(word))
-    {
-        "; NaN and Infinity are not allowed"
-    } else {
-        ""
+    let words = ["NaN", "Infinity", "-Infinity"];
+    let hint = match rest {
+        Some(rest) if words.iter().any(|word| rest.starts_with(word)) => {
+            "; NaN and Infinity are not allowed"
+        }
+        _ => "",
     };
     format!("not valid JSON: {error}{hint}")
 }
@@ -134,21 +120,16 @@ fn projection(fields: &Fields) -> Checked<Projection> {
             (Some(fields.text("model")?), fields.numbers("params")?)
         }
     };
-    Projection::from_params(
-        shorten(family).as_str(),
-        distortion.map(shorten).as_deref(),
-        &params,
-    )
-    .map_err(|error| format!("{place}: {error}"))
+    let (family, distortion) = (shorten(family), distortion.map(shorten));
+    Projection::from_params(&family, distortion.as_deref(), &params)
+        .map_err(|error| format!("{place}: {error}"))
 }
 
 fn world_from_cam(fields: &Fields, unit: f64) -> Checked<nalgebra::Isometry3<f64>> {
     let place = &fields.place;
     let read = |key: &str, value| transform::read(format!("{place}, `{key}`"), value, unit);
-    match (
-        fields.optional("T_world_cam"),
-        fields.optional("T_cam_world"),
-    ) {
+    let [world_cam, cam_world] = ["T_world_cam", "T_cam_world"].map(|key| fields.optional(key));
+    match (world_cam, cam_world) {
         (Some(value), None) => read("T_world_cam", value),
         (None, Some(value)) => read("T_cam_world", value).map(|pose| pose.inverse()),
         (Some(_), Some(_)) => Err(format!(

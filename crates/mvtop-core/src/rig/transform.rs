@@ -39,9 +39,8 @@ fn from_parts(place: &str, value: &Value, unit: f64) -> Checked<Isometry3<f64>> 
             return Err(format!("{place}: give only one of `q_wxyz` and `q_xyzw`"));
         }
         (None, None) => {
-            return Err(format!(
-                "{place}: the rotation is missing, give `q_wxyz` or `q_xyzw`"
-            ));
+            let problem = "the rotation is missing, give `q_wxyz` or `q_xyzw`";
+            return Err(format!("{place}: {problem}"));
         }
     };
     let t: [f64; 3] = (fields.numbers("t")?.try_into())

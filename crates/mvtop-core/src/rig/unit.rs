@@ -8,36 +8,23 @@ use crate::camera::Camera;
 /// to the far corners of a hall.
 const CREDIBLE: std::ops::RangeInclusive<f64> = 0.002..=100.0;
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Unit {
-    Millimetre,
-    Metre,
-    Centimetre,
+#[derive(Clone, Copy)]
+pub(super) struct Unit {
+    pub name: &'static str,
+    pub metres: f64,
+}
+
+/// The likeliest first, for guessing.
+const UNITS: [Unit; 3] = [unit("mm", 0.001), METRE, unit("cm", 0.01)];
+pub(super) const METRE: Unit = unit("m", 1.0);
+
+const fn unit(name: &'static str, metres: f64) -> Unit {
+    Unit { name, metres }
 }
 
 impl Unit {
-    /// The likeliest first, for guessing.
-    const ALL: [Self; 3] = [Self::Millimetre, Self::Metre, Self::Centimetre];
-
     pub fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|unit| unit.name() == name)
-    }
-
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Millimetre => "mm",
-            Self::Metre => "m",
-            Self::Centimetre => "cm",
-        }
-    }
-
-    /// Metres per unit.
-    pub fn metres(self) -> f64 {
-        match self {
-            Self::Millimetre => 0.001,
-            Self::Metre => 1.0,
-            Self::Centimetre => 0.01,
-        }
+        UNITS.into_iter().find(|unit| unit.name == name)
     }
 }
 
@@ -66,31 +53,29 @@ pub(super) fn implausible(cameras: &[Camera]) -> Option<Spread<'_>> {
 impl Spread<'_> {
     /// What to say of a file in this unit.
     pub fn in_unit(&self, unit: Unit) -> String {
-        let fix = self.likely(unit).map_or(
-            "check the translations, or set `trust_unit` to true".to_owned(),
-            |unit| {
-                let name = unit.name();
+        let fix = match self.likely(unit) {
+            Some(Unit { name, .. }) => {
                 format!("the numbers look like {name}, so set `unit` to \"{name}\"")
-            },
-        );
-        format!("with `unit` \"{}\" {self}; {fix}", unit.name())
+            }
+            None => "check the translations, or set `trust_unit` to true".to_owned(),
+        };
+        format!("with `unit` \"{}\" {self}; {fix}", unit.name)
     }
 
     /// What to say of numbers in metres.
     pub fn in_metres(&self) -> String {
-        let fix = self
-            .likely(Unit::Metre)
-            .map_or("check the translations".to_owned(), |unit| {
-                format!("the unit looks like {}, so convert it to m", unit.name())
-            });
+        let fix = match self.likely(METRE) {
+            Some(unit) => format!("the unit looks like {}, so convert it to m", unit.name),
+            None => "check the translations".to_owned(),
+        };
         format!("{self}; {fix}")
     }
 
     /// The unit in which the numbers would be believed.
     fn likely(&self, unit: Unit) -> Option<Unit> {
-        let numbers = self.metres / unit.metres();
-        let mut units = Unit::ALL.into_iter();
-        units.find(|unit| CREDIBLE.contains(&(numbers * unit.metres())))
+        let numbers = self.metres / unit.metres;
+        let mut units = UNITS.into_iter();
+        units.find(|unit| CREDIBLE.contains(&(numbers * unit.metres)))
     }
 }
 

@@ -5,6 +5,7 @@
 //! and so stays in registers. On x86-64 all is compiled a second time for AVX2, chosen at run time.
 
 use super::{Gradients, Level};
+use crate::dispatch;
 
 /// Taps that are looked up together.
 const LANES: usize = 8;
@@ -154,37 +155,18 @@ impl Footprints {
     }
 }
 
-/// Picks the loops compiled for this processor.
-macro_rules! dispatch {
-    ($(#[$doc:meta])* $name:ident, $portable:ident, $avx2:ident, ($($arg:ident: $type:ty),*)) => {
-        $(#[$doc])*
-        pub(super) fn $name($($arg: $type),*) {
-            #[cfg(target_arch = "x86_64")]
-            if std::arch::is_x86_feature_detected!("avx2") {
-                // SAFETY: the processor has just said that it has AVX2.
-                return unsafe { $avx2($($arg),*) };
-            }
-            $portable($($arg),*)
-        }
-
-        #[cfg(target_arch = "x86_64")]
-        #[target_feature(enable = "avx2")]
-        fn $avx2($($arg: $type),*) {
-            $portable($($arg),*)
-        }
-    };
+/// `out`: `[queries, H, D]`, overwritten.
+pub(super) fn forward(job: &Job<'_>, out: &mut [f32]) {
+    dispatch!(["avx2"], forward_portable(job: &Job<'_>, out: &mut [f32]) -> ())
 }
 
-dispatch!(
-    /// `out`: `[queries, H, D]`, overwritten.
-    forward, forward_portable, forward_avx2, (job: &Job<'_>, out: &mut [f32])
-);
-
-dispatch!(
-    /// `grad_out`: `[queries, H, D]`; adds to the gradients.
-    backward, backward_portable, backward_avx2,
-    (job: &Job<'_>, grad_out: &[f32], gradients: Gradients<'_>)
-);
+/// `grad_out`: `[queries, H, D]`; adds to the gradients.
+pub(super) fn backward(job: &Job<'_>, grad_out: &[f32], gradients: Gradients<'_>) {
+    dispatch!(
+        ["avx2"],
+        backward_portable(job: &Job<'_>, grad_out: &[f32], gradients: Gradients<'_>) -> ()
+    )
+}
 
 #[inline(always)]
 fn forward_portable(job: &Job<'_>, out: &mut [f32]) {

@@ -1,3 +1,4 @@
+use mvtop_core::pose::wxyz;
 use mvtop_core::transform::{TransformError, from_matrix, from_quaternion_wxyz, from_rotation};
 use nalgebra::{Isometry3, Point3, Vector3};
 use proptest::prelude::*;
@@ -133,8 +134,12 @@ proptest! {
             from_rotation(&rotation, t),
             from_quaternion_wxyz([q.w, q.i, q.j, q.k], t),
         ] {
-            let off = read.unwrap().to_homogeneous() - matrix;
-            prop_assert!(off.norm() < 1e-12);
+            let read = read.unwrap();
+            prop_assert!((read.to_homogeneous() - matrix).norm() < 1e-12);
+            // What is written is read back to the last bit.
+            let written = wxyz(&read.rotation);
+            let again = from_quaternion_wxyz(written, t).unwrap();
+            prop_assert_eq!(wxyz(&again.rotation), written);
         }
     }
 

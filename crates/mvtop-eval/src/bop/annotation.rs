@@ -6,7 +6,7 @@ use std::path::Path;
 use nalgebra::{Rotation3, Vector3};
 use serde::Deserialize;
 
-use super::json::{nearest_rotation, read};
+use super::json::{read, rotation};
 use crate::{Error, Result};
 
 /// Translations beyond this, 100 km, are taken for broken.
@@ -41,13 +41,9 @@ impl Annotation {
     /// # Errors
     /// [`Error::Data`] where the two are no pose.
     pub fn pose(&self, place: (&Path, u32, usize)) -> Result<(Rotation3<f64>, Vector3<f64>)> {
-        let refuse = |problem| {
-            let (path, image, i) = place;
-            let path = path.display();
-            Error::Data(format!(
-                "{path}: annotation {i} of image {image}: {problem}"
-            ))
-        };
+        let (path, image, i) = place;
+        let place = format!("{}: annotation {i} of image {image}", path.display());
+        let refuse = |problem| Error::Data(format!("{place}: {problem}"));
         let translation_mm = Vector3::from(self.translation_mm);
         if translation_mm.amax() > FARTHEST_MM {
             return Err(refuse(format!(
@@ -55,8 +51,8 @@ impl Annotation {
                 self.translation_mm
             )));
         }
-        let rotation = nearest_rotation(&self.rotation)
-            .map_err(|problem| refuse(format!("cam_R_m2c: {problem}")))?;
+        let rotation = rotation(&self.rotation);
+        let rotation = rotation.map_err(|problem| refuse(format!("cam_R_m2c: {problem}")))?;
         Ok((rotation, translation_mm))
     }
 }

@@ -18,10 +18,7 @@ pub fn load_depth(frame: &Frame) -> Result<Option<DepthImage>> {
     };
     let reader = ImageReader::open(path)
         .and_then(ImageReader::with_guessed_format)
-        .map_err(|cause| Error::Read {
-            path: path.clone(),
-            cause,
-        })?;
+        .map_err(Error::read(path))?;
     let refuse = |got: String| {
         Error::Data(format!(
             "depth image {}: expected PNG or TIFF with 16 bits of grey, got: {got}",
@@ -34,12 +31,10 @@ pub fn load_depth(frame: &Frame) -> Result<Option<DepthImage>> {
         Err(cause) => return Err(refuse(cause.to_string())),
     };
     let unit = frame.depth_scale * MM;
-    let (width, height) = (image.width() as usize, image.height() as usize);
-    let depths = image.into_raw();
-    let depths = depths
-        .into_iter()
-        .map(|depth| (f64::from(depth) * unit) as f32);
-    DepthImage::from_shape_vec((height, width), depths.collect())
-        .map(Some)
-        .map_err(|cause| refuse(cause.to_string()))
+    let size = (image.height() as usize, image.width() as usize);
+    let depth = |(row, column)| {
+        let [depth] = image.get_pixel(column as u32, row as u32).0;
+        (f64::from(depth) * unit) as f32
+    };
+    Ok(Some(DepthImage::from_shape_fn(size, depth)))
 }

@@ -59,24 +59,17 @@ pub fn groups(
     grouping: Grouping,
     views: Option<usize>,
     sensor: Option<&str>,
-    targets: Option<&[&Target]>,
+    targets: Option<Vec<Target>>,
 ) -> Result<Vec<Group>> {
     let first = scene.frames.keys().next().map_or("", |id| &id.sensor);
     let sensor = sensor.unwrap_or(first);
-    let every = || -> Vec<Group> {
-        let of_sensor = scene.frames.keys().filter(|id| id.sensor == sensor);
-        of_sensor
-            .map(|id| Group {
-                scene: scene.id,
-                views: vec![id.clone()],
-                objects: None,
-            })
-            .collect()
+    let alone = |id: &FrameId| Group {
+        scene: scene.id,
+        views: vec![id.clone()],
+        objects: None,
     };
-    let mut groups = match targets {
-        Some(targets) => targets.iter().map(|&target| target.clone()).collect(),
-        None => every(),
-    };
+    let of_sensor = scene.frames.keys().filter(|id| id.sensor == sensor);
+    let mut groups = targets.unwrap_or_else(|| of_sensor.map(alone).collect());
     if groups.is_empty() {
         return Err(Error::Input(format!(
             "{}: expected images of sensor `{sensor}`, got none",

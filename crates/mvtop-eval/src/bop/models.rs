@@ -28,10 +28,31 @@ pub struct Model {
     pub surface: Surface,
 }
 
+/// What `models_info.json` says of an object.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelInfo {
+    /// mvtop's own data sets have names, BOP's do not.
+    pub name: Option<String>,
+    /// Largest distance of two points, metres.
+    pub diameter_m: f64,
+    /// Least and greatest coordinates, metres; `None` where the file does not have them all.
+    pub bounds: Option<[[f64; 3]; 2]>,
+    /// Motions that do not change how it looks, metres.
+    pub discrete: Vec<Isometry3<f64>>,
+    /// Axes about which no turn changes how it looks, metres.
+    pub continuous: Vec<ContinuousSymmetry>,
+}
+
 #[derive(Deserialize)]
 struct Info {
     diameter: f64,
     name: Option<String>,
+    min_x: Option<f64>,
+    min_y: Option<f64>,
+    min_z: Option<f64>,
+    size_x: Option<f64>,
+    size_y: Option<f64>,
+    size_z: Option<f64>,
     #[serde(default)]
     symmetries_discrete: Vec<[f64; 16]>,
     #[serde(default)]
@@ -42,6 +63,23 @@ struct Info {
 struct Axis {
     axis: [f64; 3],
     offset: [f64; 3],
+}
+
+/// Reads `models_info.json`, by object.
+///
+/// # Errors
+/// [`Error::Read`] where it cannot be read, [`Error::Json`], [`Error::Data`] or
+/// [`Error::Transform`] where it holds something else.
+pub fn load_infos(path: &Path) -> Result<BTreeMap<u32, ModelInfo>> {
+    let infos: BTreeMap<u32, Info> = read(
+        path,
+        "{OBJECT: {\"diameter\": mm, ...}} as in BOP's models_info.json",
+    )?;
+    let checked = |(id, info): (u32, Info)| {
+        let place = format!("{}: object {id}", path.display());
+        Ok((id, info.checked(&place)?))
+    };
+    infos.into_iter().map(checked).collect()
 }
 
 /// Reads the models of some objects; those that the folder does not list are not among them.
@@ -62,15 +100,8 @@ pub fn load_models(folder: &Path, wanted: impl Fn(u32) -> bool) -> Result<BTreeM
             folder.display()
         )));
     };
-    let file = folder.join("models_info.json");
-    let infos: BTreeMap<u32, Info> = read(
-        &file,
-        "{OBJECT: {\"diameter\": mm, ...}} as in BOP's models_info.json",
-    )?;
-    let model = |(id, info): (u32, Info)| {
-        let place = format!("{}: object {id}", file.display());
-        Ok((id, info.model(id, &place, folder)?))
-    };
+    let infos = load_infos(&folder.join("models_info.json"))?;
+    let model = |(id, info): (u32, ModelInfo)| Ok((id, info.model(id, folder)?));
     infos
         .into_iter()
         .filter(|(id, _)| wanted(*id))
@@ -79,43 +110,61 @@ pub fn load_models(folder: &Path, wanted: impl Fn(u32) -> bool) -> Result<BTreeM
 }
 
 impl Info {
-    fn model(self, id: u32, place: &str, folder: &Path) -> Result<Model> {
+    fn checked(self, place: &str) -> Result<ModelInfo> {
         if !(self.diameter.is_finite() && self.diameter > 0.0) {
             return Err(Error::Data(format!(
                 "{place}: expected a diameter in millimetres, got {}",
                 self.diameter
             )));
         }
-        let discrete: Vec<Isometry3<f64>> = self
-            .symmetries_discrete
-            .iter()
-            .enumerate()
-            .map(|(i, m)| {
-                let r = [m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]];
-                let place = format!("{place}: symmetries_discrete {i}");
-                motion(&place, &r, &[m[3], m[7], m[11]])
-            })
-            .collect::<Result<_>>()?;
-        let continuous: Vec<ContinuousSymmetry> = self
-            .symmetries_continuous
-            .iter()
-            .map(|symmetry| {
-                let axis = Unit::try_new(Vector3::from(symmetry.axis), 1e-9).ok_or_else(|| {
-                    Error::Data(format!(
-                        "{place}: symmetries_continuous: expected an axis, got {:?}",
-                        symmetry.axis
-                    ))
-                })?;
-                let offset = Point3::from(symmetry.offset) * MM;
-                Ok(ContinuousSymmetry { axis, offset })
-            })
-            .collect::<Result<_>>()?;
+        let discrete = self.symmetries_discrete.iter().enumerate();
+        let discrete = discrete.map(|(i, m)| {
+            let r = [m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]];
+            let place = format!("{place}: symmetries_discrete {i}");
+            motion(&place, &r, &[m[3], m[7], m[11]])
+        });
+        let continuous = self.symmetries_continuous.iter().map(|symmetry| {
+            let axis = Unit::try_new(Vector3::from(symmetry.axis), 1e-9).ok_or_else(|| {
+                Error::Data(format!(
+                    "{place}: symmetries_continuous: expected an axis, got {:?}",
+                    symmetry.axis
+                ))
+            })?;
+            let offset = Point3::from(symmetry.offset) * MM;
+            Ok(ContinuousSymmetry { axis, offset })
+        });
+        let ranges = [
+            self.min_x.zip(self.size_x),
+            self.min_y.zip(self.size_y),
+            self.min_z.zip(self.size_z),
+        ];
+        let bounds = if let [Some(x), Some(y), Some(z)] = ranges {
+            let axes = [x, y, z];
+            Some([
+                axes.map(|(min, _)| min * MM),
+                axes.map(|(min, size)| (min + size) * MM),
+            ])
+        } else {
+            None
+        };
+        Ok(ModelInfo {
+            discrete: discrete.collect::<Result<_>>()?,
+            continuous: continuous.collect::<Result<_>>()?,
+            name: self.name,
+            diameter_m: self.diameter * MM,
+            bounds,
+        })
+    }
+}
+
+impl ModelInfo {
+    fn model(self, id: u32, folder: &Path) -> Result<Model> {
         let mesh = load_ply(&folder.join(format!("obj_{id:06}.ply")), MM)?;
         Ok(Model {
             id,
             name: self.name,
-            diameter_m: self.diameter * MM,
-            symmetries: Symmetries::new(&discrete, &continuous, BOP_MAX_STEP)?,
+            diameter_m: self.diameter_m,
+            symmetries: Symmetries::new(&self.discrete, &self.continuous, BOP_MAX_STEP)?,
             surface: Surface::new(mesh.vertices())?,
             mesh,
         })

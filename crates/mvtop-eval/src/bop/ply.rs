@@ -22,23 +22,14 @@ enum Format {
     BigEndian,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Type {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    F32,
-    F64,
-}
+/// Reads a number of some type.
+type Read = fn(&mut Body) -> Parsed<f64>;
 
 struct Property {
     name: String,
-    /// Type of the length in front of a list.
-    list: Option<Type>,
-    item: Type,
+    /// Of the length in front of a list.
+    list: Option<Read>,
+    item: Read,
 }
 
 struct Element {
@@ -67,11 +58,8 @@ pub(super) fn load_ply(path: &Path, unit: f64) -> Result<Mesh> {
             path.display()
         ))
     };
-    let unreadable = |cause| Error::Read {
-        path: path.to_owned(),
-        cause,
-    };
-    let size = std::fs::metadata(path).map_err(unreadable)?.len();
+    let unreadable = Error::read(path);
+    let size = std::fs::metadata(path).map_err(&unreadable)?.len();
     if size > MAX_FILE_BYTES {
         return Err(refuse(format!("{size} bytes, more than a model has")));
     }
@@ -90,11 +78,8 @@ pub(super) fn load_ply(path: &Path, unit: f64) -> Result<Mesh> {
             [] => {}
         }
     }
-    let vertices = vertices
-        .into_iter()
-        .map(|v| Point3::from(v) * unit)
-        .collect();
-    Mesh::new(vertices, triangles).map_err(|error| refuse(error.to_string()))
+    let vertices = vertices.into_iter().map(|v| Point3::from(v) * unit);
+    Mesh::new(vertices.collect(), triangles).map_err(|error| refuse(error.to_string()))
 }
 
 type Parsed<T> = Result<T, String>;
@@ -112,9 +97,8 @@ fn parse(bytes: &[u8]) -> Parsed<(Vec<[f64; 3]>, Vec<Face>)> {
     } in elements
     {
         let place = |wanted: &[&str]| {
-            properties
-                .iter()
-                .position(|property| wanted.contains(&property.name.as_str()))
+            let is = |property: &Property| wanted.contains(&property.name.as_str());
+            properties.iter().position(is)
         };
         let axes = [place(&["x"]), place(&["y"]), place(&["z"])];
         let indices = place(&["vertex_indices", "vertex_index"]);
@@ -173,23 +157,18 @@ fn header(bytes: &[u8]) -> Parsed<(Vec<Element>, Body<'_>)> {
                 properties: Vec::new(),
             }),
             ["property", ref about @ .., name] => {
+                let read = |name: &str| reader(name).ok_or_else(wrong);
                 let (list, item) = match about {
-                    ["list", length, item] => (Some(Type::named(length)), Type::named(item)),
-                    [item] => (None, Type::named(item)),
+                    ["list", length, item] => (Some(read(length)?), read(item)?),
+                    [item] => (None, read(item)?),
                     _ => return Err(wrong()),
                 };
-                let (Some(item), false) = (item, list == Some(None)) else {
-                    return Err(wrong());
-                };
-                elements
-                    .last_mut()
-                    .ok_or_else(wrong)?
-                    .properties
-                    .push(Property {
-                        name: name.to_owned(),
-                        list: list.flatten(),
-                        item,
-                    });
+                let element = elements.last_mut().ok_or_else(wrong)?;
+                element.properties.push(Property {
+                    name: name.to_owned(),
+                    list,
+                    item,
+                });
             }
             ["comment" | "obj_info", ..] | [] => {}
             _ => return Err(wrong()),
@@ -201,20 +180,19 @@ fn header(bytes: &[u8]) -> Parsed<(Vec<Element>, Body<'_>)> {
     Ok((elements, Body { rest, format }))
 }
 
-impl Type {
-    fn named(name: &str) -> Option<Self> {
-        Some(match name {
-            "char" | "int8" => Self::I8,
-            "uchar" | "uint8" => Self::U8,
-            "short" | "int16" => Self::I16,
-            "ushort" | "uint16" => Self::U16,
-            "int" | "int32" => Self::I32,
-            "uint" | "uint32" => Self::U32,
-            "float" | "float32" => Self::F32,
-            "double" | "float64" => Self::F64,
-            _ => return None,
-        })
-    }
+/// What reads a type of that name.
+fn reader(name: &str) -> Option<Read> {
+    Some(match name {
+        "char" | "int8" => |body| body.number(|bytes| i8::from_le_bytes(bytes).into()),
+        "uchar" | "uint8" => |body| body.number(|bytes| u8::from_le_bytes(bytes).into()),
+        "short" | "int16" => |body| body.number(|bytes| i16::from_le_bytes(bytes).into()),
+        "ushort" | "uint16" => |body| body.number(|bytes| u16::from_le_bytes(bytes).into()),
+        "int" | "int32" => |body| body.number(|bytes| i32::from_le_bytes(bytes).into()),
+        "uint" | "uint32" => |body| body.number(|bytes| u32::from_le_bytes(bytes).into()),
+        "float" | "float32" => |body| body.number(|bytes| f32::from_le_bytes(bytes).into()),
+        "double" | "float64" => |body| body.number(f64::from_le_bytes),
+        _ => return None,
+    })
 }
 
 impl Body<'_> {
@@ -222,51 +200,35 @@ impl Body<'_> {
     fn property(&mut self, property: &Property, values: &mut Vec<f64>) -> Parsed<()> {
         values.clear();
         let length = match property.list {
-            Some(length) => self.number(length)?,
+            Some(length) => length(self)?,
             None => 1.0,
         };
         // A length that is too great ends with the file.
         for _ in 0..length as u64 {
-            values.push(self.number(property.item)?);
+            values.push((property.item)(self)?);
         }
         Ok(())
     }
 
-    fn number(&mut self, item: Type) -> Parsed<f64> {
+    /// The next number, by what makes it of its bytes, little end first.
+    fn number<const N: usize>(&mut self, from_bytes: fn([u8; N]) -> f64) -> Parsed<f64> {
         if self.format == Format::Text {
             let word = self.word().ok_or("the end of the file")?;
             return word.parse().map_err(|_| format!("`{word}` for a number"));
         }
-        Ok(match item {
-            Type::I8 => f64::from(i8::from_le_bytes(self.bytes()?)),
-            Type::U8 => f64::from(u8::from_le_bytes(self.bytes()?)),
-            Type::I16 => f64::from(i16::from_le_bytes(self.bytes()?)),
-            Type::U16 => f64::from(u16::from_le_bytes(self.bytes()?)),
-            Type::I32 => f64::from(i32::from_le_bytes(self.bytes()?)),
-            Type::U32 => f64::from(u32::from_le_bytes(self.bytes()?)),
-            Type::F32 => f64::from(f32::from_le_bytes(self.bytes()?)),
-            Type::F64 => f64::from_le_bytes(self.bytes()?),
-        })
-    }
-
-    /// The next bytes, little end first.
-    fn bytes<const N: usize>(&mut self) -> Parsed<[u8; N]> {
         let (&bytes, rest) = self.rest.split_first_chunk().ok_or("the end of the file")?;
         self.rest = rest;
         let mut bytes: [u8; N] = bytes;
         if self.format == Format::BigEndian {
             bytes.reverse();
         }
-        Ok(bytes)
+        Ok(from_bytes(bytes))
     }
 
     fn word(&mut self) -> Option<String> {
         let rest = self.rest.trim_ascii_start();
-        let end = rest
-            .iter()
-            .position(u8::is_ascii_whitespace)
-            .unwrap_or(rest.len());
-        let (word, rest) = rest.split_at(end);
+        let end = rest.iter().position(u8::is_ascii_whitespace);
+        let (word, rest) = rest.split_at(end.unwrap_or(rest.len()));
         self.rest = rest;
         (!word.is_empty()).then(|| String::from_utf8_lossy(word).into_owned())
     }

@@ -38,13 +38,7 @@ impl Estimate {
     ///
     /// - `time_s`: what all poses of the image took, seconds; BOP's -1 where that is not known
     pub fn csv_line(&self, scene_id: u32, im_id: u32, time_s: f64) -> String {
-        let Self {
-            obj_id,
-            score,
-            r,
-            t_mm,
-        } = self;
-        let (r, t) = (list(r), list(t_mm));
+        let (obj_id, score, r, t) = (self.obj_id, self.score, list(&self.r), list(&self.t_mm));
         format!("{scene_id},{im_id},{obj_id},{score},{r},{t},{time_s}\n")
     }
 }

@@ -6,10 +6,12 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Isometry3, UnitQuaternion};
 use serde::Deserialize;
+use serde_json::{Map, Value};
 
 use super::annotation::{Annotation, load_annotations};
 use super::json::{MM, motion, read};
 use crate::{Error, Result};
+use mvtop_core::BBox;
 use mvtop_core::camera::{Intrinsics, Projection};
 
 /// Which image of a scene.
@@ -38,8 +40,10 @@ pub struct Frame {
     /// Camera frame to world frame, metres; `None` where the data set does not say where its camera
     /// stood.
     pub world_from_cam: Option<Isometry3<f64>>,
-    /// Empty where the annotations are kept back, as of most test splits.
+    /// In the file's order; empty where the annotations are kept back, as of most test splits.
     pub objects: Vec<Instance>,
+    /// What else `scene_camera.json` says of it.
+    pub more: Map<String, Value>,
 }
 
 /// An annotated object.
@@ -49,11 +53,14 @@ pub struct Instance {
     pub object: u32,
     /// Object frame to camera frame, metres.
     pub cam_from_obj: Isometry3<f64>,
-    /// `[x0, y0, x1, y1]`, px, of the whole object also where it is hidden; `None` where it is not
-    /// known.
-    pub bbox: Option<[f64; 4]>,
+    /// Of the whole object also where it is hidden; `None` where it is not known.
+    pub bbox: Option<BBox>,
+    /// The same of what is visible of it.
+    pub visible_bbox: Option<BBox>,
     /// Visible share of the object's pixels.
     pub visible: Option<f64>,
+    /// What else `scene_gt_info.json` says of it.
+    pub more: Map<String, Value>,
 }
 
 /// All images of a scene.
@@ -78,12 +85,17 @@ struct Camera {
     r: Option<[f64; 9]>,
     #[serde(rename = "cam_t_w2c")]
     t: Option<[f64; 3]>,
+    #[serde(flatten)]
+    more: Map<String, Value>,
 }
 
-#[derive(Deserialize)]
+#[derive(Default, Deserialize)]
 struct Info {
     bbox_obj: Option<[f64; 4]>,
+    bbox_visib: Option<[f64; 4]>,
     visib_fract: Option<f64>,
+    #[serde(flatten)]
+    more: Map<String, Value>,
 }
 
 fn one() -> f64 {
@@ -113,14 +125,11 @@ impl fmt::Display for FrameId {
 /// # Errors
 /// [`Error::Read`] where the folder cannot be read, [`Error::Data`] where it has no scenes.
 pub fn scene_ids(split: &Path) -> Result<Vec<u32>> {
-    let entries = std::fs::read_dir(split).map_err(|cause| Error::Read {
-        path: split.to_owned(),
-        cause,
-    })?;
+    let entries = std::fs::read_dir(split).map_err(Error::read(split))?;
     let mut ids: Vec<u32> = entries
         .filter_map(|entry| {
             let path = entry.ok()?.path();
-            (!sensors(&path).is_empty()).then_some(())?;
+            (!sensors(&path, "scene_camera").is_empty()).then_some(())?;
             path.file_name()?.to_str()?.parse().ok()
         })
         .collect();
@@ -135,63 +144,78 @@ pub fn scene_ids(split: &Path) -> Result<Vec<u32>> {
     Ok(ids)
 }
 
-/// Endings of the camera files in a folder: empty for `scene_camera.json`, `cam1` for
-/// `scene_camera_cam1.json`.
-fn sensors(folder: &Path) -> Vec<String> {
+/// Endings of a folder's files of some kind: of `scene_camera`, empty for `scene_camera.json` and
+/// `cam1` for `scene_camera_cam1.json`.
+pub(crate) fn sensors(folder: &Path, kind: &str) -> Vec<String> {
+    let ending = |name: &str| match name.strip_prefix(kind)?.strip_suffix(".json")? {
+        "" => Some(String::new()),
+        ending => Some(ending.strip_prefix('_')?.to_owned()),
+    };
     let names = std::fs::read_dir(folder).into_iter().flatten();
-    let mut sensors: Vec<String> = names
-        .filter_map(|entry| {
-            let name = entry.ok()?.file_name();
-            let ending = name.to_str()?.strip_prefix("scene_camera")?;
-            let ending = ending.strip_suffix(".json")?;
-            match ending {
-                "" => Some(String::new()),
-                _ => Some(ending.strip_prefix('_')?.to_owned()),
-            }
-        })
-        .collect();
+    let names = names.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+    let mut sensors: Vec<String> = names.filter_map(|name| ending(&name)).collect();
     sensors.sort();
     sensors
 }
 
+/// A sensor's file or folder of some kind, as [`sensors`] finds it.
+pub(crate) fn of_sensor(folder: &Path, kind: &str, sensor: &str, end: &str) -> PathBuf {
+    match sensor {
+        "" => folder.join(format!("{kind}{end}")),
+        _ => folder.join(format!("{kind}_{sensor}{end}")),
+    }
+}
+
 impl Scene {
-    /// Reads what is known of the images; the images themselves are not opened.
-    ///
-    /// Sensors without color or grey images, as of depth only, are left out.
+    /// Reads what is known of the images that are unpacked; see [`load_frames`].
     ///
     /// # Errors
-    /// [`Error::Read`] where a file cannot be read, and another where it is
-    /// not BOP's.
+    /// As [`load_frames`].
     pub fn load(split: &Path, id: u32) -> Result<Self> {
         let folder = split.join(format!("{id:06}"));
-        let mut frames = BTreeMap::new();
-        for sensor in sensors(&folder) {
-            load_sensor(&folder, &sensor, &mut frames)?;
-        }
-        if frames.is_empty() {
-            return Err(Error::Data(format!(
-                "{}: expected scene_camera.json and images in rgb/ or gray/, got none; unpack the \
-                 data set's images there",
-                folder.display()
-            )));
-        }
+        let frames = load_frames(&folder, false)?;
         Ok(Self { id, folder, frames })
     }
 }
 
-fn load_sensor(folder: &Path, sensor: &str, frames: &mut BTreeMap<FrameId, Frame>) -> Result<()> {
-    let named = |what: &str, end: &str| match sensor {
-        "" => folder.join(format!("{what}{end}")),
-        _ => folder.join(format!("{what}_{sensor}{end}")),
-    };
-    let image_folders: Vec<PathBuf> = ["rgb", "gray"]
-        .map(|kind| named(kind, ""))
-        .into_iter()
-        .filter(|dir| dir.is_dir())
-        .collect();
-    if image_folders.is_empty() {
-        return Ok(());
+/// Reads what is known of a scene's images, in the order of sensors and images; the images
+/// themselves are not opened.
+///
+/// Sensors without color or grey images, as of depth only, are left out.
+///
+/// - `folder`: of the scene
+/// - `whole`: whether what is incomplete is refused, images that are listed but not unpacked and
+///   annotations without a camera, or left out
+///
+/// # Errors
+/// [`Error::Read`] where a file cannot be read, and another where it is
+/// not BOP's.
+pub fn load_frames(folder: &Path, whole: bool) -> Result<BTreeMap<FrameId, Frame>> {
+    let mut frames = BTreeMap::new();
+    for sensor in sensors(folder, "scene_camera") {
+        load_sensor(folder, &sensor, whole, &mut frames)?;
     }
+    if frames.is_empty() {
+        return Err(Error::Data(format!(
+            "{}: expected scene_camera.json and images in rgb/ or gray/, got none; unpack the \
+             data set's images there",
+            folder.display()
+        )));
+    }
+    Ok(frames)
+}
+
+fn load_sensor(
+    folder: &Path,
+    sensor: &str,
+    whole: bool,
+    frames: &mut BTreeMap<FrameId, Frame>,
+) -> Result<()> {
+    let named = |kind, end| of_sensor(folder, kind, sensor, end);
+    let image_folders = ["rgb", "gray"].map(|kind| named(kind, ""));
+    let Some(image_folder) = image_folders.iter().find(|dir| dir.is_dir()) else {
+        return Ok(());
+    };
     let depth_folder = [named("depth", "")];
     let camera_file = named("scene_camera", ".json");
     let cameras: BTreeMap<u32, Camera> =
@@ -203,17 +227,25 @@ fn load_sensor(folder: &Path, sensor: &str, frames: &mut BTreeMap<FrameId, Frame
     })?;
     for (image, camera) in cameras {
         let place = format!("{}: image {image}", camera_file.display());
-        let Some(path) = find_image(&image_folders, image) else {
-            continue; // listed, but not unpacked
-        };
         let poses = poses.remove(&image).unwrap_or_default();
-        let infos = infos.remove(&image).unwrap_or_default();
+        let mut infos = infos.remove(&image).unwrap_or_default();
+        infos.resize_with(poses.len(), Info::default);
+        let Some(path) = find_image(&image_folders, image) else {
+            if whole {
+                let folder = image_folder.display();
+                return Err(Error::Data(format!(
+                    "{folder}: image {image}: expected a PNG, JPEG or TIFF file, got none; unpack \
+                     the data set's images there"
+                )));
+            }
+            continue;
+        };
         let id = FrameId {
             sensor: sensor.to_owned(),
             image,
         };
-        let objects = poses.iter().enumerate();
-        let objects = objects.map(|(i, pose)| instance(pose, (&pose_file, image, i), infos.get(i)));
+        let objects = poses.iter().zip(infos).enumerate();
+        let objects = objects.map(|(i, (pose, info))| instance(pose, (&pose_file, image, i), info));
         let frame = Frame {
             path,
             depth: find_image(&depth_folder, image),
@@ -221,11 +253,20 @@ fn load_sensor(folder: &Path, sensor: &str, frames: &mut BTreeMap<FrameId, Frame
             depth_scale: camera.depth_scale,
             world_from_cam: camera.world_from_cam(&place)?,
             objects: objects.collect::<Result<_>>()?,
+            more: camera.more,
             id: id.clone(),
         };
         frames.insert(id, frame);
     }
-    Ok(())
+    match poses.keys().next() {
+        Some(image) if whole => Err(Error::Data(format!(
+            "{}: image {image}: expected its camera in {}, got none; add it, or delete its \
+             annotations",
+            pose_file.display(),
+            camera_file.display()
+        ))),
+        _ => Ok(()),
+    }
 }
 
 /// An empty map where there is no such file.
@@ -233,19 +274,16 @@ fn optional<T>(
     path: &Path,
     load: impl Fn(&Path) -> Result<BTreeMap<u32, T>>,
 ) -> Result<BTreeMap<u32, T>> {
-    if path.is_file() {
-        load(path)
-    } else {
-        Ok(BTreeMap::new())
+    match path.is_file() {
+        true => load(path),
+        false => Ok(BTreeMap::new()),
     }
 }
 
 fn find_image(folders: &[PathBuf], image: u32) -> Option<PathBuf> {
     let ends = ["png", "jpg", "jpeg", "tif", "tiff"];
-    folders
-        .iter()
-        .flat_map(|folder| ends.map(|end| folder.join(format!("{image:06}.{end}"))))
-        .find(|path| path.is_file())
+    let named = |folder: &PathBuf| ends.map(|end| folder.join(format!("{image:06}.{end}")));
+    folders.iter().flat_map(named).find(|path| path.is_file())
 }
 
 impl Camera {
@@ -278,30 +316,33 @@ impl Camera {
             }
             (None, None) => Ok(None),
             _ => Err(Error::Data(format!(
-                "{place}: expected both cam_R_w2c and cam_t_w2c, got one of them"
+                "{place}: expected the camera's pose as both cam_R_w2c and cam_t_w2c, got one of them"
             ))),
         }
     }
 }
 
 /// - `place`: as [`Annotation::pose`] wants it
-fn instance(
-    pose: &Annotation,
-    place: (&Path, u32, usize),
-    info: Option<&Info>,
-) -> Result<Instance> {
+fn instance(pose: &Annotation, place: (&Path, u32, usize), info: Info) -> Result<Instance> {
     let (rotation, translation_mm) = pose.pose(place)?;
-    let whole = info.and_then(|info| info.bbox_obj);
+    let corners = |[x, y, w, h]: [f64; 4]| BBox::from([x, y, x + w, y + h]);
     Ok(Instance {
         object: pose.obj_id,
         cam_from_obj: Isometry3::from_parts(
             (translation_mm * MM).into(),
             UnitQuaternion::from_rotation_matrix(&rotation),
         ),
-        // BOP writes -1 where nothing of the object is in the image.
-        bbox: whole
+        // BOP writes -1 where nothing of the object is in the image, or visible. One pixel that is
+        // visible has width 0: boxes of what is visible reach from pixel center to pixel center.
+        bbox: info
+            .bbox_obj
             .filter(|&[_, _, w, h]| w > 0.0 && h > 0.0)
-            .map(|[x, y, w, h]| [x, y, x + w, y + h]),
-        visible: info.and_then(|info| info.visib_fract),
+            .map(corners),
+        visible_bbox: info
+            .bbox_visib
+            .filter(|&[_, _, w, h]| w >= 0.0 && h >= 0.0)
+            .map(corners),
+        visible: info.visib_fract,
+        more: info.more,
     })
 }

@@ -62,15 +62,13 @@ enum Image {
 pub fn load_targets(path: &Path) -> Result<Vec<Target>> {
     let expected = "BOP's targets, [{\"scene_id\": N, \"im_id\": N or [[SENSOR, N], ...], ...}], \
                     or {\"pairs\": [[SCENE, IMAGE, IMAGE]]}";
+    let pair = |[scene_id, a, b]: [u32; 3]| Row {
+        scene_id,
+        im_id: Images::Many(vec![Image::Plain(a), Image::Plain(b)]),
+        obj_id: None,
+    };
     let rows = match read(path, expected)? {
-        Document::Pairs { pairs } => pairs
-            .into_iter()
-            .map(|[scene, a, b]| Row {
-                scene_id: scene,
-                im_id: Images::Many(vec![Image::Plain(a), Image::Plain(b)]),
-                obj_id: None,
-            })
-            .collect(),
+        Document::Pairs { pairs } => pairs.into_iter().map(pair).collect(),
         Document::Rows(rows) => rows,
     };
     let mut targets: Vec<Target> = Vec::new();
@@ -116,16 +114,9 @@ impl Images {
             Self::Many(images) => images,
         };
         let view = |image| match image {
-            Image::Plain(image) => FrameId {
+            Image::Of(sensor, image) if sensor != "default" => FrameId { sensor, image },
+            Image::Of(_, image) | Image::Plain(image) => FrameId {
                 sensor: String::new(),
-                image,
-            },
-            Image::Of(sensor, image) => FrameId {
-                sensor: if sensor == "default" {
-                    String::new()
-                } else {
-                    sensor
-                },
                 image,
             },
         };

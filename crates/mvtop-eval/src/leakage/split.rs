@@ -9,7 +9,7 @@ use mvtop_core::pose::rotation_error_deg;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
-use crate::bop::load_annotations;
+use crate::bop::{load_annotations, of_sensor, sensors};
 use crate::{Error, Result};
 
 /// One annotation of one object: its pose `cam_from_obj`, and where it stands.
@@ -52,6 +52,11 @@ pub struct Split {
 }
 
 impl Split {
+    /// Of one object; none where the split does not hold it.
+    pub(super) fn poses_of(&self, object_id: u32) -> &[PoseRecord] {
+        self.objects.get(&object_id).map_or(&[], Vec::as_slice)
+    }
+
     /// Number of poses, of all objects.
     pub fn poses(&self) -> usize {
         self.objects.values().map(Vec::len).sum()
@@ -74,13 +79,11 @@ impl Files {
     /// [`Error::Read`] where a folder cannot be read, [`Error::Data`] where there is no such file.
     pub fn find(folder: &Path) -> Result<Self> {
         // Canonical, so that a file which two splits share is recognised.
-        let folder = fs::canonicalize(folder).map_err(read_error(folder))?;
-        let mut scenes = annotations(&folder)?;
+        let folder = fs::canonicalize(folder).map_err(Error::read(folder))?;
+        let mut scenes = annotations(&folder);
         if scenes.is_empty() {
             for path in listed(&folder)? {
-                if path.is_dir() {
-                    scenes.extend(annotations(&path)?);
-                }
+                scenes.extend(annotations(&path));
             }
         }
         if scenes.is_empty() {
@@ -91,10 +94,11 @@ impl Files {
                 folder.display()
             )));
         }
-        let sizes = scenes
+        let size = |path: &Path| Ok(fs::metadata(path).map_err(Error::read(path))?.len());
+        let bytes = scenes
             .iter()
-            .map(|(_, path)| Ok(fs::metadata(path).map_err(read_error(path))?.len()));
-        let bytes = sizes.sum::<Result<u64>>()?;
+            .map(|(_, path)| size(path))
+            .sum::<Result<u64>>()?;
         Ok(Self { scenes, bytes })
     }
 
@@ -110,16 +114,13 @@ impl Files {
     /// # Errors
     /// [`Error::Read`] where a file cannot be read, [`Error::Data`] where it does not hold poses.
     pub fn read(&self, done: impl Fn(u64) + Sync) -> Result<Split> {
-        let read: Vec<Vec<(u32, PoseRecord)>> = self
-            .scenes
-            .par_iter()
-            .enumerate()
-            .map(|(scene, (_, path))| {
-                let poses = poses(path, scene as u32)?;
-                done(fs::metadata(path).map_or(0, |about| about.len()));
-                Ok(poses)
-            })
-            .collect::<Result<_>>()?;
+        let read = |(scene, (_, path)): (usize, &(String, PathBuf))| {
+            let poses = poses(path, scene as u32)?;
+            done(fs::metadata(path).map_or(0, |about| about.len()));
+            Ok(poses)
+        };
+        let read = self.scenes.par_iter().enumerate().map(read);
+        let read: Vec<Vec<(u32, PoseRecord)>> = read.collect::<Result<_>>()?;
         let mut split = Split {
             scenes: self.scenes.iter().map(|(name, _)| name.clone()).collect(),
             objects: BTreeMap::new(),
@@ -132,31 +133,28 @@ impl Files {
 }
 
 /// The files with annotations of one scene, each with its name.
-fn annotations(scene: &Path) -> Result<Vec<(String, PathBuf)>> {
+fn annotations(scene: &Path) -> Vec<(String, PathBuf)> {
     let folder = scene.file_name().unwrap_or_default().to_string_lossy();
-    let named = |path: PathBuf| {
-        let stem = path.file_name()?.to_str()?.strip_suffix(".json")?;
-        let sensor = stem.strip_prefix("scene_gt")?;
-        match sensor.strip_prefix('_') {
-            None if sensor.is_empty() => Some((folder.to_string(), path)),
-            // `scene_gt_info.json` and `scene_gt_info_<sensor>.json` hold boxes.
-            Some(sensor) if sensor.split('_').next() != Some("info") => {
-                Some((format!("{folder}/{sensor}"), path))
-            }
-            _ => None,
-        }
+    let mut sensors = sensors(scene, "scene_gt");
+    // `scene_gt_info.json` and `scene_gt_info_<sensor>.json` hold boxes.
+    sensors.retain(|sensor| sensor.split('_').next() != Some("info"));
+    let file = |sensor: String| {
+        let name = match &sensor[..] {
+            "" => folder.to_string(),
+            _ => format!("{folder}/{sensor}"),
+        };
+        (name, of_sensor(scene, "scene_gt", &sensor, ".json"))
     };
-    Ok(listed(scene)?.into_iter().filter_map(named).collect())
+    sensors.into_iter().map(file).collect()
 }
 
 /// What is in a folder, sorted.
 fn listed(folder: &Path) -> Result<Vec<PathBuf>> {
-    let entries = fs::read_dir(folder).and_then(|entries| {
-        entries
-            .map(|entry| Ok(entry?.path()))
-            .collect::<io::Result<Vec<_>>>()
-    });
-    let mut paths = entries.map_err(read_error(folder))?;
+    let entries = fs::read_dir(folder).map_err(Error::read(folder))?;
+    let paths = entries.map(|entry| Ok(entry?.path()));
+    let mut paths: Vec<_> = paths
+        .collect::<io::Result<_>>()
+        .map_err(Error::read(folder))?;
     paths.sort();
     Ok(paths)
 }
@@ -178,11 +176,4 @@ fn poses(path: &Path, scene: u32) -> Result<Vec<(u32, PoseRecord)>> {
         }
     }
     Ok(poses)
-}
-
-fn read_error(path: &Path) -> impl Fn(io::Error) -> Error + '_ {
-    |cause| Error::Read {
-        path: path.to_owned(),
-        cause,
-    }
 }

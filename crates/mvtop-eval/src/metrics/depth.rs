@@ -59,10 +59,8 @@ impl Mesh {
     /// # Errors
     /// [`Error::Input`] where a vertex is not finite or a triangle names one that is not there.
     pub fn new(vertices: Vec<Point3<f64>>, triangles: Vec<[u32; 3]>) -> Result<Self> {
-        if let Some(i) = vertices
-            .iter()
-            .position(|p| p.iter().any(|x| !x.is_finite()))
-        {
+        let not_finite = |p: &Point3<f64>| p.iter().any(|x| !x.is_finite());
+        if let Some(i) = vertices.iter().position(not_finite) {
             return Err(Error::Input(format!(
                 "mesh: expected finite vertices, got {} for vertex {i}",
                 vertices[i]
@@ -121,25 +119,18 @@ impl Mesh {
             width: width as usize,
             height: height as usize,
         };
-        let in_camera: Vec<Vector3<f64>> = self
-            .vertices
-            .iter()
-            .map(|vertex| (cam_from_obj * vertex).coords)
-            .collect();
-        let seen: Vec<Triangle> = self
-            .triangles
-            .par_iter()
-            .filter_map(|t| Triangle::new(t.map(|v| in_camera[v as usize]), &pixels))
-            .collect();
+        let vertices = self.vertices.iter();
+        let in_camera: Vec<_> = vertices.map(|p| (cam_from_obj * p).coords).collect();
+        let seen = |t: &[u32; 3]| Triangle::new(t.map(|v| in_camera[v as usize]), &pixels);
+        let seen: Vec<Triangle> = self.triangles.par_iter().filter_map(seen).collect();
         let mut image = DepthImage::zeros((pixels.height, pixels.width));
         if let Some(rows) = image.as_slice_mut().filter(|rows| !rows.is_empty()) {
-            rows.par_chunks_mut(BAND * pixels.width)
-                .enumerate()
-                .for_each(|(i, band)| {
-                    for triangle in &seen {
-                        triangle.fill(band, i * BAND, &pixels);
-                    }
-                });
+            let bands = rows.par_chunks_mut(BAND * pixels.width).enumerate();
+            bands.for_each(|(i, band)| {
+                for triangle in &seen {
+                    triangle.fill(band, i * BAND, &pixels);
+                }
+            });
         }
         Ok(image)
     }
@@ -161,34 +152,24 @@ impl Triangle {
         if corners.iter().all(|p| p.z <= 0.0) {
             return None;
         }
-        let (columns, rows) = if corners.iter().all(|p| p.z > 0.0) {
+        let (mut u, mut v) = ([0.0, f64::INFINITY, 0.0], [0.0, f64::INFINITY, 0.0]);
+        if corners.iter().all(|p| p.z > 0.0) {
             let intrinsics = &pixels.intrinsics;
-            let u = corners.map(|p| intrinsics.fx() * p.x / p.z + intrinsics.cx() - pixels.offset);
-            let v = corners.map(|p| intrinsics.fy() * p.y / p.z + intrinsics.cy() - pixels.offset);
-            (range(u, pixels.width)?, range(v, pixels.height)?)
-        } else {
-            (
-                range([0.0, f64::INFINITY, 0.0], pixels.width)?,
-                range([0.0, f64::INFINITY, 0.0], pixels.height)?,
-            )
-        };
+            u = corners.map(|p| intrinsics.fx() * p.x / p.z + intrinsics.cx() - pixels.offset);
+            v = corners.map(|p| intrinsics.fy() * p.y / p.z + intrinsics.cy() - pixels.offset);
+        }
         Some(Self {
             sum: edges[0] + edges[1] + edges[2],
             edges,
             volume,
-            columns,
-            rows,
+            columns: range(u, pixels.width)?,
+            rows: range(v, pixels.height)?,
         })
     }
 
     /// - `band`: rows of the image from `top` on
     fn fill(&self, band: &mut [f32], top: usize, pixels: &Pixels) {
-        let Pixels {
-            intrinsics,
-            offset,
-            width,
-            ..
-        } = pixels;
+        let (intrinsics, offset, width) = (&pixels.intrinsics, pixels.offset, pixels.width);
         let last = self.rows[1].min(top + band.len() / width - 1);
         let [left, right] = self.columns;
         for row in self.rows[0].max(top)..=last {

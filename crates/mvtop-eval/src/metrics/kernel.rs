@@ -1,5 +1,6 @@
 //! The inner loops over an object's points, compiled for AVX2 and AVX-512 as well on x86-64.
 
+use mvtop_core::dispatch;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
 /// Points that are worked on together.
@@ -72,59 +73,31 @@ impl Affine {
     }
 }
 
-/// Picks the loop compiled for this processor.
-macro_rules! dispatch {
-    ($(#[$doc:meta])* $name:ident, $portable:ident, $avx2:ident, $avx512:ident,
-     ($($arg:ident: $type:ty),*) -> $returned:ty) => {
-        $(#[$doc])*
-        pub(super) fn $name($($arg: $type),*) -> $returned {
-            #[cfg(target_arch = "x86_64")]
-            if std::arch::is_x86_feature_detected!("avx512f") {
-                // SAFETY: the processor has just said that it has AVX-512.
-                return unsafe { $avx512($($arg),*) };
-            }
-            #[cfg(target_arch = "x86_64")]
-            if std::arch::is_x86_feature_detected!("avx2") {
-                // SAFETY: the processor has just said that it has AVX2.
-                return unsafe { $avx2($($arg),*) };
-            }
-            $portable($($arg),*)
-        }
-
-        #[cfg(target_arch = "x86_64")]
-        #[target_feature(enable = "avx512f")]
-        fn $avx512($($arg: $type),*) -> $returned {
-            $portable($($arg),*)
-        }
-
-        #[cfg(target_arch = "x86_64")]
-        #[target_feature(enable = "avx2")]
-        fn $avx2($($arg: $type),*) -> $returned {
-            $portable($($arg),*)
-        }
-    };
+/// Sum of the lengths of what the points become.
+pub(super) fn sum_of_lengths(points: &Columns, map: &Affine) -> f64 {
+    dispatch!(
+        ["avx512f", "avx2"],
+        sum_of_lengths_portable(points: &Columns, map: &Affine) -> f64
+    )
 }
-pub(super) use dispatch;
 
-dispatch!(
-    /// Sum of the lengths of what the points become.
-    sum_of_lengths, sum_of_lengths_portable, sum_of_lengths_avx2, sum_of_lengths_avx512,
-    (points: &Columns, map: &Affine) -> f64
-);
+/// Greatest squared length of what the points become; anything above `bound` once that is certain
+/// to be exceeded.
+pub(super) fn max_squared(points: &Columns, map: &Affine, bound: f64) -> f64 {
+    dispatch!(
+        ["avx512f", "avx2"],
+        max_squared_portable(points: &Columns, map: &Affine, bound: f64) -> f64
+    )
+}
 
-dispatch!(
-    /// Greatest squared length of what the points become; anything above `bound` once that is
-    /// certain to be exceeded.
-    max_squared, max_squared_portable, max_squared_avx2, max_squared_avx512,
-    (points: &Columns, map: &Affine, bound: f64) -> f64
-);
-
-dispatch!(
-    /// Greatest squared distance of the points' pixels under both poses; as [`max_squared`].
-    /// Infinite where a point lies behind the camera.
-    max_squared_px, max_squared_px_portable, max_squared_px_avx2, max_squared_px_avx512,
-    (points: &Columns, pair: &PinholePair, bound: f64) -> f64
-);
+/// Greatest squared distance of the points' pixels under both poses; as [`max_squared`]. Infinite
+/// where a point lies behind the camera.
+pub(super) fn max_squared_px(points: &Columns, pair: &PinholePair, bound: f64) -> f64 {
+    dispatch!(
+        ["avx512f", "avx2"],
+        max_squared_px_portable(points: &Columns, pair: &PinholePair, bound: f64) -> f64
+    )
+}
 
 #[inline(always)]
 fn sum_of_lengths_portable(points: &Columns, map: &Affine) -> f64 {

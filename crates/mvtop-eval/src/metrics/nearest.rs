@@ -9,7 +9,8 @@
 
 use nalgebra::{Isometry3, Point3};
 
-use super::kernel::{Affine, dispatch, larger, smaller};
+use super::kernel::{Affine, larger, smaller};
+use mvtop_core::dispatch;
 
 /// Points in a leaf.
 const BLOCK: usize = 16;
@@ -91,9 +92,8 @@ impl Tree {
             return;
         }
         let extent = |&i: &usize| high[i] - low[i];
-        let axis = (0..3)
-            .max_by(|a, b| extent(a).total_cmp(&extent(b)))
-            .unwrap_or(0);
+        let widest = (0..3).max_by(|a, b| extent(a).total_cmp(&extent(b)));
+        let axis = widest.unwrap_or(0);
         // Cut at a multiple of the block's size, so that all leaves but the last are full.
         let half = (points.len() / 2).next_multiple_of(BLOCK);
         points.select_nth_unstable_by(half, |a, b| a[axis].total_cmp(&b[axis]));
@@ -109,10 +109,12 @@ impl Tree {
     }
 }
 
-dispatch!(
-    sum_of_distances, sum_of_distances_portable, sum_of_distances_avx2, sum_of_distances_avx512,
-    (tree: &Tree, motion: &Affine) -> f64
-);
+fn sum_of_distances(tree: &Tree, motion: &Affine) -> f64 {
+    dispatch!(
+        ["avx512f", "avx2"],
+        sum_of_distances_portable(tree: &Tree, motion: &Affine) -> f64
+    )
+}
 
 #[inline(always)]
 fn sum_of_distances_portable(tree: &Tree, motion: &Affine) -> f64 {
@@ -135,20 +137,16 @@ fn sum_of_distances_portable(tree: &Tree, motion: &Affine) -> f64 {
                     let one = (at + 1, asking.least_squared(&tree.nodes[at + 1]));
                     let two = (second, asking.least_squared(&tree.nodes[second]));
                     // The nearer one is looked at first, as it may spare the other.
-                    let (near, far) = if one.1 <= two.1 {
-                        (one, two)
+                    stack.extend(if one.1 <= two.1 {
+                        [two, one]
                     } else {
-                        (two, one)
-                    };
-                    stack.push(far);
-                    stack.push(near);
+                        [one, two]
+                    });
                 }
             }
         }
-        sum += asking.best[..block.count]
-            .iter()
-            .map(|d| d.sqrt())
-            .sum::<f64>();
+        let distances = asking.best[..block.count].iter().map(|d| d.sqrt());
+        sum += distances.sum::<f64>();
     }
     sum
 }

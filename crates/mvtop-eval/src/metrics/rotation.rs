@@ -34,9 +34,6 @@ pub fn translation_error(
 }
 
 fn least(symmetries: &Symmetries, error: impl Fn(&Isometry3<f64>) -> f64) -> f64 {
-    symmetries
-        .motions()
-        .iter()
-        .map(error)
-        .fold(f64::INFINITY, f64::min)
+    let errors = symmetries.motions().iter().map(error);
+    errors.fold(f64::INFINITY, f64::min)
 }

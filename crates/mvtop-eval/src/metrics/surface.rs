@@ -44,11 +44,12 @@ impl Surface {
         let center = sum / points.len() as f64;
         let mut sorted: Vec<&Point3<f64>> = points.iter().collect();
         sorted.sort_by(|a, b| (*b - center).norm().total_cmp(&(*a - center).norm()));
+        let axis = |axis: usize| sorted.iter().map(|p| p[axis]).collect();
         Ok(Self {
             points: Columns {
-                x: sorted.iter().map(|p| p.x).collect(),
-                y: sorted.iter().map(|p| p.y).collect(),
-                z: sorted.iter().map(|p| p.z).collect(),
+                x: axis(0),
+                y: axis(1),
+                z: axis(2),
             },
             tree: OnceLock::new(),
         })
@@ -99,10 +100,9 @@ impl Surface {
         estimate: &Isometry3<f64>,
         symmetric: bool,
     ) -> f64 {
-        if symmetric {
-            self.add_s(truth, estimate)
-        } else {
-            self.add(truth, estimate)
+        match symmetric {
+            true => self.add_s(truth, estimate),
+            false => self.add(truth, estimate),
         }
     }
 
@@ -116,14 +116,9 @@ impl Surface {
         estimate: &Isometry3<f64>,
         symmetries: &Symmetries,
     ) -> f64 {
-        let squared = symmetries
-            .motions()
-            .iter()
-            .fold(f64::INFINITY, |least, motion| {
-                let off = Affine::difference(estimate, &(truth * motion));
-                least.min(max_squared(&self.points, &off, least))
-            });
-        squared.sqrt()
+        least(symmetries, truth, |truth, least| {
+            max_squared(&self.points, &Affine::difference(estimate, truth), least)
+        })
     }
 
     /// MSPD: greatest distance of the points' pixels under both poses, for the symmetry where that
@@ -141,17 +136,9 @@ impl Surface {
         symmetries: &Symmetries,
         intrinsics: &Intrinsics,
     ) -> f64 {
-        let least_of = |squared: &dyn Fn(&Isometry3<f64>, f64) -> f64| {
-            let motions = symmetries.motions().iter();
-            motions
-                .fold(f64::INFINITY, |least, motion| {
-                    least.min(squared(&(truth * motion), least))
-                })
-                .sqrt()
-        };
         if intrinsics.is_pinhole() {
             let estimate = Affine::new(estimate);
-            return least_of(&|truth, least| {
+            return least(symmetries, truth, |truth, least| {
                 let pair = PinholePair {
                     truth: Affine::new(truth),
                     estimate,
@@ -167,7 +154,7 @@ impl Surface {
         let Some(pixels) = pixels else {
             return f64::INFINITY;
         };
-        least_of(&|truth, least| {
+        least(symmetries, truth, |truth, least| {
             let mut greatest: f64 = 0.0;
             for (i, pixel) in pixels.iter().enumerate() {
                 let squared = project(truth, i).map_or(f64::INFINITY, |p| {
@@ -181,4 +168,17 @@ impl Surface {
             greatest
         })
     }
+}
+
+/// Square root of the least that a squared error is for any symmetric one of the true poses.
+///
+/// - `squared`: of a true pose; is told the least so far, above which any number will do
+fn least(
+    symmetries: &Symmetries,
+    truth: &Isometry3<f64>,
+    squared: impl Fn(&Isometry3<f64>, f64) -> f64,
+) -> f64 {
+    let motions = symmetries.motions().iter();
+    let least = |least: f64, motion| least.min(squared(&(truth * motion), least));
+    motions.fold(f64::INFINITY, least).sqrt()
 }

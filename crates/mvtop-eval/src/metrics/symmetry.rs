@@ -63,11 +63,8 @@ impl Symmetries {
         if turns.is_empty() {
             return Ok(Self(discrete.collect()));
         }
-        Ok(Self(
-            discrete
-                .flat_map(|motion| turns.iter().map(move |turn| turn * motion))
-                .collect(),
-        ))
+        let all = discrete.flat_map(|motion| turns.iter().map(move |turn| turn * motion));
+        Ok(Self(all.collect()))
     }
 
     /// All motions, the identity first.

@@ -102,14 +102,9 @@ pub fn vsd(
         }
     }
     let only_one = (union - both) as f64;
-    Ok(costs
-        .into_iter()
-        .map(|cost| {
-            if union == 0 {
-                1.0
-            } else {
-                (cost + only_one) / union as f64
-            }
-        })
-        .collect())
+    let share = |cost: f64| match union {
+        0 => 1.0,
+        _ => (cost + only_one) / union as f64,
+    };
+    Ok(costs.into_iter().map(share).collect())
 }

@@ -84,7 +84,7 @@ fn scene_is_read_in_metres() {
         panic!()
     };
     assert_eq!(first.object, 5);
-    assert_eq!(first.bbox, Some([100.0, 110.0, 140.0, 160.0]));
+    assert_eq!(first.bbox, Some([100.0, 110.0, 140.0, 160.0].into()));
     assert_eq!(first.visible, Some(0.5));
     assert!((first.cam_from_obj.translation.vector - Vector3::new(0.01, 0.02, 0.9)).norm() < 1e-12);
     let x = first.cam_from_obj.rotation * Vector3::x();
@@ -234,7 +234,15 @@ fn targets_name_views_or_leave_them_to_the_grouping() {
         target(vec![id("", 1)]),
         target(vec![id("cam1", 3), id("cam1", 0)]),
     );
-    let of = |views, target: &Target| groups(&scene, Grouping::Scene, views, None, Some(&[target]));
+    let of = |views, target: &Target| {
+        groups(
+            &scene,
+            Grouping::Scene,
+            views,
+            None,
+            Some(vec![target.clone()]),
+        )
+    };
     let grouped = of(Some(2), &one).unwrap();
     assert_eq!(shown(&grouped), ["cam1/000001 cam1/000003"]);
     assert_eq!(grouped[0].objects, one.objects);

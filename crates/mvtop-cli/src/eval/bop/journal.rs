@@ -99,46 +99,30 @@ fn whole_lines(path: &Path) -> Result<Vec<Line>> {
         return Ok(Vec::new());
     }
     let text = std::fs::read(path).map_err(failed("read", path))?;
-    let end = text
-        .iter()
-        .rposition(|&byte| byte == b'\n')
-        .map_or(0, |i| i + 1);
+    let end = text.iter().rposition(|&byte| byte == b'\n');
+    let end = end.map_or(0, |last| last + 1);
     if end < text.len() {
-        OpenOptions::new()
-            .write(true)
-            .open(path)
-            .and_then(|file| file.set_len(end as u64))
+        let file = OpenOptions::new().write(true).open(path);
+        file.and_then(|file| file.set_len(end as u64))
             .map_err(failed("cut", path))?;
     }
-    text[..end]
-        .split(|&byte| byte == b'\n')
-        .filter(|line| !line.is_empty())
-        .enumerate()
-        .map(|(i, line)| {
-            serde_json::from_slice(line).map_err(|cause| {
-                Failure(format!(
-                    "{}: line {} is not one of mvtop-cli's ({cause}); begin anew with --force",
-                    path.display(),
-                    i + 1
-                ))
-            })
+    let whole = text[..end].split(|&byte| byte == b'\n');
+    let read = |(i, line): (usize, &[u8])| {
+        serde_json::from_slice(line).map_err(|cause| {
+            let (path, line) = (path.display(), i + 1);
+            Failure(format!(
+                "{path}: line {line} is not one of mvtop-cli's ({cause}); begin anew with --force"
+            ))
         })
-        .collect()
+    };
+    let lines = whole.filter(|line| !line.is_empty()).enumerate();
+    lines.map(read).collect()
 }
 
 /// Names and values of what differs.
 fn difference(begun: &Value, now: &Value) -> String {
-    let Some(now) = now.as_object() else {
-        return String::new();
-    };
-    let differing = now
-        .iter()
-        .filter(|(key, value)| begun.get(key) != Some(value));
-    let shown: Vec<String> = differing
-        .map(|(key, value)| {
-            let was = begun.get(key).unwrap_or(&Value::Null);
-            format!("{key} was {was}, is {value}")
-        })
-        .collect();
-    shown.join(", ")
+    let now = now.as_object().into_iter().flatten();
+    let differing = now.filter(|(key, value)| begun.get(key) != Some(value));
+    let shown = differing.map(|(key, value)| format!("{key} was {}, is {value}", begun[key]));
+    shown.collect::<Vec<_>>().join(", ")
 }

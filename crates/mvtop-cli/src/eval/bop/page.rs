@@ -70,42 +70,31 @@ fn plots(lines: &[Line]) -> Result<[String; 5]> {
     };
     // Objects that were not found are infinitely wrong.
     let all = |error: fn(&Scored) -> Option<f64>, unit: fn(&Scored) -> f64| -> Vec<f64> {
-        let errors = scored.iter();
-        errors
-            .map(|s| error(s).unwrap_or(f64::INFINITY) / unit(s))
-            .collect()
+        let errors = scored
+            .iter()
+            .map(|s| (error(s).unwrap_or(f64::INFINITY), unit(s)));
+        errors.map(|(error, unit)| error / unit).collect()
     };
     let (mm, diameters) = (|_: &Scored| 1e-3, |s: &Scored| s.diameter_m);
+    let [rotation, translation, add] = [
+        found(|s| s.outcome.rot_deg, 1.0),
+        found(|s| s.outcome.trans_m, 1e3),
+        found(|s| s.outcome.add_m, 1e3),
+    ];
+    let in_mm = [
+        ("ADD", all(|s| s.outcome.add_m, mm)),
+        ("ADD-S", all(|s| s.add_s_m, mm)),
+    ];
+    let in_diameters = [
+        ("ADD-(S)", all(Scored::add_or_add_s, diameters)),
+        ("MSSD", all(|s| s.mssd_m, diameters)),
+    ];
     Ok([
-        histogram(
-            "Rotation error",
-            "degrees",
-            &found(|s| s.outcome.rot_deg, 1.0),
-        )?,
-        histogram(
-            "Translation error",
-            "mm",
-            &found(|s| s.outcome.trans_m, 1e3),
-        )?,
-        histogram("ADD", "mm", &found(|s| s.outcome.add_m, 1e3))?,
-        recall_curves(
-            "Recall",
-            "threshold, mm",
-            100.0,
-            &[
-                ("ADD", all(|s| s.outcome.add_m, mm)),
-                ("ADD-S", all(|s| s.add_s_m, mm)),
-            ],
-        )?,
-        recall_curves(
-            "Recall",
-            "threshold, diameters",
-            0.5,
-            &[
-                ("ADD-(S)", all(Scored::add_or_add_s, diameters)),
-                ("MSSD", all(|s| s.mssd_m, diameters)),
-            ],
-        )?,
+        histogram("Rotation error", "degrees", &rotation)?,
+        histogram("Translation error", "mm", &translation)?,
+        histogram("ADD", "mm", &add)?,
+        recall_curves("Recall", "threshold, mm", 100.0, &in_mm)?,
+        recall_curves("Recall", "threshold, diameters", 0.5, &in_diameters)?,
     ])
 }
 
@@ -164,14 +153,8 @@ fn picture(line: &Line, scored: &Scored, plan: &Plan) -> Result<String> {
         .collect();
     let mut sheet = contact_sheet(&views);
     if sheet.width() > PICTURE_WIDTH {
-        let height =
-            u64::from(sheet.height()) * u64::from(PICTURE_WIDTH) / u64::from(sheet.width());
-        sheet = resize(
-            &sheet,
-            PICTURE_WIDTH,
-            height.max(1) as u32,
-            FilterType::Triangle,
-        );
+        let height = (sheet.height() * PICTURE_WIDTH / sheet.width()).max(1);
+        sheet = resize(&sheet, PICTURE_WIDTH, height, FilterType::Triangle);
     }
     let mut jpeg = Cursor::new(Vec::new());
     JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY)

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use mvtop_core::annotations::{GivenBoxes, TruePose};
+use mvtop_core::pose::translation_error;
 use mvtop_core::{Camera, Estimator, Rig, ViewImage};
-use mvtop_eval::bop::{Frame, FrameId, Group, Instance, Model, Scene};
+use mvtop_eval::bop::{Frame, FrameId, Group, Instance, Model, Scene, Target};
 use mvtop_eval::bop::{groups, load_models, load_targets, scene_ids};
 use nalgebra::Isometry3;
 
@@ -37,12 +38,11 @@ impl Plan {
     pub fn new(args: &BopArgs, estimator: &Estimator) -> Result<Self> {
         let options = &args.split;
         let root: &Path = &options.dataset;
-        let classes: BTreeMap<u32, String> = estimator
-            .bundle()
-            .classes
-            .iter()
+        let asked = |id: &u32| options.objects.as_ref().is_none_or(|ids| ids.contains(id));
+        let known = estimator.bundle().classes.iter();
+        let classes: BTreeMap<u32, String> = known
             .filter_map(|class| Some((u32::try_from(class.id).ok()?, class.name.clone())))
-            .filter(|(id, _)| options.objects.as_ref().is_none_or(|ids| ids.contains(id)))
+            .filter(|(id, _)| asked(id))
             .collect();
         let models = load_models(root, |id| classes.contains_key(&id))?;
         check_names(&models, &classes)?;
@@ -78,19 +78,19 @@ impl Plan {
             groups: Vec::new(),
         };
         for id in ids {
-            let of_scene: Option<Vec<_>> = targets
-                .as_ref()
-                .map(|all| all.iter().filter(|target| target.scene == id).collect());
+            let of_scene = |all: &Vec<Target>| -> Vec<Target> {
+                all.iter().filter(|t| t.scene == id).cloned().collect()
+            };
+            let of_scene = targets.as_ref().map(of_scene);
             if of_scene.as_ref().is_some_and(Vec::is_empty) {
                 continue;
             }
             let scene = Scene::load(&folder, id)?;
             let views = args.trial.views.map(|views| views as usize);
             let sensor = options.sensor.as_deref();
-            let found = groups(&scene, options.grouping, views, sensor, of_scene.as_deref())?;
-            let asked = found.into_iter().filter(|group| plan.asks(&scene, group));
-            let asked: Vec<Group> = asked.collect();
-            plan.groups.extend(asked);
+            let mut found = groups(&scene, options.grouping, views, sensor, of_scene)?;
+            found.retain(|group| plan.asks(&scene, group));
+            plan.groups.extend(found);
             plan.scenes.insert(id, scene);
         }
         if plan.groups.is_empty() {
@@ -109,27 +109,19 @@ impl Plan {
     /// known, so it is tried.
     fn asks(&self, scene: &Scene, group: &Group) -> bool {
         let annotated = &scene.frames[&group.views[0]].objects;
-        annotated.is_empty()
-            || annotated
-                .iter()
-                .any(|object| self.wanted(group, object.object))
+        annotated.is_empty() || annotated.iter().any(|o| self.wanted(group, o.object))
     }
 
     /// Whether a group asks for an object.
     pub fn wanted(&self, group: &Group, object: u32) -> bool {
-        let target = group
-            .objects
-            .as_ref()
-            .is_none_or(|ids| ids.contains(&object));
-        target && self.models.contains_key(&object)
+        let targets = group.objects.as_ref();
+        targets.is_none_or(|ids| ids.contains(&object)) && self.models.contains_key(&object)
     }
 
     /// obj_id of a class.
     pub fn object(&self, class: &str) -> Option<u32> {
-        self.classes
-            .iter()
-            .find(|(_, name)| *name == class)
-            .map(|(&id, _)| id)
+        let mut classes = self.classes.iter();
+        classes.find(|(_, name)| *name == class).map(|(&id, _)| id)
     }
 
     /// The group of that name.
@@ -164,12 +156,8 @@ impl Plan {
                     )));
                 }
             };
-            let camera = Camera::new(
-                view.id.camera_id(),
-                [width, height],
-                view.intrinsics.clone(),
-                world_from_cam,
-            )?;
+            let (id, intrinsics) = (view.id.camera_id(), view.intrinsics.clone());
+            let camera = Camera::new(id, [width, height], intrinsics, world_from_cam)?;
             images.push(ViewImage {
                 camera: cameras.len(),
                 image: mvtop_core::image::load(&view.path, &camera)?,
@@ -178,23 +166,20 @@ impl Plan {
         }
         let rig = Rig::new(cameras, 0)?;
         let world_from_ref = rig.reference_camera().world_from_cam();
-        let truth = views[0]
-            .objects
-            .iter()
-            .filter(|object| self.wanted(group, object.object))
-            .map(|object| {
-                let world_from_obj = world_from_ref * object.cam_from_obj;
-                TruePose {
-                    seen: self.boxes(object.object, &world_from_obj, &views, &rig),
-                    world_from_obj,
-                }
-            })
-            .collect();
+        let known = |object: &Instance| {
+            let world_from_obj = world_from_ref * object.cam_from_obj;
+            TruePose {
+                seen: self.boxes(object.object, &world_from_obj, &views, &rig),
+                world_from_obj,
+            }
+        };
+        let annotated = views[0].objects.iter();
+        let wanted = annotated.filter(|object| self.wanted(group, object.object));
         Ok(Sample {
             name: name(group),
-            rig,
+            truth: wanted.map(known).collect(),
             images,
-            truth,
+            rig,
         })
     }
 
@@ -207,24 +192,21 @@ impl Plan {
         rig: &Rig,
     ) -> GivenBoxes {
         let reach = SAME_OBJECT * self.models[&id].diameter_m;
-        let boxes = views
-            .iter()
-            .zip(rig.cameras())
-            .filter_map(|(view, camera)| {
-                let off = |object: &Instance| {
-                    let pose = camera.world_from_cam() * object.cam_from_obj;
-                    (pose.translation.vector - world_from_obj.translation.vector).norm()
-                };
-                let alike = view.objects.iter().filter(|object| object.object == id);
-                let nearest = alike.min_by(|a, b| off(a).total_cmp(&off(b)))?;
-                Some((
-                    camera.id().to_owned(),
-                    nearest.bbox.filter(|_| off(nearest) <= reach)?.into(),
-                ))
-            });
+        let seen = |(view, camera): (&&Frame, &Camera)| {
+            let off = |object: &Instance| {
+                translation_error(
+                    &(camera.world_from_cam() * object.cam_from_obj),
+                    world_from_obj,
+                )
+            };
+            let alike = view.objects.iter().filter(|object| object.object == id);
+            let nearest = alike.min_by(|a, b| off(a).total_cmp(&off(b)))?;
+            let bbox = nearest.bbox.filter(|_| off(nearest) <= reach)?;
+            Some((camera.id().to_owned(), bbox))
+        };
         GivenBoxes {
             class: self.classes[&id].clone(),
-            boxes: boxes.collect(),
+            boxes: views.iter().zip(rig.cameras()).filter_map(seen).collect(),
         }
     }
 }
@@ -232,15 +214,12 @@ impl Plan {
 /// A data set's object and a class of the same number may be different things.
 fn check_names(models: &BTreeMap<u32, Model>, classes: &BTreeMap<u32, String>) -> Result<()> {
     for (id, model) in models {
-        match &model.name {
-            Some(name) if *name != classes[id] => {
-                return Err(Failure(format!(
-                    "object {id} is `{name}` in models_info.json and `{}` in the model; give the \
-                     model that was trained on this data set",
-                    classes[id]
-                )));
-            }
-            _ => {}
+        let class = &classes[id];
+        if let Some(name) = model.name.as_ref().filter(|name| *name != class) {
+            return Err(Failure(format!(
+                "object {id} is `{name}` in models_info.json and `{class}` in the model; give the \
+                 model that was trained on this data set"
+            )));
         }
     }
     Ok(())

@@ -66,18 +66,20 @@ impl Results {
     pub fn new(lines: &[Line], resolved_deg: f64) -> Self {
         let scored: Vec<&Scored> = lines.iter().flat_map(|line| &line.objects).collect();
         let outcomes: Vec<Outcome> = scored.iter().map(|s| s.outcome.clone()).collect();
-        let views = outcomes
-            .iter()
-            .map(|outcome| outcome.views)
-            .max()
-            .unwrap_or(0);
+        let views = outcomes.iter().map(|outcome| outcome.views).max();
         let extra = lines.iter().map(|line| line.extra).sum();
         let mut by_object: BTreeMap<u32, Vec<&Scored>> = BTreeMap::new();
         for &scored in &scored {
             by_object.entry(scored.obj_id).or_default().push(scored);
         }
         Self {
-            summary: Summary::new(views, lines.len(), extra, &outcomes, resolved_deg),
+            summary: Summary::new(
+                views.unwrap_or(0),
+                lines.len(),
+                extra,
+                &outcomes,
+                resolved_deg,
+            ),
             all: Scores::new(&scored),
             objects: by_object
                 .into_iter()

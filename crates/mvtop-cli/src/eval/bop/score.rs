@@ -99,29 +99,22 @@ impl Scored {
         view: &View,
     ) -> Result<Self> {
         let truth = &known.world_from_obj;
+        let estimate = found.map(|found| &found.world_from_obj);
         let camera = view.camera;
         let cam_from_world = camera.world_from_cam().inverse();
-        let estimate = found.map(|found| &found.world_from_obj);
-        let Model {
-            surface,
-            symmetries,
-            ..
-        } = model;
+        let seen = |pose: &Isometry3<f64>| cam_from_world * pose;
+        let (surface, symmetries) = (&model.surface, &model.symmetries);
+        let mspd = estimate.map(|pose| {
+            let px = surface.mspd(&seen(truth), &seen(pose), symmetries, camera.intrinsics());
+            px * MSPD_WIDTH / f64::from(camera.width())
+        });
         let rendered = camera.intrinsics().is_pinhole()
             // Models for evaluation may be points alone.
             && !model.mesh.triangles().is_empty();
-        let vsd = match view.depth {
-            Some(depth) if rendered => Some(match estimate {
-                Some(pose) => view.vsd(
-                    depth,
-                    model,
-                    &(cam_from_world * truth),
-                    &(cam_from_world * pose),
-                )?,
-                None => vec![1.0; VSD_TAUS.len()],
-            }),
-            _ => None,
-        };
+        let vsd = view.depth.filter(|_| rendered).map(|depth| match estimate {
+            Some(pose) => view.vsd(depth, model, &seen(truth), &seen(pose)),
+            None => Ok(vec![1.0; VSD_TAUS.len()]),
+        });
         Ok(Self {
             outcome,
             obj_id: model.id,
@@ -130,22 +123,15 @@ impl Scored {
             add_s_m: estimate.map(|pose| surface.add_s(truth, pose)),
             mssd_m: estimate.map(|pose| surface.mssd(truth, pose, symmetries)),
             // JSON has no infinity; a pose behind the camera is as wrong as none.
-            mspd_px640: estimate
-                .map(|pose| {
-                    let (truth, pose) = (cam_from_world * truth, cam_from_world * pose);
-                    let px = surface.mspd(&truth, &pose, symmetries, camera.intrinsics());
-                    px * MSPD_WIDTH / f64::from(camera.width())
-                })
-                .filter(|px| px.is_finite()),
-            vsd,
+            mspd_px640: mspd.filter(|px| px.is_finite()),
+            vsd: vsd.transpose()?,
         })
     }
 
     pub fn add_or_add_s(&self) -> Option<f64> {
-        if self.symmetric {
-            self.add_s_m
-        } else {
-            self.outcome.add_m
+        match self.symmetric {
+            true => self.add_s_m,
+            false => self.outcome.add_m,
         }
     }
 
@@ -164,25 +150,17 @@ impl View<'_> {
         truth: &Isometry3<f64>,
         estimate: &Isometry3<f64>,
     ) -> Result<Vec<f64>> {
-        let camera = self.camera;
-        let size = [camera.width(), camera.height()];
-        let depth = |pose| {
-            let mesh = &model.mesh;
-            mesh.depth(pose, camera.intrinsics(), size, PixelCenter::Half)
-        };
+        let intrinsics = self.camera.intrinsics();
+        let size = [self.camera.width(), self.camera.height()];
+        let depth = |pose| model.mesh.depth(pose, intrinsics, size, PixelCenter::Half);
         let options = VsdOptions {
             delta: self.vsd_delta,
             taus: VSD_TAUS.to_vec(),
             diameter: Some(model.diameter_m),
             cost: MatchingCost::Step,
         };
-        Ok(vsd(
-            &depth(estimate)?,
-            &depth(truth)?,
-            measured,
-            camera.intrinsics(),
-            &options,
-        )?)
+        let (estimate, truth) = (depth(estimate)?, depth(truth)?);
+        Ok(vsd(&estimate, &truth, measured, intrinsics, &options)?)
     }
 }
 
@@ -206,15 +184,12 @@ impl Scores {
         let median_of = |error: &dyn Fn(&Scored) -> Option<f64>| {
             median(&scored.iter().filter_map(|s| error(s)).collect::<Vec<_>>())
         };
-        let pixels: Vec<f64> = scored
-            .iter()
-            .map(|s| s.mspd_px640.unwrap_or(f64::INFINITY))
-            .collect();
+        let pixels = scored.iter().map(|s| s.mspd_px640.unwrap_or(f64::INFINITY));
         let ar_mssd = average_recall(&in_diameters(&|s| s.mssd_m), &MSSD_THRESHOLDS);
-        let ar_mspd = average_recall(&pixels, &MSPD_THRESHOLDS_PX);
+        let ar_mspd = average_recall(&pixels.collect::<Vec<_>>(), &MSPD_THRESHOLDS_PX);
         let vsd: Vec<f64> = scored
             .iter()
-            .filter_map(|s| s.vsd.as_ref())
+            .flat_map(|s| &s.vsd)
             .flatten()
             .copied()
             .collect();
@@ -287,6 +262,7 @@ mod tests {
                 rot_deg: 1.0,
                 t_m: 0.01,
             },
+            symmetry: mvtop_core::symmetry::Symmetry::default(),
             cameras: Vec::new(),
         });
         let known = TruePose {

@@ -1,0 +1,109 @@
+//! What a view has missed, told by the poses that the other views have settled.
+
+use nalgebra::{Isometry3, Point3};
+
+use super::pose::DecodedPose;
+use super::sightings::Sighting;
+use super::view::View;
+use crate::BBox;
+use crate::bundle::Class;
+use crate::rays::BoxRays;
+
+/// A box shows the object that is projected there if they overlap by this (intersection over union).
+const SAME_BOX: f64 = 0.4;
+
+/// Share of the object's extent that must lie in a view's image.
+const LEAST_IN_IMAGE: f64 = 0.6;
+
+/// Views that must have seen an object before it is looked for in others.
+const WITNESSES: usize = 2;
+
+/// Gives boxes that were taken for objects of their own to the object that is projected there: of
+/// each `(object, pose)` that several views have settled, in the views that lack it.
+///
+/// - returns: what is left, and whether each object gained a box
+pub fn merge(
+    classes: &[Class],
+    views: &[View],
+    found: Vec<(Sighting, DecodedPose)>,
+) -> Vec<(Sighting, DecodedPose, bool)> {
+    let (settled, alone): (Vec<_>, Vec<_>) = found
+        .into_iter()
+        .map(|(object, pose)| (object, pose, false))
+        .partition(|(object, _, _)| object.views() >= WITNESSES);
+    let mut settled = settled;
+    let mut left = Vec::new();
+    for (single, pose, _) in alone {
+        let seen = single.boxes.iter().enumerate();
+        let Some((view, bbox)) = seen.filter_map(|(v, bbox)| Some((v, (*bbox)?))).next() else {
+            continue;
+        };
+        let owner = settled.iter_mut().find(|(object, pose, _)| {
+            object.class == single.class
+                && object.boxes[view].is_none()
+                && extent(&classes[object.class], &views[view], &pose.world_from_obj)
+                    .is_some_and(|expected| expected.iou(&bbox) >= SAME_BOX)
+        });
+        match owner {
+            Some((object, _, gained)) => {
+                object.boxes[view] = Some(bbox);
+                *gained = true;
+            }
+            None => left.push((single, pose, false)),
+        }
+    }
+    settled.extend(left);
+    settled.sort_by(|(a, ..), (b, ..)| b.score.total_cmp(&a.score));
+    settled
+}
+
+/// The object with a box in every view that has most of it in its image, seen or not; `None` where
+/// that adds none, or too few views have seen it.
+pub fn filled_in(
+    class: &Class,
+    views: &[View],
+    object: &Sighting,
+    pose: &DecodedPose,
+) -> Option<Sighting> {
+    if object.views() < WITNESSES {
+        return None;
+    }
+    let boxes: Vec<Option<BBox>> = views
+        .iter()
+        .zip(&object.boxes)
+        .map(|(view, bbox)| bbox.or_else(|| shown(class, view, &pose.world_from_obj)))
+        .collect();
+    (boxes != object.boxes).then_some(Sighting {
+        class: object.class,
+        score: object.score,
+        boxes,
+    })
+}
+
+/// The part in the image of the object's extent there, if it is most of it.
+fn shown(class: &Class, view: &View, world_from_obj: &Isometry3<f64>) -> Option<BBox> {
+    let whole = extent(class, view, world_from_obj)?;
+    let bbox = whole.clip(view.camera.width(), view.camera.height())?;
+    let share = bbox.width() * bbox.height() / (whole.width() * whole.height());
+    (share >= LEAST_IN_IMAGE && BoxRays::new(view.camera, bbox).is_some()).then_some(bbox)
+}
+
+/// The extent of an object's points in a view; `None` where the lens does not image all of them.
+fn extent(class: &Class, view: &View, world_from_obj: &Isometry3<f64>) -> Option<BBox> {
+    let cam_from_obj = view.camera.world_from_cam().inv_mul(world_from_obj);
+    let mut bbox: Option<BBox> = None;
+    for point in &class.points {
+        let in_cam = cam_from_obj * Point3::from(point.position);
+        let pixel = view.camera.intrinsics().project(&in_cam)?;
+        let grown = bbox.map_or([pixel.x, pixel.y, pixel.x, pixel.y], |b| {
+            [
+                b.x0.min(pixel.x),
+                b.y0.min(pixel.y),
+                b.x1.max(pixel.x),
+                b.y1.max(pixel.y),
+            ]
+        });
+        bbox = Some(grown.into());
+    }
+    bbox.filter(BBox::is_proper)
+}
