@@ -58,42 +58,35 @@ class Predict:
     def predict(self, group: Group) -> str:
         scene = group[0][0]
         folder = self.split / f"{scene:06}"
-        known = json.loads((folder / "scene_camera.json").read_text())
+        known = {image.number: image for image in mvtop.bop.read_scene(folder)}
         cameras, images = [], []
-        for _, image in group:
-            path = picture(folder, image)
-            with Image.open(path) as header:
+        for image in (known[number] for _, number in group):
+            if image.cam_from_world is None:
+                raise ValueError(
+                    f"{folder}: image {image.number}: no cam_R_w2c and cam_t_w2c, add them"
+                )
+            with Image.open(image.path) as header:
                 size = header.size
-            camera = known[str(image)]
-            cam_from_world = np.eye(4)
-            cam_from_world[:3, :3] = np.reshape(camera["cam_R_w2c"], (3, 3))
-            cam_from_world[:3, 3] = np.array(camera["cam_t_w2c"]) / 1e3
             cameras.append(
                 mvtop.Camera(
-                    np.reshape(camera["cam_K"], (3, 3)),
+                    image.K,
                     size,
-                    world_from_cam=np.linalg.inv(cam_from_world),
-                    id=str(image),
+                    distortion=image.distortion,
+                    world_from_cam=np.linalg.inv(image.cam_from_world),
+                    id=str(image.number),
                 )
             )
-            images.append(path)
+            images.append(image.path)
         prediction = self.estimator.predict(images, mvtop.Rig(cameras))
         im_ids = {str(image): image for _, image in group}
         return prediction.to_bop_csv(scene, im_ids, header=False)
-
-
-def picture(folder: Path, image: int) -> Path:
-    for suffix in (".jpg", ".png"):
-        if (path := folder / "rgb" / f"{image:06}{suffix}").exists():
-            return path
-    raise FileNotFoundError(f"{folder}/rgb: no image {image:06}.jpg or .png")
 
 
 def groups(split: Path, views: int) -> list[Group]:
     """Every image of the split, in groups of one scene each; the last of a scene may be smaller."""
     found = []
     for scene in sorted(split.glob("[0-9]*")):
-        images = sorted(map(int, json.loads((scene / "scene_camera.json").read_text())))
+        images = [image.number for image in mvtop.bop.read_scene(scene)]
         found += [
             [(int(scene.name), image) for image in images[i : i + views]]
             for i in range(0, len(images), views)

@@ -1,16 +1,19 @@
 //! Between numpy's arrays and the core's types.
 
+use std::collections::BTreeMap;
+
 use image::RgbImage;
-use mvtop_core::transform;
+use mvtop_core::{Intrinsics, report, transform};
 use nalgebra::{Isometry3, Matrix3, Rotation3};
-use ndarray::{ArrayD, ArrayViewD, Axis, Dimension};
+use ndarray::{Array, Array1, ArrayD, ArrayViewD, Dimension, arr2};
 use numpy::{
     AllowTypeChange, Element, PyArray, PyArrayDyn, PyArrayLikeDyn, PyArrayMethods, PyReadonlyArray,
     PyReadonlyArray3, PyReadwriteArray, PyUntypedArray, PyUntypedArrayMethods, ToPyArray,
 };
 use pyo3::inspect::PyStaticExpr;
 use pyo3::prelude::*;
-use pyo3::{Borrowed, type_hint_identifier, type_hint_subscript};
+use pyo3::{Borrowed, IntoPyObjectExt, type_hint_identifier, type_hint_subscript};
+use serde_json::{Map, Value};
 
 use crate::error::value;
 
@@ -39,15 +42,11 @@ impl ArrayLike<'_> {
         for<'a, 'p> Vec<T>: FromPyObject<'a, 'p>,
     {
         let array = self.any_number::<T>(name, leading, last)?;
-        for &number in &array {
-            let number: f64 = number.into();
-            if !number.is_finite() {
-                return Err(value(format!(
-                    "{name}: expected finite numbers, got {number}"
-                )));
-            }
+        let not_finite = |number: &f64| !number.is_finite();
+        match array.iter().map(|&number| number.into()).find(not_finite) {
+            Some(bad) => Err(value(format!("{name}: expected finite numbers, got {bad}"))),
+            None => Ok(array),
         }
-        Ok(array)
     }
 
     /// The same, but NaN and infinity are numbers as well.
@@ -62,14 +61,10 @@ impl ArrayLike<'_> {
         for<'a, 'p> Vec<T>: FromPyObject<'a, 'p>,
     {
         let expected = || {
-            let mut axes: Vec<String> = match leading {
-                None => vec!["...".into()],
-                Some(count) => vec!["any".into(); count],
-            };
-            axes.extend(last.iter().map(|&length| match length {
-                0 => "any".to_owned(),
-                _ => length.to_string(),
-            }));
+            let any = || "any".to_owned();
+            let mut axes = leading.map_or(vec!["...".into()], |count| vec![any(); count]);
+            let length = |&length: &usize| (length > 0).then(|| length.to_string());
+            axes.extend(last.iter().map(|axis| length(axis).unwrap_or_else(any)));
             format!("numbers of shape ({})", axes.join(", "))
         };
         let array: PyArrayLikeDyn<T, AllowTypeChange> = self.0.extract().map_err(|_| {
@@ -78,23 +73,26 @@ impl ArrayLike<'_> {
         })?;
         let array = array.as_array();
         let shape = array.shape();
-        let axes_fit = match leading {
-            None => shape.len() >= last.len(),
-            Some(count) => shape.len() == count + last.len(),
+        let fits = |more: usize| {
+            let lengths = shape[more..].iter().zip(last);
+            let fit = |(&got, &expected)| expected == 0 || got == expected;
+            leading.is_none_or(|count| count == more) && lengths.into_iter().all(fit)
         };
-        let lengths_fit = |shape: &[usize]| {
-            shape[shape.len() - last.len()..]
-                .iter()
-                .zip(last)
-                .all(|(&got, &expected)| expected == 0 || got == expected)
-        };
-        if !axes_fit || !lengths_fit(shape) {
-            return Err(value(format!(
-                "{name}: expected {}, got shape {shape:?}",
-                expected()
-            )));
+        match shape.len().checked_sub(last.len()).is_some_and(fits) {
+            true => Ok(array.to_owned()),
+            false => {
+                let expected = expected();
+                Err(value(format!(
+                    "{name}: expected {expected}, got shape {shape:?}"
+                )))
+            }
         }
-        Ok(array.to_owned())
+    }
+
+    /// The numbers of an array with one axis.
+    pub fn list(&self, name: &str) -> PyResult<Vec<f64>> {
+        let array = self.read(name, Some(0), &[0])?;
+        Ok(array.into_iter().collect())
     }
 
     /// As many numbers.
@@ -150,8 +148,10 @@ impl<'py> ArrayInPlace<'py> {
             let axes = D::NDIM.unwrap_or(0);
             let got = match self.0.cast::<PyUntypedArray>() {
                 Ok(array) => {
-                    let order = ["of other strides", "C-contiguous"];
-                    let order = order[usize::from(array.is_c_contiguous())];
+                    let order = match array.is_c_contiguous() {
+                        true => "C-contiguous",
+                        false => "of other strides",
+                    };
                     format!("{} of shape {:?}, {order}", array.dtype(), array.shape())
                 }
                 Err(_) => self.0.get_type().to_string(),
@@ -196,19 +196,57 @@ pub fn rotation_rows(rotation: &Rotation3<f64>) -> [f64; 9] {
     std::array::from_fn(|i| matrix[(i / 3, i % 3)])
 }
 
-/// The matrix of every leading index, one after the other.
-pub fn matrices(array: &ArrayD<f64>) -> Vec<ArrayViewD<'_, f64>> {
-    let mut all = vec![array.view()];
-    while all.first().is_some_and(|part| part.ndim() > 2) {
-        all = all
-            .into_iter()
-            .flat_map(|part| {
-                let count = part.len_of(Axis(0));
-                (0..count).map(move |i| part.clone().index_axis_move(Axis(0), i))
-            })
-            .collect();
+/// Numbers as an array, (N,).
+pub fn vector(numbers: impl IntoIterator<Item = f64>) -> F64 {
+    F64(Array1::from_iter(numbers).into_dyn())
+}
+
+/// A rigid transform's homogeneous matrix, (4, 4).
+pub fn matrix(pose: &Isometry3<f64>) -> F64 {
+    F64(arr2(&report::rows(pose)).into_dyn())
+}
+
+/// A camera's matrix, (3, 3), px.
+pub fn intrinsics(of: &Intrinsics) -> F64 {
+    let rows = [
+        [of.fx(), 0.0, of.cx()],
+        [0.0, of.fy(), of.cy()],
+        [0.0, 0.0, 1.0],
+    ];
+    F64(arr2(&rows).into_dyn())
+}
+
+/// A lens's coefficients in OpenCV's order; none for an ideal pinhole.
+pub fn distortion(of: &Intrinsics) -> F64 {
+    vector(of.projection().params().iter().copied())
+}
+
+/// What goes to Python as a dict.
+pub type Dict<'a, 'py> = BTreeMap<&'a str, Bound<'py, PyAny>>;
+
+/// A JSON object.
+pub fn dict<'a, 'py>(py: Python<'py>, object: &'a Map<String, Value>) -> PyResult<Dict<'a, 'py>> {
+    let entries = object.iter();
+    entries
+        .map(|(key, value)| Ok((key.as_str(), json(py, value)?)))
+        .collect()
+}
+
+fn json<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
+    match value {
+        Value::Null => Ok(py.None().into_bound(py)),
+        Value::Bool(truth) => truth.into_bound_py_any(py),
+        Value::Number(number) => match number.as_i64() {
+            Some(whole) => whole.into_bound_py_any(py),
+            None => number.as_f64().into_bound_py_any(py),
+        },
+        Value::String(text) => text.into_bound_py_any(py),
+        Value::Array(items) => {
+            let items = items.iter().map(|item| json(py, item));
+            items.collect::<PyResult<Vec<_>>>()?.into_bound_py_any(py)
+        }
+        Value::Object(object) => dict(py, object)?.into_bound_py_any(py),
     }
-    all
 }
 
 /// An array that goes to Python as numpy's of 64-bit floats.
@@ -246,6 +284,12 @@ into_numpy!(Rgb, u8, "uint8", |image| {
     shaped(&[height, width, 3], image.0.into_raw())
 });
 
+/// An array of as many axes as its type says.
+pub fn axes<T, D: Dimension>(name: &str, array: ArrayD<T>) -> PyResult<Array<T, D>> {
+    let array = array.into_dimensionality();
+    array.map_err(|cause| value(format!("{name}: {cause}")))
+}
+
 /// An array of known shape.
 pub fn shaped<T>(shape: &[usize], numbers: Vec<T>) -> PyResult<ArrayD<T>> {
     ArrayD::from_shape_vec(shape, numbers).map_err(|cause| value(format!("array: {cause}")))
@@ -272,7 +316,6 @@ pub fn image(name: &str, any: &Bound<PyAny>) -> PyResult<Option<RgbImage>> {
         Some(bytes) => bytes.to_vec(),
         None => array.iter().copied().collect(),
     };
-    RgbImage::from_raw(width, height, bytes)
-        .map(Some)
-        .ok_or_else(refuse)
+    let image = RgbImage::from_raw(width, height, bytes);
+    image.map(Some).ok_or_else(refuse)
 }

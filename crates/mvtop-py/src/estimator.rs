@@ -7,9 +7,9 @@ use std::process;
 use std::sync::Arc;
 
 use mvtop_core::annotations::GivenBoxes;
-use mvtop_core::onnx::{Provider, SessionOptions};
-use mvtop_core::pose::wxyz;
-use mvtop_core::report::{self, Report};
+use mvtop_core::bundle::Class;
+use mvtop_core::onnx::SessionOptions;
+use mvtop_core::report::Report;
 use mvtop_core::{Estimator, Options, PredictOptions, Prediction, ViewImage, image, overlay};
 use pyo3::prelude::*;
 
@@ -35,73 +35,8 @@ pub struct NativePrediction {
     rig: Arc<mvtop_core::Rig>,
 }
 
-/// One object, by the names of `mvtop.ObjectPose`.
-#[derive(IntoPyObject)]
-pub struct Found {
-    class_name: String,
-    class_id: i64,
-    score: f64,
-    ref_from_obj: F64,
-    world_from_obj: F64,
-    quat_wxyz: F64,
-    /// Degrees, metres.
-    sigma: (f64, f64),
-    /// Id, `cam_from_obj`, box.
-    cameras: Vec<(String, F64, Option<F64>)>,
-}
-
 #[pymethods]
 impl NativePrediction {
-    /// Id of the reference camera.
-    #[getter]
-    fn reference(&self) -> String {
-        self.id(self.prediction.reference)
-    }
-
-    /// Wall time of each stage and their total, milliseconds.
-    #[getter]
-    fn timings_ms(&self) -> Vec<(&'static str, f64)> {
-        let t = &self.prediction.timings;
-        let stages = [
-            "prepare", "features", "detect", "closeup", "decode", "total",
-        ];
-        let times = [
-            t.prepare, t.features, t.detect, t.closeup, t.decode, t.total,
-        ];
-        stages.into_iter().zip(times).collect()
-    }
-
-    /// What executed the network.
-    #[getter]
-    fn provider(&self) -> &str {
-        &self.prediction.provider
-    }
-
-    fn objects(&self) -> Vec<Found> {
-        let matrix = |pose| F64(ndarray::arr2(&report::rows(pose)).into_dyn());
-        let numbers = |four: [f64; 4]| F64(ndarray::arr1(&four).into_dyn());
-        let objects = self.prediction.objects.iter();
-        objects
-            .map(|found| Found {
-                class_name: found.class.clone(),
-                class_id: found.class_id,
-                score: found.score,
-                ref_from_obj: matrix(&found.ref_from_obj),
-                world_from_obj: matrix(&found.world_from_obj),
-                quat_wxyz: numbers(wxyz(&found.ref_from_obj.rotation)),
-                sigma: (found.sigma.rot_deg, found.sigma.t_m),
-                cameras: found
-                    .cameras
-                    .iter()
-                    .map(|seen| {
-                        let bounds = seen.bbox.map(|b| numbers(b.into()));
-                        (self.id(seen.camera), matrix(&seen.cam_from_obj), bounds)
-                    })
-                    .collect(),
-            })
-            .collect()
-    }
-
     /// What `mvtop-cli infer --json` prints.
     fn to_json(&self) -> PyResult<String> {
         serde_json::to_string(&Report::new(&self.prediction, &self.rig))
@@ -111,15 +46,6 @@ impl NativePrediction {
     fn __repr__(&self) -> String {
         let count = self.prediction.objects.len();
         format!("NativePrediction({count} objects)")
-    }
-}
-
-impl NativePrediction {
-    fn id(&self, camera: usize) -> String {
-        let camera = self.rig.cameras().get(camera);
-        camera
-            .map(|camera| camera.id().to_owned())
-            .unwrap_or_default()
     }
 }
 
@@ -133,13 +59,10 @@ impl NativeEstimator {
         provider: &str,
         threads: usize,
     ) -> PyResult<Self> {
-        let provider: Provider = provider
-            .parse()
-            .map_err(|error: mvtop_core::Error| value(error.to_string()))?;
-        let options = Options {
-            ort_lib,
-            session: SessionOptions { provider, threads },
-        };
+        let unknown = |error: mvtop_core::Error| value(error.to_string());
+        let provider = provider.parse().map_err(unknown)?;
+        let session = SessionOptions { provider, threads };
+        let options = Options { ort_lib, session };
         let estimator = compute(py, || Estimator::load(&bundle, &options))?.map_err(python)?;
         let_forks_exit();
         Ok(Self {
@@ -155,10 +78,8 @@ impl NativeEstimator {
 
     /// Name and number of each class, with its diameter in metres.
     fn classes(&self) -> Vec<(String, i64, f64)> {
-        let classes = self.estimator.bundle().classes.iter();
-        classes
-            .map(|c| (c.name.clone(), c.id, c.diameter_m))
-            .collect()
+        let about = |c: &Class| (c.name.clone(), c.id, c.diameter_m);
+        self.estimator.bundle().classes.iter().map(about).collect()
     }
 
     /// (P, 3), points on the surface of a class, metres.

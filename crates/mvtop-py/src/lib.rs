@@ -20,7 +20,7 @@ mod _mvtop {
     #[pymodule_export]
     const BOP_RESULTS_HEADER: &str = mvtop_eval::bop::RESULTS_HEADER;
     #[pymodule_export]
-    use super::bop::bop_results_line;
+    use super::bop::{Image, Instance, ModelInfo, bop_results_line, read_models_info, read_scene};
     #[pymodule_export]
     use super::cli::run_cli;
     #[pymodule_export]

@@ -2,11 +2,11 @@
 
 use mvtop_eval::metrics;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
-use ndarray::{ArrayD, Ix2};
+use ndarray::{ArrayD, ArrayView2, Ix2};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
-use crate::convert::{ArrayLike, F32, F64, matrices, pose_or_rotation, shaped};
+use crate::convert::{ArrayLike, F32, F64, axes, pose_or_rotation, shaped};
 use crate::error::{python, value};
 use crate::process::compute;
 use crate::rig::Camera;
@@ -25,10 +25,9 @@ impl Symmetries {
     #[new]
     #[pyo3(signature = (discrete = None, continuous = vec![]))]
     fn new(discrete: Option<ArrayLike>, continuous: Vec<(ArrayLike, ArrayLike)>) -> PyResult<Self> {
-        let discrete = match discrete {
-            Some(array) => poses("discrete", &array.read("discrete", Some(1), &[4, 4])?)?,
-            None => Vec::new(),
-        };
+        let read = |array: ArrayLike| array.read("discrete", Some(1), &[4, 4]);
+        let discrete = discrete.map(|array| poses("discrete", &read(array)?));
+        let discrete = discrete.transpose()?.unwrap_or_default();
         let mut axes = Vec::new();
         for (axis, offset) in &continuous {
             let axis = Vector3::from(axis.vector::<3>("axis")?);
@@ -37,9 +36,8 @@ impl Symmetries {
             let offset = Point3::from(offset.vector::<3>("offset")?);
             axes.push(metrics::ContinuousSymmetry { axis, offset });
         }
-        let all =
-            metrics::Symmetries::new(&discrete, &axes, metrics::BOP_MAX_STEP).map_err(python)?;
-        Ok(Self(all))
+        let all = metrics::Symmetries::new(&discrete, &axes, metrics::BOP_MAX_STEP);
+        all.map(Self).map_err(python)
     }
 
     /// Number of motions.
@@ -187,9 +185,8 @@ impl Mesh {
             false => metrics::PixelCenter::Integer,
         };
         let size = [camera.width(), camera.height()];
-        let depth = compute(py, || {
-            self.mesh.depth(&pose, camera.intrinsics(), size, center)
-        })?;
+        let depth = || self.mesh.depth(&pose, camera.intrinsics(), size, center);
+        let depth = compute(py, depth)?;
         Ok(F32(depth.map_err(python)?.into_dyn()))
     }
 }
@@ -216,11 +213,8 @@ pub fn vsd(
     taus: Option<Vec<f64>>,
     diameter: Option<f64>,
 ) -> PyResult<Vec<f64>> {
-    let depth = |name: &str, array: &ArrayLike| {
-        let image = array.read::<f32>(name, Some(2), &[])?;
-        let image = image.into_dimensionality::<Ix2>();
-        image.map_err(|cause| value(format!("{name}: {cause}")))
-    };
+    let depth =
+        |name, array: &ArrayLike| axes::<_, Ix2>(name, array.read::<f32>(name, Some(2), &[])?);
     let estimate = depth("estimate", &estimate)?;
     let truth = depth("truth", &truth)?;
     let measured = depth("measured", &measured)?;
@@ -312,17 +306,17 @@ fn or_none(symmetries: Option<PyRef<Symmetries>>) -> metrics::Symmetries {
 }
 
 fn points3(array: &ArrayD<f64>) -> Vec<Point3<f64>> {
-    array
-        .outer_iter()
-        .map(|p| Point3::new(p[[0]], p[[1]], p[[2]]))
-        .collect()
+    let points = array.outer_iter();
+    points.map(|p| Point3::new(p[0], p[1], p[2])).collect()
 }
 
+/// Of the matrices of all leading indices, one after the other.
 fn poses(name: &str, array: &ArrayD<f64>) -> PyResult<Vec<Isometry3<f64>>> {
-    let all = matrices(array);
-    all.into_iter()
-        .map(|matrix| pose_or_rotation(name, matrix))
-        .collect()
+    let (leading, last) = array.shape().split_at(array.ndim() - 2);
+    let matrices = array.to_shape((leading.iter().product(), last[0], last[1]));
+    let matrices = matrices.map_err(|cause| value(format!("{name}: {cause}")))?;
+    let pose = |matrix: ArrayView2<f64>| pose_or_rotation(name, matrix.into_dyn());
+    matrices.outer_iter().map(pose).collect()
 }
 
 /// What [`pairs`] takes: 4x4 matrices, or matrices that [`pose_or_rotation`] reads.

@@ -56,10 +56,8 @@ fn own(count: usize) -> PyResult<&'static Pool> {
     {
         return Ok(pool);
     }
-    let threads = rayon::ThreadPoolBuilder::new()
-        .num_threads(count)
-        .build()
-        .map_err(|cause| value(format!("{count} threads: {cause}")))?;
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(count).build();
+    let threads = threads.map_err(|cause| value(format!("{count} threads: {cause}")))?;
     let pool = Box::leak(Box::new(Pool {
         process,
         count,

@@ -5,7 +5,7 @@ use mvtop_core::rays::{BoxRays, LosEncoding};
 use ndarray::Ix2;
 use pyo3::prelude::*;
 
-use crate::convert::{ArrayLike, F32};
+use crate::convert::{ArrayLike, F32, axes};
 use crate::error::value;
 use crate::process::compute;
 use crate::rig::Camera;
@@ -33,10 +33,8 @@ pub fn camera_rays(
         )));
     }
     let letterbox = Letterbox::new(camera.width(), camera.height(), width, height);
-    let rays = compute(py, || {
-        mvtop_core::rays::camera_rays(camera, &letterbox, &strides)
-    })?;
-    Ok(F32(rays.into_dyn()))
+    let rays = || mvtop_core::rays::camera_rays(camera, &letterbox, &strides);
+    Ok(F32(compute(py, rays)?.into_dyn()))
 }
 
 /// Lines of sight in the reference camera's frame: unit direction d, origin o, moment d x o, as the
@@ -61,10 +59,8 @@ pub fn encode_rays(
              \"plucker_origin\", got {encoding:?}"
         ))
     })?;
-    let rays = camera_rays.read::<f32>("camera_rays", Some(1), &[3])?;
-    let rays = rays
-        .into_dimensionality::<Ix2>()
-        .map_err(|cause| value(format!("camera_rays: {cause}")))?;
+    let rays = camera_rays.read("camera_rays", Some(1), &[3])?;
+    let rays = axes::<_, Ix2>("camera_rays", rays)?;
     let pose = ref_from_cam.pose("ref_from_cam")?;
     let lines = py.detach(|| mvtop_core::rays::encode(rays.view(), &pose, encoding));
     Ok(F32(lines.into_dyn()))

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use mvtop_core::{Intrinsics, Projection, report};
+use mvtop_core::{Intrinsics, Projection};
 use nalgebra::{Isometry3, Point2, Point3};
 use ndarray::{ArrayD, Axis};
 use pyo3::IntoPyObjectExt;
@@ -47,17 +47,10 @@ impl Camera {
         world_from_cam: Option<ArrayLike>,
         id: &str,
     ) -> PyResult<Self> {
-        let distortion: Vec<f64> = match distortion {
-            Some(array) => array
-                .read::<f64>("distortion", Some(0), &[0])?
-                .into_iter()
-                .collect(),
-            None => Vec::new(),
-        };
-        let pose = match world_from_cam {
-            Some(array) => array.pose("world_from_cam")?,
-            None => Isometry3::identity(),
-        };
+        let distortion = distortion.map(|array| array.list("distortion"));
+        let distortion = distortion.transpose()?.unwrap_or_default();
+        let pose = world_from_cam.map(|array| array.pose("world_from_cam"));
+        let pose = pose.transpose()?.unwrap_or_default();
         let K = K.read::<f64>("K", Some(0), &[3, 3])?;
         camera(id, size, &K, model, &distortion, pose).map(Self)
     }
@@ -75,10 +68,8 @@ impl Camera {
 
     /// (3, 3), intrinsics, px.
     #[getter(K)]
-    fn intrinsics(&self) -> PyResult<F64> {
-        let of = self.0.intrinsics();
-        let rows = vec![of.fx(), 0., of.cx(), 0., of.fy(), of.cy(), 0., 0., 1.];
-        Ok(F64(shaped(&[3, 3], rows)?))
+    fn intrinsics(&self) -> F64 {
+        convert::intrinsics(self.0.intrinsics())
     }
 
     /// "pinhole" or "fisheye".
@@ -90,14 +81,13 @@ impl Camera {
     /// Coefficients in OpenCV's order; none for an ideal pinhole.
     #[getter]
     fn distortion(&self) -> F64 {
-        let params = self.0.intrinsics().projection().params().to_vec();
-        F64(ndarray::Array1::from(params).into_dyn())
+        convert::distortion(self.0.intrinsics())
     }
 
     /// (4, 4), camera frame to world frame, metres.
     #[getter]
     fn world_from_cam(&self) -> F64 {
-        F64(ndarray::arr2(&report::rows(self.0.world_from_cam())).into_dyn())
+        convert::matrix(self.0.world_from_cam())
     }
 
     /// Pixels at which the lens images points of the camera frame.
@@ -129,16 +119,14 @@ impl Camera {
 
     /// For pickle: the arguments by position and by name.
     fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<(ByPosition, ByName<'py>)> {
+        let pose = self.world_from_cam().into_bound_py_any(py)?;
         let named = [
             ("distortion", self.distortion().into_bound_py_any(py)?),
             ("model", self.model().into_bound_py_any(py)?),
-            (
-                "world_from_cam",
-                self.world_from_cam().into_bound_py_any(py)?,
-            ),
+            ("world_from_cam", pose),
             ("id", self.id().into_bound_py_any(py)?),
         ];
-        Ok(((self.intrinsics()?, self.size()), named.into()))
+        Ok(((self.intrinsics(), self.size()), named.into()))
     }
 
     fn __repr__(&self) -> String {
@@ -217,17 +205,14 @@ impl Rig {
         let ids = ids.unwrap_or_else(|| (0..count).map(|i| format!("cam{i}")).collect());
         if ids.len() != count {
             let got = ids.len();
-            return Err(value(format!(
-                "ids: expected {count}, one per camera, got {got}"
-            )));
+            let problem = format!("ids: expected {count}, one per camera, got {got}");
+            return Err(value(problem));
         }
         let cameras = ids.iter().enumerate().map(|(i, id)| {
             let at = |array: &ArrayD<f64>| array.index_axis(Axis(0), i).to_owned();
             let params: Vec<f64> = at(&distortion).into_iter().collect();
-            let size = [
-                pixels(id, "width", sizes[[i, 0]])?,
-                pixels(id, "height", sizes[[i, 1]])?,
-            ];
+            let [width, height] = [sizes[[i, 0]], sizes[[i, 1]]];
+            let size = [pixels(id, "width", width)?, pixels(id, "height", height)?];
             let name = format!("world_from_cam of camera `{id}`");
             let pose = convert::pose(&name, at(&poses).view())?;
             camera(id, size, &at(&K), model, &params, pose)
@@ -316,31 +301,20 @@ fn camera(
 }
 
 fn pixels(id: &str, key: &str, side: f64) -> PyResult<u32> {
-    if side.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&side) {
-        Ok(side as u32)
-    } else {
-        Err(value(format!(
+    match side.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&side) {
+        true => Ok(side as u32),
+        false => Err(value(format!(
             "camera `{id}`: `{key}` must be a whole number of pixels, got {side}"
-        )))
+        ))),
     }
 }
 
 /// - `reference`: id of a camera; the first by default
 fn rig(cameras: Vec<mvtop_core::Camera>, reference: Option<&str>) -> PyResult<Rig> {
-    let index = match reference {
-        None => 0,
-        Some(id) => cameras
-            .iter()
-            .position(|camera| camera.id() == id)
-            .ok_or_else(|| {
-                let ids: Vec<_> = cameras.iter().map(|camera| camera.id()).collect();
-                let ids = ids.join(", ");
-                value(format!(
-                    "reference: no camera `{id}`, expected one of: {ids}"
-                ))
-            })?,
-    };
-    let rig = mvtop_core::Rig::new(cameras, index).map_err(python)?;
+    let mut rig = mvtop_core::Rig::new(cameras, 0).map_err(python)?;
+    if let Some(id) = reference {
+        rig = rig.referring_to(id).map_err(python)?;
+    }
     // A person's numbers, unlike a data set's, may be in another unit.
     rig.check_spread().map_err(python)?;
     Ok(Rig(Arc::new(rig)))
@@ -355,12 +329,9 @@ fn along_last<const N: usize>(
     let last = array.ndim() - 1;
     let mut shape = array.shape().to_vec();
     let numbers: Vec<f64> = array.iter().copied().collect();
-    let results: Vec<f64> = py.detach(|| {
-        numbers
-            .chunks_exact(shape[last])
-            .flat_map(|row| function(row).unwrap_or([f64::NAN; N]))
-            .collect()
-    });
+    let rows = numbers.chunks_exact(shape[last]);
+    let result = |row| function(row).unwrap_or([f64::NAN; N]);
+    let results: Vec<f64> = py.detach(|| rows.flat_map(result).collect());
     shape[last] = N;
     Ok(F64(shaped(&shape, results)?))
 }

@@ -1,11 +1,11 @@
 //! Deformable sampling, forward and backward.
 
-use mvtop_core::sampling::{Gradients, LevelShapes, Sampling};
-use ndarray::{ArrayD, Dimension, Ix3, Ix4, Ix5, Ix6};
+use mvtop_core::sampling::{self, Gradients, LevelShapes, Sampling};
+use ndarray::{Ix3, Ix4, Ix5, Ix6};
 use pyo3::prelude::*;
 
-use crate::convert::{ArrayInPlace, ArrayLike, F32};
-use crate::error::{python, value};
+use crate::convert::{ArrayInPlace, ArrayLike, F32, axes};
+use crate::error::python;
 use crate::process::compute;
 
 /// Weighted bilinear reads of a multi-level feature map (Zhu et al., "Deformable DETR", eq. 3).
@@ -24,20 +24,12 @@ pub fn deformable_sampling(
     weights: ArrayLike,
     levels: Vec<(usize, usize)>,
 ) -> PyResult<F32> {
-    let value = axes::<Ix4>("value", value.any_number("value", Some(4), &[])?)?;
-    let locations = axes::<Ix6>(
-        "locations",
-        locations.any_number("locations", Some(5), &[2])?,
-    )?;
-    let weights = axes::<Ix5>("weights", weights.any_number("weights", Some(5), &[])?)?;
-    let out = compute(py, || {
-        mvtop_core::sampling::deformable_sampling(
-            value.view(),
-            locations.view(),
-            weights.view(),
-            &levels,
-        )
-    })?;
+    let value = axes::<_, Ix4>("value", value.any_number("value", Some(4), &[])?)?;
+    let locations = locations.any_number("locations", Some(5), &[2])?;
+    let locations = axes::<_, Ix6>("locations", locations)?;
+    let weights = axes::<_, Ix5>("weights", weights.any_number("weights", Some(5), &[])?)?;
+    let (v, l, w) = (value.view(), locations.view(), weights.view());
+    let out = compute(py, || sampling::deformable_sampling(v, l, w, &levels))?;
     Ok(F32(out.map_err(python)?.into_dyn()))
 }
 
@@ -106,10 +98,4 @@ pub fn deformable_sampling_backward(
         weights: grad_weights.as_slice_mut()?,
     };
     compute(py, || sampling.backward(grad_out, gradients))?.map_err(python)
-}
-
-fn axes<D: Dimension>(name: &str, array: ArrayD<f32>) -> PyResult<ndarray::Array<f32, D>> {
-    array
-        .into_dimensionality()
-        .map_err(|cause| value(format!("{name}: {cause}")))
 }

@@ -50,26 +50,21 @@ pub fn correlation(x: ArrayLike, y: ArrayLike) -> PyResult<Option<f64>> {
 pub fn calibration(expected: ArrayLike, actual: ArrayLike, bins: usize) -> PyResult<F64> {
     let [expected, actual] = pair(["expected", "actual"], [&expected, &actual])?;
     let bins = statistics::calibration(&expected, &actual, bins);
-    rows(
-        &bins
-            .iter()
-            .map(|bin| [bin.expected, bin.actual])
-            .collect::<Vec<_>>(),
-    )
+    let means = bins.iter().map(|bin| [bin.expected, bin.actual]);
+    rows(&means.collect::<Vec<_>>())
 }
 
 fn labelled(scores: &ArrayLike, labels: &ArrayLike) -> PyResult<(Vec<f64>, Vec<bool>)> {
-    let scores = scores.read::<f64>("scores", Some(0), &[0])?;
+    let scores = scores.list("scores")?;
     let labels = labels.any_number::<bool>("labels", Some(0), &[0])?;
     as_many(["scores", "labels"], [scores.len(), labels.len()])?;
-    Ok((scores.into_iter().collect(), labels.into_iter().collect()))
+    Ok((scores, labels.into_iter().collect()))
 }
 
 fn pair(names: [&str; 2], arrays: [&ArrayLike; 2]) -> PyResult<[Vec<f64>; 2]> {
-    let first = arrays[0].read::<f64>(names[0], Some(0), &[0])?;
-    let second = arrays[1].read::<f64>(names[1], Some(0), &[0])?;
+    let (first, second) = (arrays[0].list(names[0])?, arrays[1].list(names[1])?);
     as_many(names, [first.len(), second.len()])?;
-    Ok([first.into_iter().collect(), second.into_iter().collect()])
+    Ok([first, second])
 }
 
 fn as_many([first, second]: [&str; 2], [expected, got]: [usize; 2]) -> PyResult<()> {

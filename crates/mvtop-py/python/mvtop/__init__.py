@@ -21,10 +21,10 @@ from mvtop._mvtop import (
 
 TYPE_CHECKING = False  # type checkers know the name; importing it takes longer than all the rest
 if TYPE_CHECKING:
-    from mvtop import metrics, statistics
+    from mvtop import bop, metrics, statistics
     from mvtop._error import Error
     from mvtop._estimator import Estimator
-    from mvtop._objects import CameraPose, ObjectClass, ObjectPose, Sigma
+    from mvtop._objects import CameraPose, ObjectClass, ObjectPose, Sigma, Undetermined
     from mvtop._prediction import Prediction
 
 __all__ = [
@@ -38,6 +38,8 @@ __all__ = [
     "Prediction",
     "Rig",
     "Sigma",
+    "Undetermined",
+    "bop",
     "box_rays",
     "camera_rays",
     "deformable_sampling",
@@ -59,13 +61,14 @@ _HOMES = {
     "ObjectPose": "mvtop._objects",
     "Prediction": "mvtop._prediction",
     "Sigma": "mvtop._objects",
+    "Undetermined": "mvtop._objects",
 }
 
 
 def __getattr__(name: str) -> object:
     import importlib
 
-    if name in ("metrics", "statistics"):
+    if name in ("bop", "metrics", "statistics"):
         return importlib.import_module(f"mvtop.{name}")
     if name in _HOMES:
         value = getattr(importlib.import_module(_HOMES[name]), name)

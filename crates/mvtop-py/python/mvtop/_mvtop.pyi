@@ -1,10 +1,11 @@
-from _typeshed import Incomplete, SupportsGetItem, SupportsLenAndGetItem
+from _typeshed import SupportsGetItem, SupportsLenAndGetItem
 from numpy import float32, float64, uint8
 from numpy.typing import ArrayLike, NDArray
 from os import PathLike
+from pathlib import Path
 from typing import Any, Final, SupportsFloat, SupportsIndex, final
 
-__all__ = ["BOP_RESULTS_HEADER", "Camera", "Mesh", "NativeEstimator", "NativePrediction", "Rig", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "correlation", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "set_num_threads", "translation_error", "vsd"]
+__all__ = ["BOP_RESULTS_HEADER", "Camera", "Image", "Instance", "Mesh", "ModelInfo", "NativeEstimator", "NativePrediction", "Rig", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "correlation", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "read_models_info", "read_scene", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "set_num_threads", "translation_error", "vsd"]
 
 BOP_RESULTS_HEADER: Final[str]
 
@@ -77,6 +78,93 @@ class Camera:
         """
 
 @final
+class Image:
+    """
+    An image of a scene: its camera, and what is annotated in it.
+    """
+    @property
+    def K(self, /) -> NDArray[float64]:
+        """
+        (3, 3), intrinsics, px.
+        """
+    def __repr__(self, /) -> str: ...
+    @property
+    def cam_from_world(self, /) -> NDArray[float64] | None:
+        """
+        (4, 4), world frame to camera frame, metres; None where the data set does not say where its
+        cameras stood.
+        """
+    @property
+    def distortion(self, /) -> NDArray[float64]:
+        """
+        Coefficients in OpenCV's order; none for an ideal pinhole.
+        """
+    @property
+    def instances(self, /) -> list[Instance]:
+        """
+        In the order of scene_gt.json; none where the annotations are kept back.
+        """
+    @property
+    def more(self, /) -> dict[str, Any]:
+        """
+        What else scene_camera.json says of it.
+        """
+    @property
+    def number(self, /) -> int:
+        """
+        Its number in the scene.
+        """
+    @property
+    def path(self, /) -> Path:
+        """
+        File of the color or grey image.
+        """
+    @property
+    def sensor(self, /) -> str:
+        """
+        What the files of its camera end in, "cam1" of scene_camera_cam1.json; "" of
+        scene_camera.json.
+        """
+
+@final
+class Instance:
+    """
+    An annotated object of an image.
+    """
+    def __repr__(self, /) -> str: ...
+    @property
+    def box(self, /) -> NDArray[float64] | None:
+        """
+        (4,), x0, y0, x1, y1, px, of the whole object also where it is hidden (BOP's bbox_obj); None
+        where it is not known.
+        """
+    @property
+    def cam_from_obj(self, /) -> NDArray[float64]:
+        """
+        (4, 4), object frame to camera frame, metres.
+        """
+    @property
+    def more(self, /) -> dict[str, Any]:
+        """
+        What else scene_gt_info.json says of it.
+        """
+    @property
+    def obj_id(self, /) -> int:
+        """
+        Number of the object.
+        """
+    @property
+    def visible_box(self, /) -> NDArray[float64] | None:
+        """
+        (4,), the same of what is visible of it (bbox_visib).
+        """
+    @property
+    def visible_share(self, /) -> float | None:
+        """
+        Visible share of the object's pixels, 0 to 1 (visib_fract); None where it is not known.
+        """
+
+@final
 class Mesh:
     """
     A triangle mesh in the object's frame, for depth images.
@@ -95,6 +183,39 @@ class Mesh:
         - returns: (H, W), float32, of the camera's size; 0 where there is nothing
 
         Raises ValueError for a lens with distortion.
+        """
+
+@final
+class ModelInfo:
+    """
+    What models_info.json says of an object.
+    """
+    def __repr__(self, /) -> str: ...
+    @property
+    def bounds(self, /) -> NDArray[float64] | None:
+        """
+        (2, 3), least and greatest coordinates, metres; None where the file lacks one.
+        """
+    @property
+    def diameter_m(self, /) -> float:
+        """
+        Largest distance between two points of the surface, metres.
+        """
+    @property
+    def name(self, /) -> str | None:
+        """
+        mvtop's own data sets have names, BOP's do not.
+        """
+    @property
+    def symmetries_continuous(self, /) -> list[tuple[NDArray[float64], NDArray[float64]]]:
+        """
+        Axis and a point on it, (3,) each, metres, about which no turn changes how it looks: as
+        `mvtop.metrics.Symmetries` takes them.
+        """
+    @property
+    def symmetries_discrete(self, /) -> NDArray[float64]:
+        """
+        (S, 4, 4), motions that do not change how the object looks, metres; without the identity.
         """
 
 @final
@@ -136,22 +257,6 @@ class NativePrediction:
     What the core's estimator answered.
     """
     def __repr__(self, /) -> str: ...
-    def objects(self, /) -> list[Incomplete]: ...
-    @property
-    def provider(self, /) -> str:
-        """
-        What executed the network.
-        """
-    @property
-    def reference(self, /) -> str:
-        """
-        Id of the reference camera.
-        """
-    @property
-    def timings_ms(self, /) -> list[tuple[str, float]]:
-        """
-        Wall time of each stage and their total, milliseconds.
-        """
     def to_json(self, /) -> str:
         """
         What `mvtop-cli infer --json` prints.
@@ -390,6 +495,24 @@ def encode_rays(camera_rays: ArrayLike, ref_from_cam: ArrayLike, encoding: str =
     - encoding: "direction" [d], "origin_direction" [o, d], "plucker" [d, d x o] or
       "plucker_origin" [d, d x o, o]
     - returns: (N, 3, 6 or 9), float32; 0 where there is no ray
+    """
+
+def read_models_info(path: str | PathLike[str]) -> dict[int, ModelInfo]:
+    """
+    What models_info.json says of each object, by its number.
+
+    Raises OSError for a file that cannot be read, ValueError for one that is not BOP's.
+    """
+
+def read_scene(folder: str | PathLike[str], *, whole: bool = False) -> list[Image]:
+    """
+    What is known of the images of a scene's folder, in the order of sensors and images; the images
+    themselves are not opened.
+
+    - whole: whether what is incomplete is refused, images that are listed but not unpacked and
+      annotations without a camera, instead of left out
+
+    Raises OSError for a file that cannot be read, ValueError for one that is not BOP's.
     """
 
 def recall(errors: SupportsGetItem[int, SupportsFloat | SupportsIndex], threshold: SupportsFloat | SupportsIndex) -> float | None:

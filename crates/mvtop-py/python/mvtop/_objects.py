@@ -47,6 +47,17 @@ class Sigma:
 
 
 @dataclass(frozen=True, eq=False)
+class Undetermined:
+    """What no view tells: poses that look like the one that is given."""
+
+    poses: int
+    """How many look alike, the one that is given among them, but for turns about the axis."""
+    axis: NDArray[np.float64] | None
+    """(2, 3), object frame: the direction of an axis about which any turn looks the same, of length
+    1, and a point on it, metres."""
+
+
+@dataclass(frozen=True, eq=False)
 class CameraPose:
     """One object as one camera sees it."""
 
@@ -72,6 +83,8 @@ class ObjectPose:
     quat_wxyz: NDArray[np.float64]
     """Rotation of `ref_from_obj` as a unit quaternion, w >= 0."""
     sigma: Sigma
+    symmetry: Undetermined | None
+    """None where the pose is the only one that looks like this."""
     cameras: dict[str, CameraPose]
     """Every camera that gave an image, in the rig's order, by id."""
 

@@ -5,11 +5,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from mvtop._mvtop import BOP_RESULTS_HEADER, bop_results_line
-from mvtop._objects import CameraPose, ObjectPose, Sigma, object_classes
+from mvtop._objects import CameraPose, ObjectPose, Sigma, Undetermined, object_classes
 
 if TYPE_CHECKING:
-    import numpy as np
     import rerun
     from numpy.typing import NDArray
 
@@ -41,29 +42,31 @@ class Prediction:
     provider: str
     """What executed the network."""
     rig: Rig
+    _json: str = field(repr=False)
     _source: Source | None = field(repr=False)
-    _json: str | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, rig: Rig, source: Source) -> Prediction:
         """What the core answered about images of this rig."""
-        native = source.prediction
+        text = source.prediction.to_json()
+        report = json.loads(text)
         return cls(
-            reference=native.reference,
-            objects=[_object(**found) for found in native.objects()],
-            timings_ms=dict(native.timings_ms),
-            provider=native.provider,
+            reference=report["reference"],
+            objects=[_object(found) for found in report["objects"]],
+            timings_ms=report["timings_ms"],
+            provider=report["provider"],
             rig=rig,
+            _json=text,
             _source=source,
         )
 
     def to_json(self) -> str:
         """What `mvtop-cli infer --json` prints (docs/output.md)."""
-        return self._source.prediction.to_json() if self._source else self._json or ""
+        return self._json
 
     def to_dict(self) -> dict[str, Any]:
         """The same as Python's types."""
-        report: dict[str, Any] = json.loads(self.to_json())
+        report: dict[str, Any] = json.loads(self._json)
         return report
 
     def to_bop_csv(
@@ -134,7 +137,7 @@ class Prediction:
         return {cameras[index].id: picture for (index, _), picture in given}
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_source": None, "_json": self.to_json()}
+        return {**self.__dict__, "_source": None}
 
     def __repr__(self) -> str:
         found = ", ".join(f"{o.class_name} {o.score:.2f}" for o in self.objects) or "no objects"
@@ -142,11 +145,24 @@ class Prediction:
         return f"Prediction({found}; reference {self.reference}; {took})"
 
 
-def _object(
-    *,
-    sigma: tuple[float, float],
-    cameras: list[tuple[str, NDArray[np.float64], NDArray[np.float64] | None]],
-    **numbers: Any,
-) -> ObjectPose:
-    seen = {camera: CameraPose(camera, pose, box) for camera, pose, box in cameras}
-    return ObjectPose(**numbers, sigma=Sigma(*sigma), cameras=seen)
+def _object(found: dict[str, Any]) -> ObjectPose:
+    def camera(seen: dict[str, Any]) -> CameraPose:
+        box = None if seen["box"] is None else np.array(seen["box"])
+        return CameraPose(seen["id"], np.array(seen["T_cam_obj"]), box)
+
+    def undetermined(symmetry: dict[str, Any]) -> Undetermined:
+        axis = symmetry["axis"]
+        rows = None if axis is None else np.array([axis["direction"], axis["point"]])
+        return Undetermined(symmetry["poses"], rows)
+
+    return ObjectPose(
+        class_name=found["class"],
+        class_id=found["class_id"],
+        score=found["score"],
+        ref_from_obj=np.array(found["T_ref_obj"]),
+        world_from_obj=np.array(found["T_world_obj"]),
+        quat_wxyz=np.array(found["q_wxyz"]),
+        sigma=Sigma(**found["sigma"]),
+        symmetry=None if found["symmetry"] is None else undetermined(found["symmetry"]),
+        cameras={seen["id"]: camera(seen) for seen in found["cameras"]},
+    )

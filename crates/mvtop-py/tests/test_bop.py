@@ -1,0 +1,124 @@
+"""Data sets in BOP's layout, as NumPy's arrays in metres."""
+
+import json
+
+import numpy as np
+import pytest
+
+import mvtop
+
+K = [600, 0, 320, 0, 610, 240, 0, 0, 1]
+TURNED = [0, -1, 0, 1, 0, 0, 0, 0, 1]  # by 90 degrees about z
+
+
+def pose(obj_id, t):
+    return {"obj_id": obj_id, "cam_R_m2c": TURNED, "cam_t_m2c": t}
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """Two images; in the second two instances of one object, and a bare third."""
+    folder = tmp_path / "000003"
+    (folder / "rgb").mkdir(parents=True)
+    for name in ("000000.png", "000007.jpg"):
+        (folder / "rgb" / name).touch()
+    camera = {"cam_K": K, "depth_scale": 1.0}
+    place = {"cam_R_w2c": TURNED, "cam_t_w2c": [0, 100, 2000], "camera": "wrist"}
+    known = {
+        "bbox_obj": [10, 20, 30, 40], "bbox_visib": [12, 20, 0, 5], "visib_fract": 0.25,
+        "px_count_all": 800, "hemisphere": "red", "deep": {"list": [1, 2.5, None, True]},
+    }  # fmt: skip
+    hidden = {"bbox_obj": [-1] * 4, "bbox_visib": [-1] * 4, "visib_fract": 0.0}
+    write(
+        folder,
+        scene_camera={"0": camera, "7": {**camera, **place, "cam_dist": [0.1, 0, 0, 0, 0]}},
+        scene_gt={"0": [], "7": [pose(5, [10, 20, 900]), pose(5, [0, 0, 800]), pose(2, [0] * 3)]},
+        scene_gt_info={"7": [known, hidden]},
+    )
+    return folder
+
+
+def write(folder, **files):
+    for name, content in files.items():
+        (folder / f"{name}.json").write_text(json.dumps(content))
+
+
+def test_a_scene_is_read_with_all_its_instances(scene):
+    first, second = mvtop.bop.read_scene(scene)
+    assert (first.number, first.sensor, first.path) == (0, "", scene / "rgb/000000.png")
+    assert first.cam_from_world is None and first.instances == [] and first.more == {}
+    np.testing.assert_array_equal(first.K, np.reshape(K, (3, 3)))
+    assert first.distortion.size == 0
+    assert (second.number, second.path.name) == (7, "000007.jpg")
+    np.testing.assert_array_equal(second.distortion, [0.1, *[0] * 7])
+    expected = np.eye(4)
+    expected[:3, :3], expected[:3, 3] = np.reshape(TURNED, (3, 3)), [0, 0.1, 2]
+    np.testing.assert_allclose(second.cam_from_world, expected, atol=1e-15)
+    assert second.more == {"camera": "wrist"}
+    assert repr(second) == "Image(000007, 3 instances)"
+
+    one, hidden, unknown = second.instances
+    assert [found.obj_id for found in second.instances] == [5, 5, 2]
+    expected[:3, 3] = [0.01, 0.02, 0.9]
+    np.testing.assert_allclose(one.cam_from_obj, expected, atol=1e-15)
+    np.testing.assert_array_equal(one.box, [10, 20, 40, 60])
+    np.testing.assert_array_equal(one.visible_box, [12, 20, 12, 25])  # one pixel wide
+    assert (one.visible_share, hidden.visible_share) == (0.25, 0.0)
+    more = {"px_count_all": 800, "hemisphere": "red", "deep": {"list": [1, 2.5, None, True]}}
+    assert one.more == more and isinstance(one.more["px_count_all"], int)
+    assert hidden.box is None and hidden.visible_box is None
+    assert (unknown.box, unknown.visible_share, unknown.more) == (None, None, {})
+    np.testing.assert_allclose(hidden.cam_from_obj[:3, 3], [0, 0, 0.8])
+
+
+def test_what_is_not_unpacked_is_left_out_or_refused(scene):
+    (scene / "rgb" / "000000.png").unlink()
+    assert [image.number for image in mvtop.bop.read_scene(scene)] == [7]
+    with pytest.raises(ValueError, match="rgb: image 0: expected a PNG, JPEG or TIFF file"):
+        mvtop.bop.read_scene(scene, whole=True)
+    (scene / "rgb" / "000000.png").touch()
+    write(scene, scene_gt={"4": [pose(1, [0, 0, 900])]})
+    assert len(mvtop.bop.read_scene(scene)) == 2
+    with pytest.raises(ValueError, match="scene_gt.json: image 4: expected its camera in .*; add"):
+        mvtop.bop.read_scene(scene, whole=True)
+
+
+def test_what_is_not_bops_is_refused_in_one_sentence(scene, tmp_path):
+    with pytest.raises(ValueError, match="expected scene_camera.json and images in rgb/ or gray/"):
+        mvtop.bop.read_scene(tmp_path / "nowhere")
+    (scene / "scene_gt.json").write_text('{"0": [')
+    with pytest.raises(ValueError, match=r"scene_gt.json: .*expected \{IMAGE: ") as refused:
+        mvtop.bop.read_scene(scene)
+    assert "\n" not in str(refused.value)
+    with pytest.raises(FileNotFoundError, match="models_info.json"):
+        mvtop.bop.read_models_info(tmp_path / "models_info.json")
+
+
+def test_models_come_in_metres_and_with_their_symmetries(tmp_path):
+    path = tmp_path / "models_info.json"
+    half_turn = [-1, 0, 0, 20, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+    size = {"min_x": -10, "min_y": -20, "min_z": -30, "size_x": 20, "size_y": 50, "size_z": 60}
+    axis = {"axis": [0, 0, 2], "offset": [1, 2, 0]}
+    infos = {
+        "4": {"diameter": 100, "name": "box", **size, "symmetries_discrete": [half_turn]},
+        "12": {"diameter": 50.0, "symmetries_continuous": [axis]},
+    }
+    path.write_text(json.dumps(infos))
+    read = mvtop.bop.read_models_info(path)
+    assert list(read) == [4, 12]
+    box, can = read[4], read[12]
+    assert (box.name, box.diameter_m, can.name) == ("box", pytest.approx(0.1), None)
+    np.testing.assert_allclose(box.bounds, [[-0.01, -0.02, -0.03], [0.01, 0.03, 0.03]])
+    assert can.bounds is None and can.symmetries_discrete.shape == (0, 4, 4)
+    expected = np.diag([-1.0, -1, 1, 1])
+    expected[0, 3] = 0.02
+    np.testing.assert_allclose(box.symmetries_discrete, [expected], atol=1e-15)
+    ((direction, offset),) = can.symmetries_continuous
+    np.testing.assert_allclose(direction, [0, 0, 1])
+    np.testing.assert_allclose(offset, [0.001, 0.002, 0])
+    for info, motions in ((box, 2), (can, 315)):
+        given = info.symmetries_discrete, info.symmetries_continuous
+        assert len(mvtop.metrics.Symmetries(*given)) == motions
+    path.write_text('{"1": {"diameter": 0}}')
+    with pytest.raises(ValueError, match="object 1: expected a diameter in millimetres, got 0"):
+        mvtop.bop.read_models_info(path)
