@@ -9,7 +9,11 @@ from ..errors import UserError
 LOS_CHANNELS = {"direction": 3, "origin_direction": 6, "plucker": 6, "plucker_origin": 9}
 # Where in this project what a config names is. The study's are named, not imported: what is
 # shipped does not need them.
-BACKBONES = {"conv": "network.features:ConvBackbone", "resnet50_fpn": "study.paper:ResNetFpn"}
+BACKBONES = {
+    "conv": "network.features:ConvBackbone",
+    "lite": "network.lite:LiteFeatures",
+    "resnet50_fpn": "study.paper:ResNetFpn",
+}
 GEOMETRIES = {
     "rays": "network.geometry:RAYS",
     "image": "study.paper:IMAGE",
@@ -19,9 +23,14 @@ GEOMETRIES = {
 
 @dataclass(frozen=True)
 class ObjectClass:
+    """`discrete` [[16 numbers, rows of 4x4, m]] and `continuous` [[axis 3, a point on it 3, m]] are
+    the turns that leave it looking the same, as in BOP's `models_info.json`; every one but none."""
+
     id: int
     name: str
     diameter_m: float
+    discrete: tuple[tuple[float, ...], ...] = ()
+    continuous: tuple[tuple[float, ...], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -68,6 +77,12 @@ class Config:
         return LOS_CHANNELS[self.los_encoding]
 
     @property
+    def shares_backbone(self) -> bool:
+        """Whether boxes and poses are made of the same features; if not, close-ups teach the poses
+        and whole images the boxes."""
+        return self.backbone != "lite"
+
+    @property
     def pose_strides(self) -> tuple[int, ...]:
         """Of the levels that poses are decoded from."""
         return self.closeup_strides if self.closeup else self.strides
@@ -95,6 +110,13 @@ PRESETS = {
         ffn=256, los_encoding="plucker_origin", geometry="rays",
         closeup=160, closeup_strides=(16, 32),
     ),
+    "lite": Config(
+        preset="lite", width=512, height=384, backbone="lite", channels=(),
+        strides=(8, 16, 32), d_model=128, heads=8, points=4, encoder_layers=2, decoder_layers=3,
+        ffn=256, los_encoding="plucker_origin", geometry="rays",
+        mean=(0.485, 0.456, 0.406), std=(0.229, 0.224, 0.225),
+        closeup=160, closeup_strides=(16, 32),
+    ),
     "paper": Config(
         preset="paper", width=640, height=480, backbone="resnet50_fpn", channels=(),
         strides=(16, 32, 64, 128), d_model=256, heads=16, points=4, encoder_layers=5,
@@ -116,6 +138,14 @@ def to_dict(config: Config) -> dict:
 def from_dict(fields: dict) -> Config:
     fields = {k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()}
     fields["classes"] = tuple(
-        c if isinstance(c, ObjectClass) else ObjectClass(**c) for c in fields["classes"]
+        c if isinstance(c, ObjectClass) else ObjectClass(**_tuples(c)) for c in fields["classes"]
     )
     return Config(**fields)
+
+
+def _tuples(fields: dict) -> dict:
+    """JSON's lists of lists as tuples of tuples."""
+    return {
+        key: tuple(tuple(row) for row in value) if isinstance(value, list | tuple) else value
+        for key, value in fields.items()
+    }

@@ -6,10 +6,15 @@ at box centers, and the distances from each cell to the box's four sides (Center
 """
 
 import math
+from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
 from torch import nn
+
+from .config import BACKBONES, GEOMETRIES
+from .geometry import find
+from .views import Cached, Pictures
 
 
 class Conv(nn.Sequential):
@@ -82,3 +87,60 @@ class Detector(nn.Module):
         u, v = u[None, None, :], v[None, :, None]
         boxes = torch.stack([u - left, v - top, u + right, v + bottom], 1)
         return self.score(x).float(), boxes
+
+
+@dataclass
+class Found:
+    """What images say by themselves: boxes, and which part of the object a cell shows."""
+
+    scores: torch.Tensor  # [N, classes, h, w] logits, of the images that are searched
+    boxes: torch.Tensor  # [N, 4, h, w] px
+    coordinates: torch.Tensor | None  # [B * V, 3, h, w] in units of the object's extent
+
+
+class Features(nn.Module):
+    """Images to pyramid levels, tokens and boxes; one view does not see another here.
+
+    One backbone finds the boxes and is what poses are decoded from.
+    """
+
+    def __init__(self, config):
+        super().__init__()
+        self.backbone = find(BACKBONES[config.backbone])(config)
+        self.detector = Detector(config.d_model, len(config.classes), config.strides[0])
+        self.encoder = find(GEOMETRIES[config.geometry]).encoder(config)
+        self.used = [config.strides.index(stride) for stride in config.pose_strides]
+        # Training only: object coordinates of what a cell shows, 2x2 per cell. They teach the
+        # backbone to tell the object's parts; nothing of it is exported.
+        self.coordinates = nn.Conv2d(config.d_model, 3 * 4, 1)
+
+    def forward(self, shown: Pictures) -> tuple[list, Found]:
+        """The levels that poses are decoded from, and what is found; searched are all images."""
+        images, negatives = shown.images.flatten(0, 1), shown.searched
+        # In one pass, so that both are normalised by the same statistics.
+        levels = self.backbone(images if negatives is None else torch.cat([images, negatives]))
+        scores, boxes = self.detector(levels[0])
+        levels = [level[: len(images)] for level in levels]
+        coordinates = nn.functional.pixel_shuffle(self.coordinates(levels[0]), 2).float()
+        return self.of_poses(levels), Found(scores, boxes, coordinates)
+
+    def detect(self, images):
+        """images [B, 3, H, W] -> scores [B, C, h, w] logits, boxes [B, 4, h, w] px."""
+        return self.detector(self.backbone(images)[0])
+
+    def pose_levels(self, images) -> list:
+        """images [B, 3, H, W] -> the maps that poses are decoded from."""
+        return self.of_poses(self.backbone(images))
+
+    def cache(self, images) -> list:
+        """images [B, 3, H, W] -> maps [B, C, h, w] that do not change while the backbone is frozen,
+        for `from_cache`."""
+        return self.pose_levels(images)
+
+    def from_cache(self, shown: Cached) -> tuple[list, Found | None]:
+        """As `forward`, of what `cache` made of the images."""
+        return [level.flatten(0, 1) for level in shown.maps], None
+
+    def of_poses(self, levels: list) -> list:
+        """Those of the backbone's maps that poses are decoded from."""
+        return [levels[i] for i in self.used]

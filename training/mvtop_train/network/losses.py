@@ -5,7 +5,7 @@ import torch.distributed as dist
 import torch.nn.functional as F
 from torchvision.ops import generalized_box_iou_loss
 
-from . import coordinates, pose
+from . import coordinates, pose, symmetry
 
 ROTATION, TRANSLATION, DETECTION, COORDINATES, UNCERTAINTY = 1.0, 10.0, 2.0, 6.0, 0.02
 WEIGHTS = {
@@ -17,10 +17,23 @@ WEIGHTS = {
 }
 
 
+def nearest_truth(poses, cam_from_obj, class_index, known: symmetry.Symmetries):
+    """Of the poses that look like the truth, the one nearest to each layer's prediction.
+
+    cam_from_obj [B, Q, 4, 4], class_index [B, Q]; returns poses and symmetries [layers, B, Q, 4, 4]
+    """
+    rotations = torch.stack([pose.rotation_from_6d(six) for six, _, _ in poses])
+    translations = torch.stack([t for _, t, _ in poses])
+    truth = cam_from_obj.expand(len(poses), *cam_from_obj.shape)
+    index = class_index.expand(len(poses), *class_index.shape)
+    turns = symmetry.nearest(rotations, translations, truth, index, known)
+    return truth @ turns, turns
+
+
 def pose_errors(poses, cam_from_obj):
     """Rotation (radians) and translation (m) error [layers, B, Q] of `Prediction.poses`.
 
-    cam_from_obj  [B, Q, 4, 4]
+    cam_from_obj  [B, Q, 4, 4], or one for each layer
     """
     rotations = torch.stack([pose.rotation_from_6d(six) for six, _, _ in poses])
     translations = torch.stack([t for _, t, _ in poses])
@@ -28,9 +41,11 @@ def pose_errors(poses, cam_from_obj):
     return rot, pose.translation_error(translations, cam_from_obj[..., :3, 3])
 
 
-def total(prediction, batch, stride: int, weights=WEIGHTS):
+def total(prediction, batch, stride: int, known: symmetry.Symmetries, weights=WEIGHTS):
     """Loss and its parts. Every decoder layer counts alike (auxiliary losses, PoET)."""
-    truth = batch["cam_from_obj"][:, :1]  # in the reference view; one object
+    truth, turns = nearest_truth(
+        prediction.poses, batch["cam_from_obj"][:, :1], batch["class_index"], known
+    )  # in the reference view; one object
     rot, t = pose_errors(prediction.poses, truth)
     degrees = torch.rad2deg(rot)
     sigma = torch.stack([s for _, _, s in prediction.poses])
@@ -39,8 +54,8 @@ def total(prediction, batch, stride: int, weights=WEIGHTS):
         "translation": t.mean(1).sum(),
         "uncertainty": uncertainty_loss(sigma, degrees, t).mean(),
     }
-    if prediction.detections is not None:
-        terms |= image_terms(prediction.detections, batch, stride)
+    if prediction.found is not None:
+        terms |= image_terms(prediction.found, batch, stride, turns[-1])
     parts = {
         "rotation_deg": degrees[-1].mean(),
         "translation_m": t[-1].mean(),
@@ -70,56 +85,78 @@ def mean_count(count: torch.Tensor) -> torch.Tensor:
     return count.clamp_min(1)
 
 
-def image_terms(found, batch, stride: int) -> dict:
-    """What the images alone teach: boxes and object coordinates."""
-    boxes = batch["true_box"].flatten(0, 1)
-    absent = boxes.new_zeros(len(found.scores) - len(boxes), 4)  # the negatives' boxes
-    detection = detection_loss(
-        found.scores,
-        found.boxes,
-        torch.cat([boxes, absent]),
-        torch.zeros(len(found.scores), dtype=torch.long, device=boxes.device),
-        stride,
-    )
+def image_terms(found, batch, stride: int, turns) -> dict:
+    """What the images alone teach: boxes and object coordinates.
+
+    turns  [B, 1, 4, 4], the symmetry that the poses have settled on, for the coordinates as well
+    """
+    terms = {}
+    if found.coordinates is not None:
+        terms["coordinates"] = coordinates_loss(found.coordinates, batch, turns)
+    if found.scores is not None:
+        if "search_boxes" in batch:
+            truth, index = batch["search_boxes"], batch["search_class"]
+        else:  # the views themselves, then images without objects
+            shown = batch["true_box"].flatten(0, 1)[:, None]
+            truth = shown.new_zeros(len(found.scores), 1, 4)
+            truth[: len(shown)] = shown
+            index = torch.zeros(truth.shape[:2], dtype=torch.long, device=truth.device)
+            views = batch["true_box"].shape[1]
+            index[: len(shown)] = batch["class_index"].repeat_interleave(views, 0)
+        terms["detection"] = detection_loss(found.scores, found.boxes, truth, index, stride)
+    return terms
+
+
+def coordinates_loss(found, batch, turns):
+    """Of coordinates [B * V, 3, h, w] where the object is seen, see `image_terms`."""
     code = batch["coords"].flatten(0, 1)
     # Networks whose finest level is coarser take every other sample, and so on.
-    skip = code.shape[2] // found.coordinates.shape[-1]
+    skip = code.shape[2] // found.shape[-1]
     wanted, mask = coordinates.decode(code[:, skip // 2 :: skip, skip // 2 :: skip])
+    views, extent = batch["coords"].shape[1], batch["extent"].flatten(0, 1)
+    back = turns[:, 0].inverse().repeat_interleave(views, 0)
+    wanted = torch.einsum("nij,nhwj->nhwi", back[:, :3, :3], wanted)
+    wanted = wanted + (back[:, :3, 3] / extent[:, None])[:, None, None]
     wanted = wanted.permute(0, 3, 1, 2)
-    difference = F.smooth_l1_loss(found.coordinates, wanted, beta=0.1, reduction="none")
-    shape = (difference.sum(1) * mask).sum() / mean_count(mask.sum())
-    return {"detection": detection, "coordinates": shape}
+    difference = F.smooth_l1_loss(found, wanted, beta=0.1, reduction="none")
+    return (difference.sum(1) * mask).sum() / mean_count(mask.sum())
 
 
 def detection_loss(logits, boxes, truth, class_index, stride: int):
-    """Focal loss on the center map and GIoU on the cells near each center.
+    """Focal loss on the center maps and GIoU on the cells near each center.
 
-    logits       [V, C, h, w]
-    boxes        [V, 4, h, w] input px
-    truth        [V, 4] the one object's box in each view; no object where x1 <= x0
-    class_index  [V]
+    logits       [N, C, h, w]
+    boxes        [N, 4, h, w] input px
+    truth        [N, K, 4] the objects' boxes in each image; no object where x1 <= x0
+    class_index  [N, K]; -1: something that may be found or not, as too little of it is seen
     """
-    views, _, rows, columns = logits.shape
-    present = truth[:, 2] > truth[:, 0]
-    center = (truth[:, :2] + truth[:, 2:]) / 2
-    size = (truth[:, 2:] - truth[:, :2]).clamp_min(1)
+    _, classes, rows, columns = logits.shape
+    there = truth[..., 2] > truth[..., 0]
+    present = there & (class_index >= 0)
+    center = (truth[..., :2] + truth[..., 2:]) / 2
+    size = (truth[..., 2:] - truth[..., :2]).clamp_min(1)
     u = (torch.arange(columns, device=logits.device) + 0.5) * stride - 0.5
     v = (torch.arange(rows, device=logits.device) + 0.5) * stride - 0.5
     sigma = (size / 8).clamp_min(stride * 0.6)
-    dx = (u[None] - center[:, :1]) / sigma[:, :1]
-    dy = (v[None] - center[:, 1:]) / sigma[:, 1:]
-    heat = torch.exp(-0.5 * (dx[:, None, :] ** 2 + dy[:, :, None] ** 2)) * present[:, None, None]
+    dx = (u - center[..., :1]) / sigma[..., :1]
+    dy = (v - center[..., 1:]) / sigma[..., 1:]
+    heat = torch.exp(-0.5 * (dx[..., None, :] ** 2 + dy[..., :, None] ** 2))  # [N, K, h, w]
+    either = (heat * (there & ~present)[..., None, None]).amax(1, keepdim=True) > 0.1
+    heat = heat * present[..., None, None]
     # The cell next to the center is the positive: its target is exactly 1.
-    heat = torch.where(heat == heat.amax((1, 2), keepdim=True), present[:, None, None] * 1.0, heat)
-    target = torch.zeros_like(logits)
-    target[torch.arange(views, device=logits.device), class_index] = heat
+    heat = torch.where(
+        heat == heat.amax((2, 3), keepdim=True), present[..., None, None] * 1.0, heat
+    )
+    of_class = F.one_hot(class_index.clamp_min(0), classes)[..., None, None]
+    target = (heat[:, :, None] * of_class).amax(1)
     p = logits.sigmoid()
     positive = target == 1
     pos_loss = -F.logsigmoid(logits) * (1 - p) ** 2 * positive
-    neg_loss = -F.logsigmoid(-logits) * p**2 * (1 - target) ** 4 * ~positive
+    neg_loss = -F.logsigmoid(-logits) * p**2 * (1 - target) ** 4 * ~positive * ~either
     score_loss = (pos_loss.sum() + neg_loss.sum()) / mean_count(present.sum())
-    near = heat > 0.3
+    best, owner = heat.max(1)  # a cell speaks of the object whose center is nearest
+    near = best > 0.3
     view, row, column = near.nonzero(as_tuple=True)
-    box_losses = generalized_box_iou_loss(boxes[view, :, row, column], truth[view])
-    box_loss = (box_losses * heat[near]).sum() / mean_count(heat[near].sum())
+    box_losses = generalized_box_iou_loss(boxes[view, :, row, column], truth[view, owner[near]])
+    box_loss = (box_losses * best[near]).sum() / mean_count(best[near].sum())
     return score_loss + 2 * box_loss

@@ -9,18 +9,20 @@ import torch
 class Pictures:
     """Images [B, V, 3, H, W], normalised, 0 where they show nothing.
 
-    Training only: negatives [M, 3, H, W], images without the object, for the detector alone.
+    Training only: searched [M, 3, H, W], further images for the detector alone.
     """
 
     images: torch.Tensor
-    negatives: torch.Tensor | None = None
+    searched: torch.Tensor | None = None
 
 
 @dataclass
-class Levels:
-    """What the backbone made of images before: maps [B, V, C, h, w] that poses are decoded from."""
+class Cached:
+    """What the frozen part of the network made of images before: maps [B, V, C, h, w], see
+    `Features.cache`; searched as in `Pictures`."""
 
     maps: list[torch.Tensor]
+    searched: torch.Tensor | None = None
 
 
 @dataclass
@@ -32,7 +34,7 @@ class Views:
     center lies on the image.
     """
 
-    shown: Pictures | Levels
+    shown: Pictures | Cached
     k: torch.Tensor
     ref_from_cam: torch.Tensor
     boxes: torch.Tensor

