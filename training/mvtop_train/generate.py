@@ -45,14 +45,22 @@ def main():
     parser.add_argument("--shard", default="0/1", metavar="I/N", help="do scenes I, I+N, ...")
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     own = parser.add_argument_group("your own part")
-    own.add_argument("--mesh", action="append", help="obj, stl or ply file")
+    own.add_argument("--mesh", action="append", help="obj, stl or ply file; once for each part")
     own.add_argument("--mesh-unit", choices=UNITS, help="of the mesh file")
-    own.add_argument("--name", help="of the part; the mesh's file name if left out")
-    own.add_argument("--rig", help="rig.json: the cameras that will look at the part")
+    own.add_argument("--name", action="append", help="of each part; its file's name if left out")
+    own.add_argument("--id", action="append", type=int, help="of each part; 1, 2, ... if left out")
+    own.add_argument(
+        "--rig",
+        action="append",
+        help="rig.json: the cameras that will look at the parts; several "
+        "take turns; any rig if left out",
+    )
+    own.add_argument("--instances", type=int, default=1, help="of each part in a scene, at most")
+    own.add_argument("--backgrounds", help="folder of pictures to lay on floors and other things")
     own.add_argument("--width", type=int, default=640, help="of the images at most, px")
     args = parser.parse_args()
     shard, shards = parse_shard(args.shard)
-    for option in ("scenes", "images", "views", "workers", "width"):
+    for option in ("scenes", "images", "views", "workers", "width", "instances"):
         if getattr(args, option) is not None and getattr(args, option) < 1:
             raise UserError(
                 f"--{option}: expected at least 1, got {getattr(args, option)}; fix: leave it out"

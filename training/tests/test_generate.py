@@ -26,7 +26,7 @@ def files(root) -> dict:
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     root = tmp_path_factory.mktemp("mvball")
-    objects.write(root, objects.ball(), objects.ball_mesh())
+    objects.write(root, [(objects.ball(), objects.ball_mesh())])
     make(root, (0, 2), (1, 3))
     pairs.write(root / "train")
     return root
@@ -94,15 +94,20 @@ def test_another_recipe_is_refused(tmp_path):
         recipe.Recipe(seed=2, split="train", size=(640, 480)).check(tmp_path)
 
 
+MESHES = ("--mesh", "a.obj", "--mesh", "b.obj", "--mesh-unit", "mm")
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         (["--shard", "3/2"], "error: --shard: expected I/N with 0 <= I < N, got '3/2'"),
         (["--views", "0"], "error: --views: expected at least 1, got 0"),
         (["--paper", "--split", "control"], "error: --paper: expected a split of"),
-        (["--mesh", "a.obj", "--mesh", "b.obj"], "error: --mesh: expected one part, got 2"),
-        (["--mesh", "a.obj"], "error: --rig: expected with --mesh, got none"),
-        (["--mesh", "a.obj", "--rig", "r.json"], "error: --mesh-unit: expected with --mesh"),
+        (["--mesh", "a.obj"], "error: --mesh-unit: expected with --mesh, got none"),
+        ([*MESHES, "--id", "3"], "error: --id: expected one for each --mesh (2), got 1"),
+        ([*MESHES, "--name", "x", "--name", "x"], "error: --name: expected each once, got x twice"),
+        ([*MESHES], "error: mesh a.obj: no such file"),
+        ([*MESHES, "--instances", "0"], "error: --instances: expected at least 1, got 0"),
     ],
 )
 def test_bad_options_are_one_sentence(monkeypatch, tmp_path, options, message):

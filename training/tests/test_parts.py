@@ -58,15 +58,16 @@ def files(tmp_path_factory):
 def dataset(files):
     out = files / "data"
     mesh = objects.load_mesh(files / "bracket.ply", "mm")
-    part = parts.Part(mesh, objects.from_mesh(mesh, 1, "bracket"))
-    objects.write(out, part.obj, mesh)
+    obj = objects.from_mesh(mesh, 1, "bracket")
+    kit = parts.Kit([parts.Part(mesh, obj)])
+    objects.write(out, [(obj, mesh)])
     cameras = rig.load(files / "rig.json")
     gl = open_gl()
     for number in range(2):
         rng = np.random.default_rng([3, number])
         pool = [scenes.noise_texture(rng)]
-        views, names = parts.scene_views(gl, rng, pool, part, cameras)
-        bop.write_scene(out / "train" / f"{number:06d}", views, part.obj, names)
+        views, names = parts.scene_views(gl, rng, pool, kit, lambda _: cameras)
+        bop.write_scene(out / "train" / f"{number:06d}", views, names)
     return out
 
 
@@ -87,15 +88,15 @@ def test_object_coordinates_lie_on_the_part(dataset):
     obj, checked = objects.read(dataset), 0
     for scene in load_index(dataset, obj=obj):
         for image in scene:
-            coords, mask = decode(cv2.imread(str(image.coords_path))[:, :, ::-1])
+            rgb = cv2.imread(str(image.path))[:, :, ::-1].astype(int)
+            coords, mask = decode(bop.read_coords(image, rgb.shape[:2])[0])
             points = coords[mask] * obj.extent_m * 1e3
             away = np.stack(
                 [np.abs(points[:, [axis]] - PLANES[axis]).min(1) for axis in range(3)]
             ).min(0)
             assert away.max() < 0.3  # mm; 8 bits resolve 0.25 mm
             v, u = np.nonzero(mask)
-            rgb = cv2.imread(str(image.path))[:, :, ::-1].astype(int)
-            seen = rgb[v + image.visible_box[1], u + image.visible_box[0]]
+            seen = rgb[v, u]
             wall, foot = points[:, 2] > 8, points[:, 2] < 3
             # Lights are colored at most a little: red stays redder than blue, and so on.
             for part, more, less in ((foot, 0, 2), (wall, 2, 0)):
@@ -148,7 +149,7 @@ def test_crops_are_exact_cameras_with_unlike_focal_lengths(dataset):
 
 def crop_maker(obj) -> ViewMaker:
     network = config.preset("tiny", objects.classes_of(obj))
-    return ViewMaker(Crops(64, Augmentation(scale=1.0)), network, obj.bounds)
+    return ViewMaker(Crops(64, Augmentation(scale=1.0)), network, (obj,))
 
 
 def strip(dataset, out):
@@ -204,6 +205,40 @@ def test_of_several_objects_one_is_chosen(dataset, tmp_path):
         load_index(root)
     edit(root / "models" / "models_info.json", lambda info: info.update({"7": info["1"]}))
     with pytest.raises(UserError, match=r"expected one of \[1, 7\], got none chosen; fix: "):
+        objects.read(root)
+
+
+def test_all_instances_of_an_image_are_read(dataset, tmp_path):
+    root = tmp_path / "several"
+    shutil.copytree(dataset, root)
+    folder, obj = root / "train" / "000000", objects.read(root)
+    more = [
+        {"obj_id": number, "cam_R_m2c": np.eye(3).ravel().tolist(), "cam_t_m2c": [0, 0, 500]}
+        for number in (1, 7)
+    ]
+    edit(folder / "scene_gt.json", lambda gt: gt["1"].extend(more))
+    first, second = bop.read_images(folder)
+    assert [(one.obj_id, one.annotation) for one in second.instances] == [(1, 0), (1, 1), (7, 2)]
+    assert second.instances[1].cam_from_obj[2, 3] == 0.5 and second.instances[1].box is None
+    assert (first.only.box == first.box).all() and first.only.visible_share > 0
+    with pytest.raises(ValueError):
+        second.only  # noqa: B018
+    # Where the object is annotated twice, which of them is meant is not said.
+    assert [image.number for image in bop.read_scene(folder, obj)] == [0]
+
+
+def test_a_scene_that_is_not_whole_is_one_sentence(dataset, tmp_path):
+    root = tmp_path / "broken"
+    shutil.copytree(dataset, root)
+    folder, obj = root / "train" / "000000", objects.read(root)
+    (folder / "rgb" / "000001.jpg").unlink()
+    with pytest.raises(UserError, match="rgb: image 1: expected a PNG, JPEG or .*; fix: "):
+        load_index(root, obj=obj)
+    (folder / "scene_gt.json").write_text("{")
+    with pytest.raises(UserError, match="scene_gt.json: .*; fix: "):
+        load_index(root, obj=obj)
+    (root / "models" / "models_info.json").write_text("[]")
+    with pytest.raises(UserError, match="models_info.json: .*; fix: "):
         objects.read(root)
 
 
@@ -322,10 +357,10 @@ def test_a_mesh_that_cannot_fall_is_refused():
 def test_a_part_makes_training_batches(dataset):
     """Two images per scene: never more views are drawn, though shares of three are asked for."""
     obj = objects.read(dataset)
-    found, maker = batches.Scenes(dataset, obj, held_out=0), crop_maker(obj)
+    found, maker = batches.Scenes(dataset, (obj,), held_out=0), crop_maker(obj)
     stream = batches.Batches(
         batches.Fresh(found, maker), 4, (0.3, 0.3, 0.4), 5, rank=0, processes=1,
-        negatives=batches.Negatives(found, maker.choose, 1),
+        more=batches.Negatives(found, maker.choose, 1),
     )  # fmt: skip
     shapes = set()
     for step in range(8):
@@ -344,9 +379,7 @@ def test_coordinates_are_rendered_for_a_foreign_data_set(dataset, tmp_path):
     theirs = sum(load_index(root, obj=obj), [])
     render = coordinates.CoordinateRenderer(root, obj)
     for n, (a, b) in enumerate(zip(ours, theirs, strict=True)):
-        expected = np.zeros((120, 160, 3), int)
-        x, y, w, h = a.visible_box
-        expected[y : y + h + 1, x : x + w + 1] = cv2.imread(str(a.coords_path))
+        expected = bop.read_coords(a, (120, 160))[0].astype(int)
         seen = (expected != 0).all(-1)
         with_mask = n % 2 == 0
         if with_mask:
@@ -355,7 +388,7 @@ def test_coordinates_are_rendered_for_a_foreign_data_set(dataset, tmp_path):
             cv2.imwrite(str(mask), seen.astype(np.uint8) * 255)
         assert coordinates.write(b, render, obj) == with_mask
         again = bop.read_scene(b.path.parents[1], obj)[int(b.path.stem)]
-        code = cv2.imread(str(again.coords_path)).astype(int)
+        code = bop.read_coords(again, (120, 160))[0].astype(int)
         # Rounding to 8 bits may fall to either side; pixels on outlines to either face.
         assert (np.abs(code - expected)[seen].max(-1) <= 1).mean() > 0.97
         if with_mask:

@@ -17,7 +17,7 @@ from tqdm import tqdm
 from ..data import bop, objects, rendered
 from ..errors import argument_parser, command
 from .gl import open_gl
-from .parts import Part
+from .parts import SCENE_DIAMETER, Part
 from .render import Renderer
 
 
@@ -27,8 +27,10 @@ class CoordinateRenderer:
     def __init__(self, root: Path, obj: objects.Object):
         mesh = objects.read_mesh(root, obj.id)
         self.part = Part(mesh, obj)
-        xml = f"<mujoco>{self.part.falling(np.random.default_rng(0))}</mujoco>"
-        self.model = mujoco.MjModel.from_xml_string(xml, self.part.assets)
+        self.scale = SCENE_DIAMETER / obj.diameter_m
+        body = self.part.body(np.random.default_rng(0), "one", np.zeros(3))
+        xml = f"<mujoco>{self.part.asset()}{body}</mujoco>"
+        self.model = mujoco.MjModel.from_xml_string(xml, self.part.files(self.scale))
         self.data = mujoco.MjData(self.model)
         self.data.qpos[:] = [0, 0, 0, 1, 0, 0, 0]
         mujoco.mj_forward(self.model, self.data)
@@ -40,15 +42,13 @@ class CoordinateRenderer:
             self.model.vis.global_.offwidth, self.model.vis.global_.offheight = size
             self.renderers[size] = Renderer(self.model, *size, self.gl)
         scaled = cam_from_obj.copy()
-        scaled[:3, 3] *= self.part.scale
+        scaled[:3, 3] *= self.scale
         self.renderers[size].aim(self.data, k, scaled)
         ids, depth = self.renderers[size].geom_ids_depth()
         mask = ids >= 0
-        view = rendered.View(
-            k, cam_from_obj, np.eye(4), None, 0, mask, int(mask.sum()),
-            depth=depth / self.part.scale,
-        )  # fmt: skip
-        return rendered.object_coordinates(view)
+        seen = rendered.Seen(self.part.obj, np.eye(4), mask, int(mask.sum()))
+        view = rendered.View(k, cam_from_obj, [seen], depth=depth / self.scale)
+        return rendered.object_coordinates(view, seen)
 
 
 def write(image: bop.Image, render: CoordinateRenderer, obj: objects.Object) -> bool:

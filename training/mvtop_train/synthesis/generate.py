@@ -6,6 +6,7 @@ What imports MuJoCo is imported late: `gl.open_gl` says first where OpenGL is mi
 """
 
 import hashlib
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from tqdm import tqdm
 from ..data import bop, objects, pairs, rig
 from ..errors import UserError
 from .gl import open_gl
-from .recipe import MIN_PIXELS, PAPER_IMAGES, SPLITS, Recipe, hemispheres, views_per_scene
+from .recipe import MIN_PIXELS, PAPER_IMAGES, SPLITS, PartFile, Recipe, hemispheres, views_per_scene
 from .workers import run_workers, while_asked_for
 
 
@@ -33,31 +34,58 @@ def scene_views(gl, seed: int, split: str, index: int, order: list[str], size=(6
 
 def _ball_work(job):
     recipe, out, tasks, queue = job
-    gl, ball = open_gl(), objects.ball()
+    gl = open_gl()
     for number, views in while_asked_for(tasks):
         folder = Path(out) / recipe.split / f"{number:06d}"
         if not bop.is_whole(folder):
             order = hemispheres(recipe.split, number, views)
             found = scene_views(gl, recipe.seed, recipe.split, number, order, recipe.size)
-            bop.write_scene(folder, found, ball)
+            bop.write_scene(folder, found)
         queue.put(number)
+
+
+def kit_of(recipe: Recipe):
+    """The parts of a recipe with their meshes (m), as they fall together."""
+    from . import parts
+
+    meshes = [objects.load_mesh(part.mesh, part.unit) for part in recipe.parts]
+    known = [
+        objects.from_mesh(mesh, part.id, part.name, *_symmetries(part))
+        for mesh, part in zip(meshes, recipe.parts, strict=True)
+    ]
+    kit = parts.Kit([parts.Part(*x) for x in zip(meshes, known, strict=True)], recipe.most)
+    return kit, list(zip(known, meshes, strict=True))
+
+
+def _symmetries(part: PartFile) -> tuple:
+    """Those that a `models_info.json` beside the mesh gives."""
+    beside = Path(part.mesh).with_name(objects.INFO)
+    info = objects.read_infos(beside).get(part.id) if beside.exists() else None
+    return ((), ()) if info is None else objects.symmetries(info)
 
 
 def _part_work(job):
     recipe, out, tasks, queue = job
-    from . import parts, scenes
+    from . import parts, rigs, scenes
 
-    mesh = objects.load_mesh(recipe.mesh, recipe.mesh_unit)
-    part = parts.Part(mesh, objects.from_mesh(mesh, 1, recipe.name))
-    cameras = [camera.at_width(recipe.size[0]) for camera in rig.load(recipe.rig)]
+    kit, _ = kit_of(recipe)
+    width = recipe.size[0]
+    own = [[camera.at_width(width) for camera in rig.load(path)] for path in recipe.rigs]
+    photos = scenes.Photos(recipe.backgrounds)
+
+    def rig_of(rng):
+        return own[rng.integers(len(own))] if own else rigs.random_rig(rng, kit.diameter, width)
+
     gl = open_gl()
     for number, _ in while_asked_for(tasks):
         folder = Path(out) / recipe.split / f"{number:06d}"
         if not bop.is_whole(folder):
             rng = np.random.default_rng([recipe.seed, SPLITS[recipe.split], number])
             pool = [scenes.noise_texture(rng) for _ in range(6)]
-            views, names = parts.scene_views(gl, rng, pool, part, cameras)
-            bop.write_scene(folder, views, part.obj, names)
+            pool += [photos.texture(rng) for _ in range(6 if photos else 0)]
+            pool += [kit.texture(rng) for _ in range(2)]
+            views, names = parts.scene_views(gl, rng, pool, kit, rig_of)
+            bop.write_scene(folder, views, names)
         queue.put(number)
 
 
@@ -65,41 +93,77 @@ def prepare(args) -> tuple[Recipe, object]:
     """The recipe without its split, and the worker; writes `models/`."""
     out = Path(args.out)
     if not args.mesh:
-        objects.write(out, objects.ball(), objects.ball_mesh())
+        objects.write(out, [(objects.ball(), objects.ball_mesh())])
         size = (640, 480) if args.window is None else (args.window, args.window)
         return Recipe(args.seed, "", size), _ball_work
-    if len(args.mesh) > 1:
-        raise UserError(
-            f"--mesh: expected one part, got {len(args.mesh)}; fix: one data set for each, "
-            "as a network of several classes is not supported yet"
-        )
-    for name in ("rig", "mesh_unit"):
-        if getattr(args, name) is None:
-            option = name.replace("_", "-")
-            raise UserError(f"--{option}: expected with --mesh, got none; fix: add it")
+    if args.mesh_unit is None:
+        raise UserError("--mesh-unit: expected with --mesh, got none; fix: --mesh-unit mm")
+    listed = part_files(args)
+    rigs = tuple(map(str, args.rig or ()))
+    digest = hashlib.sha256(f"{args.mesh_unit} {args.instances}".encode())
+    for path in (*args.mesh, *rigs):
+        if Path(path).is_file():
+            digest.update(Path(path).read_bytes())
+    recipe = Recipe(
+        args.seed, "", (args.width, 0), "+".join(part.name for part in listed), listed,
+        args.instances, rigs, args.backgrounds, digest.hexdigest()[:16],
+    )  # fmt: skip
+    kit, known = kit_of(recipe)  # refuses what cannot fall
     from . import parts
 
-    mesh = objects.load_mesh(args.mesh[0], args.mesh_unit)
-    part = objects.from_mesh(mesh, 1, args.name or Path(args.mesh[0]).stem)
-    parts.Part(mesh, part)  # refuses what cannot fall
-    cameras = rig.load(args.rig)
-    parts.check_rig(cameras, part, args.rig)
-    bent = [camera.id for camera in cameras if camera.distorted]
-    if bent:
-        print(f"note: images of {', '.join(bent)} are rendered without lens distortion, as "
-              "undistorted images with the same fx, fy, cx, cy would be")  # fmt: skip
-    offset = abs(mesh.bounds.mean(0)).max()
-    if offset > 0.2 * part.diameter_m:
-        print(f"note: the mesh's origin is {offset * 1e3:.0f} mm off its middle; poses are of "
-              "this origin, but are learnt better if it is inside the part")  # fmt: skip
-    objects.write(out, part, mesh)
-    unit = args.mesh_unit
-    content = Path(args.mesh[0]).read_bytes() + unit.encode() + Path(args.rig).read_bytes()
-    source = hashlib.sha256(content).hexdigest()[:16]
-    recipe = Recipe(
-        args.seed, "", (args.width, 0), args.mesh[0], unit, part.name, str(args.rig), source
-    )
+    for path in rigs:
+        cameras = rig.load(path)
+        for obj, _ in known:
+            parts.check_rig(cameras, obj, path)
+        bent = [camera.id for camera in cameras if camera.distorted]
+        if bent:
+            print(f"note: images of {', '.join(bent)} are rendered without lens distortion, as "
+                  "undistorted images with the same fx, fy, cx, cy would be")  # fmt: skip
+    for obj, mesh in known:
+        offset = abs(mesh.bounds.mean(0)).max()
+        if offset > 0.2 * obj.diameter_m:
+            print(
+                f"note: {obj.name}: the mesh's origin is {offset * 1e3:.0f} mm off its middle; "
+                "poses are of this origin, but are learnt better if it is inside the part"
+            )
+    objects.write(out, known)
     return recipe, _part_work
+
+
+def part_files(args) -> tuple[PartFile, ...]:
+    """The parts that --mesh, --id and --name give; files of BOP's sets are numbered already, and
+    `models_info.json` beside them may name them."""
+    for option in ("id", "name"):
+        given = getattr(args, option)
+        if given and len(given) != len(args.mesh):
+            raise UserError(
+                f"--{option}: expected one for each --mesh ({len(args.mesh)}), got {len(given)}; "
+                "fix: as many, in the same order"
+            )
+    numbered = [re.fullmatch(r"obj_(\d{6})", Path(path).stem) for path in args.mesh]
+    infos = {}
+    for path in args.mesh:
+        beside = Path(path).with_name(objects.INFO)
+        infos[path] = objects.read_infos(beside) if beside.exists() else {}
+    ids = args.id or (
+        [int(match[1]) for match in numbered]
+        if all(numbered)
+        else list(range(1, len(args.mesh) + 1))
+    )
+    names = args.name or [
+        getattr(infos[path].get(number), "name", None) or Path(path).stem
+        for path, number in zip(args.mesh, ids, strict=True)
+    ]
+    for option, values in (("id", ids), ("name", names)):
+        twice = [x for x in values if values.count(x) > 1]
+        if twice:
+            raise UserError(
+                f"--{option}: expected each once, got {twice[0]} twice; fix: --{option} for each"
+            )
+    return tuple(
+        PartFile(path, args.mesh_unit, number, name)
+        for path, number, name in zip(args.mesh, ids, names, strict=True)
+    )
 
 
 def make_split(recipe: Recipe, work, args, shard: int, shards: int):

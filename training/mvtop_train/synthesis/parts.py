@@ -1,9 +1,11 @@
-"""Random scenes of a user's own part, seen by the user's own rig.
+"""Random scenes of a user's own parts, seen by the user's own rig.
 
-The part falls among distractors onto a random floor, under random lights; then the rig is placed
-around it at random, and each of its cameras that sees enough of the part gives an image. All that
-is the rig's (intrinsics, relative poses) stays as it is.
+The parts fall among distractors onto a random floor, under random lights; then the rig is placed
+around one of them at random, and each of its cameras that sees enough of a part gives an image. All
+that is the rig's (intrinsics, relative poses) stays as it is.
 """
+
+from dataclasses import dataclass
 
 import cv2
 import mujoco
@@ -11,33 +13,39 @@ import numpy as np
 import trimesh
 
 from ..data.objects import Object
-from ..data.rendered import View
+from ..data.rendered import Seen, View
 from ..data.rig import Camera
 from ..errors import UserError
 from . import scenes
 from .render import GROUP, Renderer
 
-# The scene is built around a part of this size and scaled back: gravity, time step and
+# The scene is built around parts of this mean size and scaled back: gravity, time step and
 # distractors then suit a screw as well as a gearbox.
 SCENE_DIAMETER = 0.13
 LEAST_VISIBLE = 0.4  # of the outline, counting what is hidden and what is off the image
 LEAST_PIXELS = 100
-SIZES = (0.06, 0.8)  # of the part's diameter in the image, of the image's shorter side
+SIZES = (0.1, 0.85)  # of a part's diameter in the image, of the image's shorter side
 TRIES = 300  # points in front of the rig, and turns of it, to choose from
+TEXTURE = 1024  # px a side at most: the whole texture goes through the compiler for every scene
 
 
 class Part:
-    """A mesh as MuJoCo takes it: `falling(rng)` for `scenes.drop`, and its files."""
+    """A mesh as MuJoCo takes it: its assets, and bodies of it at a scale."""
 
     def __init__(self, mesh: trimesh.Trimesh, obj: Object):
-        self.obj, self.scale = obj, SCENE_DIAMETER / obj.diameter_m
-        uv, self.texture = _look(mesh)
-        self.assets = {"part.obj": _wavefront(mesh, uv, self.scale)}
-        if self.texture is not None:
-            self.assets["part.png"] = cv2.imencode(".png", self.texture[:, :, ::-1])[1].tobytes()
-        xml = f"<mujoco>{self.falling(np.random.default_rng(0))}</mujoco>"
+        self.obj, self.name, self._mesh = obj, f"part{obj.id}", mesh
+        self._uv, self.texture = _look(mesh)
+        if self.texture is not None and max(self.texture.shape[:2]) > TEXTURE:
+            shrink = TEXTURE / max(self.texture.shape[:2])
+            self.texture = cv2.resize(
+                self.texture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA
+            )
+        rng = np.random.default_rng(0)
+        scale = SCENE_DIAMETER / obj.diameter_m
+        body = self.body(rng, "one", np.zeros(3))
+        xml = f"<mujoco>{self.asset()}{body}</mujoco>"
         try:
-            mujoco.MjModel.from_xml_string(xml, self.assets)
+            mujoco.MjModel.from_xml_string(xml, self.files(scale))
         except ValueError as error:
             reason = str(error).split("\n")[0].removeprefix("Error: ")
             raise UserError(
@@ -45,28 +53,91 @@ class Part:
                 "fix: a mesh with volume"
             ) from None
 
-    def falling(self, rng: np.random.Generator) -> str:
-        gloss = f'specular="{rng.uniform(0, 1):.2f}" shininess="{rng.uniform(0, 1):.2f}"'
-        if self.texture is None:
-            texture, look = "", rng.uniform(0.05, 0.95, 3)
-        else:
-            texture = '<texture name="part" type="2d" file="part.png"/>'
-            gloss += ' texture="part"'
-            look = np.clip(rng.uniform(0.8, 1.1) + rng.uniform(-0.05, 0.05, 3), 0, 1)
-        quaternion = rng.normal(size=4)
-        position = [*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.1, 0.3)]
+    def files(self, scale: float) -> dict[str, bytes]:
+        """What `asset` names, of a scene in which everything is `scale` times as large."""
+        files = {f"{self.name}.obj": _wavefront(self._mesh, self._uv, scale)}
+        if self.texture is not None:
+            png = cv2.imencode(".png", self.texture[:, :, ::-1])[1].tobytes()
+            files[f"{self.name}.png"] = png
+        return files
+
+    def asset(self) -> str:
+        name = self.name
+        texture = f'<texture name="{name}" type="2d" file="{name}.png"/>'
         # Scanned meshes are seldom closed: "convex" gives each a mass center.
-        return f"""<asset>
-            {texture}<material name="part" rgba="{scenes.row(look)} 1" {gloss}/>
-            <mesh name="part" file="part.obj" inertia="convex" maxhullvert="64"/>
-          </asset>
+        return f"""<asset>{texture if self.texture is not None else ""}
+            <mesh name="{name}" file="{name}.obj" inertia="convex" maxhullvert="64"/></asset>"""
+
+    def body(self, rng: np.random.Generator, name: str, position: np.ndarray) -> str:
+        """A body of this part; textureless parts have any color, or look like metal."""
+        gloss = f'specular="{rng.uniform(0, 1):.2f}" shininess="{rng.uniform(0, 1):.2f}"'
+        if self.texture is not None:
+            gloss += f' texture="{self.name}"'
+            look = np.clip(rng.uniform(0.8, 1.1) + rng.uniform(-0.05, 0.05, 3), 0, 1)
+        elif rng.random() < 0.5:
+            look = rng.uniform(0.05, 0.95, 3)
+        else:
+            look = np.clip(rng.uniform(0.2, 0.9) + rng.uniform(-0.06, 0.06, 3), 0, 1)
+        quaternion = rng.normal(size=4)
+        return f"""<asset><material name="{name}" rgba="{scenes.row(look)} 1" {gloss}/></asset>
           <worldbody>
-            <body name="part" pos="{scenes.row(position)}" quat="{scenes.row(quaternion)}">
+            <body name="{name}" pos="{scenes.row(position)}" quat="{scenes.row(quaternion)}">
               <freejoint/>
-              <geom name="part" type="mesh" mesh="part" mass="0.3" condim="6"
-                    friction="1 0.01 0.005" material="part" group="{GROUP}"/>
+              <geom name="{name}" type="mesh" mesh="{self.name}" mass="0.3" condim="6"
+                    friction="1 0.01 0.005" material="{name}" group="{GROUP}"/>
             </body>
           </worldbody>"""
+
+
+@dataclass(frozen=True)
+class Fallen:
+    """One part of a scene."""
+
+    name: str  # of its body and geom
+    obj: Object
+
+
+class Kit:
+    """The parts that fall together, each up to `most` times."""
+
+    def __init__(self, parts: list[Part], most: int = 1):
+        self.parts, self.most = parts, most
+        self.diameter = float(np.exp(np.mean([np.log(p.obj.diameter_m) for p in parts])))
+        self.scale = SCENE_DIAMETER / self.diameter
+        self.files = {k: x for part in parts for k, x in part.files(self.scale).items()}
+
+    def texture(self, rng: np.random.Generator) -> bytes:
+        """PNG of a piece of some part's texture, for things that look like parts and are not."""
+        textures = [part.texture for part in self.parts if part.texture is not None]
+        if not textures:
+            return scenes.noise_texture(rng)
+        texture = textures[rng.integers(len(textures))]
+        side = max(int(min(texture.shape[:2]) * rng.uniform(0.1, 0.4)), 1)
+        y, x = (rng.integers(0, length - side + 1) for length in texture.shape[:2])
+        return cv2.imencode(".png", texture[y : y + side, x : x + side, ::-1])[1].tobytes()
+
+    def falling(self, rng: np.random.Generator) -> tuple[str, list[Fallen]]:
+        """MJCF of some of them, and which."""
+        counts = rng.integers(0, self.most + 1, len(self.parts))
+        if len(self.parts) > 1 and self.most == 1:
+            counts = (rng.random(len(self.parts)) < 0.7).astype(int)
+        if counts.sum() == 0:
+            counts[rng.integers(len(counts))] = 1
+        chosen = [
+            part for part, count in zip(self.parts, counts, strict=True) for _ in range(count)
+        ]
+        order = rng.permutation(len(chosen))
+        xml, fallen = [], []
+        for part in {part.name: part for part in chosen}.values():
+            xml.append(part.asset())
+        reach = 0.05 * np.sqrt(len(chosen))
+        for place, index in enumerate(order):
+            part = chosen[index]
+            name = f"{part.name}_{place}"
+            height = rng.uniform(0.1, 0.3) + 0.08 * place
+            xml.append(part.body(rng, name, np.array([*rng.uniform(-reach, reach, 2), height])))
+            fallen.append(Fallen(name, part.obj))
+        return "".join(xml), fallen
 
 
 def _look(mesh: trimesh.Trimesh):
@@ -172,24 +243,28 @@ def place_rig(rng: np.random.Generator, cameras: list[Camera], diameter: float, 
     return world_from_rig
 
 
-def views_of_scene(rng, gl, pool, part: Part, cameras: list[Camera], places=4):
-    """One dropped scene through the rig; empty if too few cameras see enough of the part.
+def views_of_scene(rng, gl, pool, kit: Kit, cameras: list[Camera], places=4):
+    """One dropped scene through the rig; empty if too few cameras see enough of one part.
 
     returns: views, and the ids of the cameras that they are of
     """
-    model, data = scenes.drop(rng, pool, part.falling, part.assets)
+    xml, fallen = kit.falling(rng)
+    model, data = scenes.drop(rng, pool, lambda _: xml, kit.files)
     model.vis.global_.offwidth = max(c.width for c in cameras)
     model.vis.global_.offheight = max(c.height for c in cameras)
-    world_from_obj = scenes.world_from_body(data, "part")
-    world_from_obj[:3, 3] /= part.scale
-    middle = (part.obj.bounds.max(0) + part.obj.bounds.min(0)) / 2
-    target = world_from_obj[:3, :3] @ middle + world_from_obj[:3, 3]
-    if np.linalg.norm(target[:2]) > 1.0 / part.scale or target[2] < 0:
-        return [], []  # rolled away, or was pushed into the floor
+    placed = []
+    for part in fallen:
+        world_from_obj = scenes.world_from_body(data, part.name)
+        world_from_obj[:3, 3] /= kit.scale
+        middle = (part.obj.bounds.max(0) + part.obj.bounds.min(0)) / 2
+        target = world_from_obj[:3, :3] @ middle + world_from_obj[:3, 3]
+        if np.linalg.norm(target[:2]) < 1.0 / kit.scale and target[2] > 0:
+            placed.append((part, world_from_obj, target))  # else rolled away or sunk
     renderers = {}
     try:
-        for _ in range(places):
-            world_from_rig = place_rig(rng, cameras, part.obj.diameter_m, target)
+        for _ in range(places if placed else 0):
+            looked_at, _, target = placed[rng.integers(len(placed))]
+            world_from_rig = place_rig(rng, cameras, looked_at.obj.diameter_m, target)
             if world_from_rig is None:
                 continue
             views, names = [], []
@@ -198,7 +273,7 @@ def views_of_scene(rng, gl, pool, part: Part, cameras: list[Camera], places=4):
                 if size not in renderers:
                     renderers[size] = Renderer(model, *size, gl)
                 cam_from_world = camera.cam_from_rig @ np.linalg.inv(world_from_rig)
-                view = _view(data, renderers[size], part, camera, cam_from_world, world_from_obj)
+                view = _view(data, renderers[size], kit.scale, placed, camera, cam_from_world)
                 if view is not None:
                     views.append(view)
                     names.append(camera.id)
@@ -210,41 +285,50 @@ def views_of_scene(rng, gl, pool, part: Part, cameras: list[Camera], places=4):
             renderer.close()
 
 
-def _view(data, renderer, part: Part, camera: Camera, cam_from_world, world_from_obj):
+def _view(data, renderer, scale, placed, camera: Camera, cam_from_world):
     in_scene = cam_from_world.copy()
-    in_scene[:3, 3] *= part.scale
+    in_scene[:3, 3] *= scale
     if -(in_scene[:3, :3].T @ in_scene[:3, 3])[2] < 0.02:
         return None  # under the floor
     renderer.aim(data, camera.k, in_scene)
     ids, depth = renderer.geom_ids_depth()
-    mask = ids == renderer.model.geom("part").id
-    visible = int(mask.sum())
-    if visible < LEAST_PIXELS:
+    geoms = [renderer.model.geom(part.name).id for part, _, _ in placed]
+    visible = [int((ids == geom).sum()) for geom in geoms]
+    if max(visible) < LEAST_PIXELS:
         return None
     rgb, _ = renderer.rgb_depth()
-    v, u = np.nonzero(mask)
-    center = np.array([u.min() + u.max(), v.min() + v.max()]) / 2
-    cam_from_obj = cam_from_world @ world_from_obj
-    corners = part.obj.bounds @ cam_from_obj[:3, :3].T + cam_from_obj[:3, 3]
-    if corners[:, 2].min() > 0:
+    seen = []
+    for (part, world_from_obj, _), geom in zip(placed, geoms, strict=True):
+        mask = ids == geom
+        corners = part.obj.bounds @ world_from_obj[:3, :3].T + world_from_obj[:3, 3]
+        corners = corners @ cam_from_world[:3, :3].T + cam_from_world[:3, 3]
+        if corners[:, 2].min() <= 0:
+            continue
         pixels = corners @ camera.k.T
         pixels = pixels[:, :2] / pixels[:, 2:]
+        if (pixels.max(0) < 0).any() or (pixels.min(0) > [camera.width, camera.height]).any():
+            continue  # out of the image
         center = (pixels.min(0) + pixels.max(0)) / 2
-    full = renderer.outline_pixels(data, camera.k, in_scene, center)
-    if visible < LEAST_VISIBLE * full:
+        full = renderer.outline_pixels(data, camera.k, in_scene, center, geom)
+        seen.append(Seen(part.obj, world_from_obj, mask, max(full, int(mask.sum()))))
+    if not any(x.mask.sum() >= max(LEAST_VISIBLE * x.full_pixels, LEAST_PIXELS) for x in seen):
         return None
-    return View(
-        camera.k, cam_from_world, world_from_obj, None, 0, mask, full, rgb, depth / part.scale
-    )
+    # What else stands on the floor: not background either.
+    other = (ids >= 0) & (ids != renderer.model.geom("floor").id) & ~np.isin(ids, geoms)
+    return View(camera.k, cam_from_world, seen, rgb, depth / scale, other)
 
 
-def scene_views(gl, rng, pool, part: Part, cameras: list[Camera], drops: int = 200):
-    """Drops scenes until the rig sees the part in one; see `views_of_scene`."""
+def scene_views(gl, rng, pool, kit: Kit, rig_of, drops: int = 200):
+    """Drops scenes until a rig sees a part in one; see `views_of_scene`.
+
+    rig_of  random numbers -> the cameras to look through
+    """
     for _ in range(drops):
-        views, names = views_of_scene(rng, gl, pool, part, cameras)
+        views, names = views_of_scene(rng, gl, pool, kit, rig_of(rng))
         if views:
             return views, names
     raise UserError(
-        f"part {part.obj.name!r}: expected a scene in which the rig sees at least "
-        f"{LEAST_VISIBLE:.0%} of it, got none in {drops}; fix: check the rig and the mesh's unit"
+        f"parts {', '.join(part.obj.name for part in kit.parts)}: expected a scene in which the "
+        f"rig sees at least {LEAST_VISIBLE:.0%} of one, got none in {drops}; "
+        "fix: check the rig and the meshes' unit"
     )

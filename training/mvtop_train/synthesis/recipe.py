@@ -16,17 +16,28 @@ PAPER_IMAGES = {"train": 112_042, "easy": 3_853, "hard": 3_458}
 
 
 @dataclass(frozen=True)
+class PartFile:
+    """A user's own part."""
+
+    mesh: str
+    unit: str
+    id: int
+    name: str
+
+
+@dataclass(frozen=True)
 class Recipe:
     """All that decides what a split looks like; kept beside its scenes."""
 
     seed: int
     split: str
     size: tuple[int, int]  # of MV-ball's images, px; of a rig's: the largest width, and 0
-    mesh: str | None = None
-    mesh_unit: str = "m"
     name: str = mvball.NAME
-    rig: str | None = None
-    source: str = ""  # digest of the mesh, its unit and the rig
+    parts: tuple[PartFile, ...] = ()
+    most: int = 1  # of each part in a scene
+    rigs: tuple[str, ...] = ()  # none: any rig
+    backgrounds: str | None = None
+    source: str = ""  # digest of the meshes, their unit, the rigs and how many of each
 
     def check(self, folder: Path):
         """Refuse to add scenes to those of another recipe."""

@@ -53,14 +53,20 @@ class Renderer:
         mujoco.mjr_readPixels(rgb, z, self._rect, self._context)
         return rgb[::-1], self._metres(z)
 
-    def outline_pixels(self, data, k, cam_from_world, center) -> int:
+    def outline_pixels(self, data, k, cam_from_world, center, geom: int | None = None) -> int:
         """Pixels of the object if nothing hid it and the image did not end.
 
         center  [2] px, where the object projects to in the image of `k`
+        geom    one of several objects; all that is in `GROUP` if left out
         """
         k = k.copy()  # the same camera, its window moved by whole pixels onto the object
         k[:2, 2] += np.round(np.array([self.width, self.height]) / 2 - center)
+        groups = self.model.geom_group.copy()
+        if geom is not None:
+            self.model.geom_group[groups == GROUP] = GROUP + 1
+            self.model.geom_group[geom] = GROUP
         self.aim(data, k, cam_from_world, alone=True)
+        self.model.geom_group[:] = groups
         return int((self.geom_ids() >= 0).sum())
 
     def geom_ids(self) -> np.ndarray:

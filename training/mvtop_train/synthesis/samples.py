@@ -26,40 +26,30 @@ from .gl import open_gl
 MAX_VIEWS = 8
 
 
-def _rows(pose: np.ndarray) -> list:
-    return [[float(x) for x in row] for row in pose]
-
-
 def write(folder: Path, name: str, world_from_obj: np.ndarray, views: list[tuple]):
     """Write one sample of the object `name`.
 
     views  (rgb [H, W, 3], k [3, 3], cam_from_world [4, 4], box [4]) per camera, the reference first
     """
+    import mvtop  # loads its compiled part
+
     folder.mkdir(parents=True, exist_ok=True)
-    cameras, boxes = [], {}
+    rig, boxes = [], {}
     for i, (rgb, k, cam_from_world, box) in enumerate(views):
-        camera = f"cam{i}"
+        camera, (height, width) = f"cam{i}", rgb.shape[:2]
         cv2.imwrite(str(folder / f"{camera}.png"), rgb[:, :, ::-1])
-        cameras.append(
-            {
-                "id": camera,
-                "width": rgb.shape[1], "height": rgb.shape[0], "model": "pinhole",
-                "fx": k[0, 0], "fy": k[1, 1], "cx": k[0, 2], "cy": k[1, 2],
-                "T_cam_world": _rows(cam_from_world),
-            }
-        )  # fmt: skip
-        boxes[camera] = list(map(float, box))
-    rig = {"format": "mvtop-rig", "version": 1, "unit": "m", "reference": "cam0"}
-    (folder / "rig.json").write_text(json.dumps({**rig, "cameras": cameras}, indent=1) + "\n")
-    truth = {"objects": [{"class": name, "T_world_obj": _rows(world_from_obj), "boxes": boxes}]}
+        world_from_cam = np.linalg.inv(cam_from_world)
+        rig.append(mvtop.Camera(k, (width, height), world_from_cam=world_from_cam, id=camera))
+        boxes[camera] = box.tolist()
+    (folder / "rig.json").write_text(mvtop.Rig(rig).to_json())
+    truth = {"objects": [{"class": name, "T_world_obj": world_from_obj.tolist(), "boxes": boxes}]}
     (folder / "truth.json").write_text(json.dumps(truth, indent=1) + "\n")
 
 
 def write_sample(folder: Path, views):
     """Write `views` (rendered.View, all of one scene of MV-ball) as one sample."""
-    points = mvball.bounding_points()
-    cameras = [(v.rgb, v.k, v.cam_from_world, rendered.amodal_box(v, points)) for v in views]
-    write(folder, mvball.NAME, views[0].world_from_obj, cameras)
+    cameras = [(v.rgb, v.k, v.cam_from_world, rendered.amodal_box(v, v.seen[0])) for v in views]
+    write(folder, mvball.NAME, views[0].seen[0].world_from_obj, cameras)
 
 
 def write_from_data(out: Path, root: Path, split: str, obj: objects.Object, count: int, views: int):

@@ -9,8 +9,8 @@ import cv2
 import mujoco
 import numpy as np
 
-from ..data import mvball
-from ..data.rendered import View
+from ..data import backgrounds, mvball, objects
+from ..data.rendered import Seen, View
 from .render import GROUP, Renderer
 
 WIDTH, HEIGHT = 640, 480
@@ -28,6 +28,20 @@ def noise_texture(rng: np.random.Generator, size: int = 128) -> bytes:
         image += weight * cv2.resize(coarse, (size, size), interpolation=cv2.INTER_CUBIC)
     image = rng.uniform(0, 255, 3) + image / np.abs(image).max() * rng.uniform(20, 160)
     return cv2.imencode(".png", image.clip(0, 255).astype(np.uint8))[1].tobytes()
+
+
+class Photos:
+    """Pictures of a folder, parts of which lie on floors and things."""
+
+    def __init__(self, folder: str | None):
+        self.paths = backgrounds.pictures(folder) if folder else []
+
+    def __bool__(self):
+        return bool(self.paths)
+
+    def texture(self, rng: np.random.Generator, size: int = 512) -> bytes:
+        picture = backgrounds.cut(self.paths, rng, size, size)
+        return cv2.imencode(".png", picture[:, :, ::-1])[1].tobytes()
 
 
 def row(values) -> str:
@@ -139,7 +153,7 @@ def drop(
         {textures}
       </asset>
       <worldbody>
-        <geom type="plane" size="4 4 0.1" {floor}/>
+        <geom name="floor" type="plane" size="4 4 0.1" {floor}/>
         {_lights(rng)}{distractors}
       </worldbody>
       {falling(rng)}
@@ -231,7 +245,7 @@ def find_view(
     `shows` "both": each of them is, so that one view determines the pose.
     If the renderer is smaller than the full image, the view is a window of it around the ball.
     """
-    world_from_obj = world_from_body(data, "ball")
+    obj, world_from_obj = objects.ball(), world_from_body(data, "ball")
     wanted = list(mvball.BUMPS) if shows == "both" else [shows]
     hidden = [name for name in mvball.BUMPS if name not in wanted]
     # Opposite the hidden one, or between the two.
@@ -258,7 +272,8 @@ def find_view(
         rgb, z = renderer.rgb_depth()
         center = k @ (cam_from_world @ world_from_obj)[:3, 3]
         full = renderer.outline_pixels(data, k, cam_from_world, center[:2] / center[2])
-        return View(k, cam_from_world, world_from_obj, shows, bump_pixels, mask, full, rgb, z)
+        seen = [Seen(obj, world_from_obj, mask, full, shows, bump_pixels)]
+        return View(k, cam_from_world, seen, rgb, z)
     return None
 
 
