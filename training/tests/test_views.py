@@ -6,7 +6,7 @@ import pytest
 import torch
 from conftest import MVBALL, random_pose
 
-from mvtop_train.data import bop, mvball, views
+from mvtop_train.data import bop, objects, views
 from mvtop_train.data.boxes import amodal_boxes
 from mvtop_train.data.closeup import CloseUps
 from mvtop_train.data.crops import Augmentation, Crops
@@ -17,7 +17,8 @@ from mvtop_train.study.canonical import Canonical
 
 HEIGHT, WIDTH = 480, 640
 K = np.array([[560.0, 0, 331], [0, 610, 228], [0, 0, 1]])  # fx unlike fy
-BOUNDS = mvball.bounding_points(200)
+BALL = objects.ball()
+BOUNDS = BALL.bounds
 NETWORK = config.preset("tiny", MVBALL, closeup=96, closeup_strides=(16, 32))
 CHOICES = {
     "crop": Crops(160, Augmentation(scale=0.8)),
@@ -44,11 +45,7 @@ def image_of(folder, rng, corner=False):
     path = folder / "image.png"
     cv2.imwrite(str(path), np.repeat(rgb.round().astype(np.uint8)[..., None], 3, 2))
     box = amodal_boxes(BOUNDS, K, cam_from_obj).clip(-0.5, [WIDTH - 0.5, HEIGHT - 0.5] * 2)
-    image = bop.Image(
-        path=path, coords_path=None, k=K, cam_from_world=np.eye(4), cam_from_obj=cam_from_obj,
-        box=box, visible_box=None, annotation=0, shows=None, info={},
-    )  # fmt: skip
-    return image, point
+    return bop.Image(0, path, K, np.eye(4), [bop.Instance(1, cam_from_obj, box)]), point
 
 
 @pytest.fixture
@@ -63,7 +60,7 @@ def plain(monkeypatch):
 def test_a_point_is_shown_where_the_view_says(tmp_path, plain, name, augment, seed):
     rng = np.random.default_rng(seed)
     image, point = image_of(tmp_path, rng)
-    view = views.ViewMaker(CHOICES[name], NETWORK, BOUNDS, augment).make_view(image, rng)
+    view = views.ViewMaker(CHOICES[name], NETWORK, (BALL,), augment).make_view(image, rng)
     weight = view["image"][..., 0].astype(float)
     v, u = np.mgrid[: len(weight), : len(weight)]
     found = np.array([(weight * u).sum(), (weight * v).sum()]) / weight.sum()
@@ -86,7 +83,7 @@ def test_what_lies_off_the_image_is_known_and_shown_as_zero(tmp_path, name, seed
     """Pixels and cells are traced back through the turned camera, one by one."""
     rng = np.random.default_rng(seed)
     image, _ = image_of(tmp_path, rng, corner=True)
-    view = views.ViewMaker(CHOICES[name], NETWORK, BOUNDS).make_view(image, rng)
+    view = views.ViewMaker(CHOICES[name], NETWORK, (BALL,)).make_view(image, rng)
     size = len(view["image"])
     cells = cell_centers(NETWORK.level_shapes(size, size), NETWORK.pose_strides).numpy()
     pixels = np.mgrid[:size, :size][::-1].reshape(2, -1).T

@@ -1,7 +1,7 @@
-"""Backbone features of many views, computed once: the pose network then trains on these alone.
+"""What the frozen part of the network makes of many views, computed once: the rest trains on it.
 
-The backbone is frozen, as in the paper, so a step costs only encoder, decoder and heads. A bank is
-a folder of arrays; making one goes on after a kill.
+A step then costs neither pictures nor that part: of a frozen backbone, as in the paper, only
+encoder, decoder and heads are left. A bank is a folder of arrays; making one goes on after a kill.
 """
 
 import json
@@ -14,10 +14,17 @@ from tqdm import tqdm
 from ..errors import UserError
 from . import bop
 from .inputs import normalised
-from .views import ViewMaker
+from .views import COORDINATE_STRIDE, ViewMaker
 
 BATCH = 64  # views through the backbone at once
-META = {"k": (3, 3), "cam_from_world": (4, 4), "cam_from_obj": (4, 4), "box": (4,)}
+META = {
+    "k": ((3, 3), np.float64),
+    "cam_from_world": ((4, 4), np.float64),
+    "cam_from_obj": ((4, 4), np.float64),
+    "box": ((4,), np.float64),
+    "extent": ((), np.float64),
+    "class_index": ((), np.int64),
+}
 
 
 class Copies(torch.utils.data.Dataset):
@@ -36,19 +43,20 @@ class Copies(torch.utils.data.Dataset):
 class Bank:
     """A source of views (`batches.Batches`): every image of `scenes`, seen `copies` times.
 
-    arrays    features [N, cells, C] float16, inside [N, cells], and those of `META` [N, ...]
-    numbers   which of the N show an image, by its path
-    backbone  [B, 3, S, S] -> maps at `config.strides`, of the maker's config
+    arrays    features_0, ... [N, C, h, w] float16, inside [N, cells], coords [N, h, w, 3] coded
+              and those of `META` [N, ...]
+    numbers   which of the N show what, by the image's path and the annotation in it
+    features  of the network, whose `cache` these are
     """
 
     def __init__(
-        self, folder: Path, scenes, maker: ViewMaker, backbone, copies: int, seed: int, workers=1
+        self, folder: Path, scenes, maker: ViewMaker, features, copies: int, seed: int, workers=1
     ):
         self.scenes, self.config, self.numbers = scenes, maker.config, {}
         config, size = self.config, self.config.closeup
         images = [image for scene in scenes for image in scene] * copies
         for n, image in enumerate(images):
-            self.numbers.setdefault(image.path, []).append(n)
+            self.numbers.setdefault((image.path, image.annotation), []).append(n)
         recipe = {
             "images": len(images), "copies": copies, "seed": seed, "size": size,
             "strides": list(config.pose_strides),
@@ -56,8 +64,12 @@ class Bank:
         state = folder / "state.json"
         done = self._done(state, recipe)
         cells = sum(rows * columns for rows, columns in config.level_shapes(size, size))
-        kinds = {name: (shape, np.float64) for name, shape in META.items()}
-        kinds |= {"features": ((cells, config.d_model), np.float16), "inside": ((cells,), np.bool_)}
+        kinds = META | {"inside": ((cells,), np.bool_)}
+        kinds["coords"] = ((size // COORDINATE_STRIDE, size // COORDINATE_STRIDE, 3), np.uint8)
+        device = next(features.parameters()).device
+        with torch.no_grad():
+            maps = features.cache(torch.zeros(1, 3, size, size, device=device))
+        kinds |= {f"features_{n}": (one.shape[1:], np.float16) for n, one in enumerate(maps)}
         folder.mkdir(parents=True, exist_ok=True)
         self.arrays = {
             name: np.lib.format.open_memmap(folder / f"{name}.npy", "r+")
@@ -69,12 +81,16 @@ class Bank:
         }
         if done < len(images):
             views = Copies(images, maker, seed)
-            for count in self._fill(backbone, views, done, workers):
+            for count in self._fill(features, views, done, workers):
                 state.write_text(json.dumps({**recipe, "done": count}))
 
     def view(self, image: bop.Image, rng) -> dict[str, np.ndarray]:
         """One of the image's copies, its features instead of its picture."""
-        return self.row(rng.choice(self.numbers[image.path]))
+        return self.row(rng.choice(self.numbers[image.path, image.annotation]))
+
+    def first(self, image: bop.Image) -> dict[str, np.ndarray]:
+        """The first of the image's copies."""
+        return self.row(self.numbers[image.path, image.annotation][0])
 
     def row(self, n: int) -> dict[str, np.ndarray]:
         return {name: array[n] for name, array in self.arrays.items()}
@@ -93,21 +109,20 @@ class Bank:
         return done
 
     @torch.no_grad()
-    def _fill(self, backbone, views: Copies, done: int, workers: int):
+    def _fill(self, features, views: Copies, done: int, workers: int):
         """Computes what is missing; yields how many are there, after each batch."""
-        device, config = next(backbone.parameters()).device, self.config
+        device, config = next(features.parameters()).device, self.config
         rest = torch.utils.data.Subset(views, range(done, len(views)))
         loader = torch.utils.data.DataLoader(rest, BATCH, num_workers=workers)
         with tqdm(total=len(views), initial=done, unit="view", desc="features") as bar:
             for batch in loader:
                 x = normalised(batch["image"].to(device), batch["on_image"].to(device), config)
                 with torch.autocast(device.type, dtype=torch.bfloat16):
-                    maps = backbone(x.contiguous(memory_format=torch.channels_last))
-                levels = [maps[config.strides.index(stride)] for stride in config.pose_strides]
-                tokens = torch.cat([level.flatten(2).transpose(1, 2) for level in levels], 1)
+                    maps = features.cache(x.contiguous(memory_format=torch.channels_last))
                 rows = slice(done, done + len(x))
-                self.arrays["features"][rows] = tokens.half().cpu().numpy()
-                for name in (*META, "inside"):
+                for n, one in enumerate(maps):
+                    self.arrays[f"features_{n}"][rows] = one.half().cpu().numpy()
+                for name in (*META, "inside", "coords"):
                     self.arrays[name][rows] = batch[name].numpy()
                 done = rows.stop
                 bar.update(len(x))

@@ -8,32 +8,51 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from . import bop, choice, crops, views
+from . import bop, choice, crops, search, views
 from .objects import Object
 
 REFRESH_SECONDS = 30
 
 
 class Scenes:
-    """The scenes of a split, some held out; those that a generator adds meanwhile are found."""
+    """The scenes of a split, some held out; those that a generator adds meanwhile are found.
 
-    def __init__(self, root: Path, obj: Object, held_out: int, split: str = "train"):
-        self.root, self.split, self.obj = Path(root), split, obj
-        scenes = bop.load_index(root, split, obj)
-        count = held_out if len(scenes) > 2 * held_out else len(scenes) // 5
-        self.held, self.training = scenes[:count], scenes[count:]
-        self._known = {scene[0].path.parents[1] for scene in scenes}
-        self._read = time.monotonic()
+    held, training            for each thing in each scene, the images that show it alone
+    held_images, images       all images with all that is in them
+    """
+
+    def __init__(
+        self, root: Path, objects: tuple[Object, ...], held_out: int, split: str = "train"
+    ):
+        self.root, self.split, self.objects = Path(root), split, objects
+        self._by_id = {obj.id: obj for obj in objects}
+        paths = bop.whole_scenes(self.root / split)
+        if not paths:
+            bop.refuse_empty(root, split)
+        count = held_out if len(paths) > 2 * held_out else len(paths) // 5
+        self.held, self.held_images = self._read_all(paths[:count])
+        self.training, self.images = self._read_all(paths[count:])
+        self._known = set(paths)
+        self._looked = time.monotonic()
 
     def refresh(self):
         """Add the scenes that have become whole since the last look, at most every half minute."""
-        if time.monotonic() - self._read < REFRESH_SECONDS:
+        if time.monotonic() - self._looked < REFRESH_SECONDS:
             return
-        self._read = time.monotonic()
-        folder = self.root / self.split
-        new = sorted(p for p in folder.iterdir() if p not in self._known and bop.is_whole(p))
+        self._looked = time.monotonic()
+        new = [path for path in bop.whole_scenes(self.root / self.split) if path not in self._known]
         self._known.update(new)
-        self.training += [scene for scene in (bop.read_scene(p, self.obj) for p in new) if scene]
+        things, images = self._read_all(new)
+        self.training += things
+        self.images += images
+
+    def _read_all(self, paths: list[Path]):
+        things, images = [], []
+        for path in paths:
+            found = bop.read_images(path)
+            images += found
+            things += bop.sightings(found, self._by_id)
+        return things, images
 
 
 class Fresh:
@@ -63,6 +82,19 @@ class Negatives:
         return crops.make_negative(self.scenes.training, self.crops, rng)
 
 
+@dataclass(frozen=True)
+class Searched:
+    """Whole images with their boxes that come on top of a batch: `count` of them."""
+
+    scenes: Scenes
+    searches: search.Searches
+    count: int
+
+    def make(self, rng) -> dict[str, np.ndarray]:
+        images = self.scenes.images
+        return self.searches.make(images[rng.integers(len(images))], rng)
+
+
 class Batches(torch.utils.data.Dataset):
     """Item `step` is that step's batch of `images` views, all scenes with one number of views.
 
@@ -76,10 +108,10 @@ class Batches(torch.utils.data.Dataset):
 
     def __init__(
         self, source, images: int, shares, seed: int, rank: int, processes: int,
-        negatives: Negatives | None = None,
+        more: Negatives | Searched | None = None,
     ):  # fmt: skip
         self.source, self.images, self.shares, self.seed = source, images, np.array(shares), seed
-        self.rank, self.processes, self.negatives = rank, processes, negatives
+        self.rank, self.processes, self.more = rank, processes, more
 
     def _mine(self, count: int) -> range:
         """Numbers of this process's items; every process has equally many."""
@@ -95,20 +127,19 @@ class Batches(torch.utils.data.Dataset):
             rng = np.random.default_rng([self.seed, step, number])
             chosen = choice.choose_views(scenes[enough[rng.integers(len(enough))]], count, rng)
             items.append([self.source.view(image, rng) for image in chosen])
-        return views.collate(items) | self._absent(step)
+        return views.collate(items) | self._more(step)
 
-    def _absent(self, step: int) -> dict[str, torch.Tensor]:
-        """negative_image [M, H, W, 3] uint8 and negative_on_image [M, H, W] bool."""
-        if self.negatives is None:
+    def _more(self, step: int) -> dict[str, torch.Tensor]:
+        """What `more` makes, stacked; where there is no room for all of it, fewer."""
+        if self.more is None:
             return {}
         rngs = (
             np.random.default_rng([self.seed, step, self.images + number])
-            for number in self._mine(self.negatives.count)
+            for number in self._mine(self.more.count)
         )
-        made = [crop for crop in map(self.negatives.make, rngs) if crop is not None]
-        names = ("image", "on_image") if made else ()
-        stacked = {name: np.stack([crop[name] for crop in made]) for name in names}
-        return {f"negative_{name}": torch.from_numpy(x) for name, x in stacked.items()}
+        made = [one for one in map(self.more.make, rngs) if one is not None]
+        names = made[0] if made else ()
+        return {name: torch.from_numpy(np.stack([one[name] for one in made])) for name in names}
 
 
 def loader(batches: Batches, start: int, workers: int, pinned: bool):

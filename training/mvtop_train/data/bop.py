@@ -1,4 +1,5 @@
-"""Reading and writing scenes in BOP layout (millimetres, OpenCV axes, integer pixel = center).
+"""Scenes in BOP layout (millimetres, OpenCV axes, integer pixel = center): written here, read and
+checked by mvtop.
 
 Beside BOP's own files a scene has `coords/IM.png`: the object-frame position of each visible
 object pixel, coded in 8 bits per axis, 0 meaning "not the object"; its first pixel is the corner of
@@ -7,36 +8,66 @@ object pixel, coded in 8 bits per axis, 0 meaning "not the object"; its first pi
 """
 
 import json
-import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from ..errors import UserError
+from ..errors import UserError, asking_mvtop
 from ..network.coordinates import STEPS, ZERO
 from .boxes import amodal_boxes
 from .objects import Object
-from .rendered import View, amodal_box, object_coordinates
+from .rendered import Seen, View, amodal_box, object_coordinates
 
 JPEG_QUALITY = 95
+OTHER = 255  # in the fourth channel of `coords/`: something that is no object of the data set
+LEAST_SHARE = 0.2  # of an object in sight, from which on its pose is learnt
+SAME_PLACE = 0.02  # of its diameter; poses of others' data sets are not exact
+
+
+@dataclass
+class Instance:
+    """An object that is annotated in an image."""
+
+    obj_id: int
+    cam_from_obj: np.ndarray  # [4, 4], m
+    box: np.ndarray | None  # amodal [x0, y0, x1, y1], px; None: the data set does not say
+    visible_box: np.ndarray | None = None  # [x0, y0, x1, y1] int; the coords file begins there
+    visible_share: float | None = None
+    annotation: int = 0  # its place in the image's list in scene_gt.json
+    coords_path: Path | None = None  # None: no object coordinates are known
+    info: dict = field(default_factory=dict)  # what else scene_gt_info.json says of it
+
+    @property
+    def shows(self) -> str | None:
+        """Of MV-ball: the one hemisphere in sight."""
+        return self.info.get("hemisphere")
 
 
 @dataclass
 class Image:
-    """One annotated image of one object."""
+    """An image and all that is annotated in it."""
 
+    number: int  # in its scene
     path: Path
-    coords_path: Path | None  # None: no object coordinates are known
     k: np.ndarray  # [3, 3], px
     cam_from_world: np.ndarray  # [4, 4], m
-    cam_from_obj: np.ndarray  # [4, 4], m
-    box: np.ndarray  # amodal [x0, y0, x1, y1], px
-    visible_box: np.ndarray | None  # [x, y, w, h], px; the coords file begins at (x, y)
-    annotation: int  # its place in the image's list in scene_gt.json
-    shows: str | None  # of MV-ball: the one hemisphere in sight
-    info: dict  # its entry in scene_gt_info.json
+    instances: list[Instance]
+
+    @property
+    def only(self) -> Instance:
+        """The instance, of an image that `read_scene` has narrowed down to one."""
+        (instance,) = self.instances
+        return instance
+
+    # Its attributes, for all that looks at one object.
+    cam_from_obj = property(lambda self: self.only.cam_from_obj)
+    box = property(lambda self: self.only.box)
+    visible_box = property(lambda self: self.only.visible_box)
+    annotation = property(lambda self: self.only.annotation)
+    coords_path = property(lambda self: self.only.coords_path)
+    shows = property(lambda self: self.only.shows)
 
 
 def encode_coords(coords: np.ndarray, extent_m: float) -> np.ndarray:
@@ -49,14 +80,7 @@ def read_rgb(path: Path) -> np.ndarray:
     return cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
 
 
-def pose_from_bop(rotation, translation_mm) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, :3] = np.reshape(rotation, (3, 3))
-    pose[:3, 3] = np.array(translation_mm) / 1000
-    return pose
-
-
-def write_scene(folder: Path, views: list[View], obj: Object, cameras: list[str] | None = None):
+def write_scene(folder: Path, views: list[View], cameras: list[str] | None = None):
     """Write one scene; the annotation comes last, so a folder that has it is whole.
 
     `cameras`: name of the rig's camera that each view is of.
@@ -67,10 +91,7 @@ def write_scene(folder: Path, views: list[View], obj: Object, cameras: list[str]
     for i, view in enumerate(views):
         jpeg = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
         cv2.imwrite(str(folder / "rgb" / f"{i:06d}.jpg"), view.rgb[:, :, ::-1], jpeg)
-        v, u = np.nonzero(view.mask)
-        x, y, w, h = u.min(), v.min(), u.max() - u.min(), v.max() - v.min()
-        code = encode_coords(object_coordinates(view), obj.extent_m)[y : y + h + 1, x : x + w + 1]
-        cv2.imwrite(str(folder / "coords" / f"{i:06d}.png"), code[:, :, ::-1])
+        cv2.imwrite(str(folder / "coords" / f"{i:06d}.png"), _coords(view))
         camera[i] = {
             "cam_K": view.k.ravel().tolist(),
             "depth_scale": 1.0,
@@ -79,28 +100,49 @@ def write_scene(folder: Path, views: list[View], obj: Object, cameras: list[str]
         }
         if cameras:
             camera[i]["camera"] = cameras[i]
-        pose = view.cam_from_obj
-        gt[i] = [
-            {
-                "cam_R_m2c": pose[:3, :3].ravel().tolist(),
-                "cam_t_m2c": (pose[:3, 3] * 1000).tolist(),
-                "obj_id": obj.id,
-            }
-        ]
-        box = amodal_box(view, obj.bounds)
-        visible = int(view.mask.sum())
-        about = {
-            "bbox_obj": [*box[:2].tolist(), *(box[2:] - box[:2]).tolist()],
-            "bbox_visib": [int(x), int(y), int(w), int(h)],
-            "px_count_all": view.full_pixels,
-            "px_count_visib": visible,
-            "visib_fract": visible / view.full_pixels,
-        }
-        if view.shows:
-            about |= {"px_count_hemisphere": view.bump_pixels, "hemisphere": view.shows}
-        info[i] = [about]
+        gt[i] = [_annotation(view, seen) for seen in view.seen]
+        info[i] = [_about(view, seen) for seen in view.seen]
     for name, content in (("scene_camera", camera), ("scene_gt_info", info), ("scene_gt", gt)):
         write_json(folder / f"{name}.json", content)
+
+
+def _coords(view: View) -> np.ndarray:
+    """Codes in BGR and whose they are in A: number of the annotation + 1, or `OTHER`."""
+    picture = np.zeros((*view.rgb.shape[:2], 4), np.uint8)
+    if view.other is not None:
+        picture[view.other, 3] = OTHER
+    for n, seen in enumerate(view.seen):
+        code = encode_coords(object_coordinates(view, seen), seen.obj.extent_m)
+        picture[seen.mask, :3] = code[seen.mask][:, ::-1]
+        picture[seen.mask, 3] = n + 1
+    return picture
+
+
+def _annotation(view: View, seen: Seen) -> dict:
+    pose = view.cam_from_obj(seen)
+    return {
+        "cam_R_m2c": pose[:3, :3].ravel().tolist(),
+        "cam_t_m2c": (pose[:3, 3] * 1000).tolist(),
+        "obj_id": seen.obj.id,
+    }
+
+
+def _about(view: View, seen: Seen) -> dict:
+    v, u = np.nonzero(seen.mask)
+    visible = [-1, -1, -1, -1]
+    if len(u):
+        visible = [int(x) for x in (u.min(), v.min(), np.ptp(u), np.ptp(v))]
+    box = amodal_box(view, seen)
+    about = {
+        "bbox_obj": [*box[:2].tolist(), *(box[2:] - box[:2]).tolist()],
+        "bbox_visib": visible,
+        "px_count_all": seen.full_pixels,
+        "px_count_visib": len(u),
+        "visib_fract": len(u) / max(seen.full_pixels, 1),
+    }
+    if seen.shows:
+        about |= {"px_count_hemisphere": seen.bump_pixels, "hemisphere": seen.shows}
+    return about
 
 
 def write_json(path: Path, content):
@@ -114,55 +156,69 @@ def is_whole(folder: Path) -> bool:
     return (folder / "scene_gt.json").exists()
 
 
+def read_images(folder: Path) -> list[Image]:
+    """All images of a scene, with every instance of every object."""
+    with asking_mvtop("see docs/data.md; of a scene that was generated, delete the folder"):
+        import mvtop  # loads its compiled part
+
+        found = mvtop.bop.read_scene(folder, whole=True)
+    coords = {path.stem: path for path in (folder / "coords").glob("*.png")}
+    images = []
+    for image in found:
+        if image.sensor:  # a camera beside the scene's own
+            continue
+        if image.cam_from_world is None:
+            raise UserError(
+                f"{folder}/scene_camera.json: image {image.number}: expected the camera's pose "
+                "(cam_R_w2c, cam_t_w2c), got none; fix: add it, as several views need to know "
+                "where their cameras stand"
+            )
+        path = image.path
+        instances = [
+            Instance(
+                obj_id=one.obj_id,
+                cam_from_obj=one.cam_from_obj,
+                box=one.box,
+                visible_box=None if one.visible_box is None else one.visible_box.astype(int),
+                visible_share=one.visible_share,
+                annotation=annotation,
+                coords_path=coords.get(path.stem),
+                info=one.more,
+            )
+            for annotation, one in enumerate(image.instances)
+        ]
+        images.append(Image(image.number, path, image.K, image.cam_from_world, instances))
+    return images
+
+
 def read_scene(folder: Path, obj: Object | None = None) -> list[Image]:
-    """The images of a scene in which `obj` is annotated once.
+    """The images of a scene in which `obj` is annotated once, with this instance alone.
 
     Without `obj`, every image must have exactly one annotation. Amodal boxes that the data set
     lacks are projected from `obj`.
     """
-    camera, gt = _read(folder / "scene_camera.json"), _read(folder / "scene_gt.json")
-    info_path = folder / "scene_gt_info.json"
-    info = _read(info_path) if info_path.exists() else {}
-    rgb, coords = _by_number(folder / "rgb"), _by_number(folder / "coords")
-    images = []
-    for key in sorted(gt, key=int):
-        found = [n for n, entry in enumerate(gt[key]) if obj is None or entry["obj_id"] == obj.id]
+    narrowed = []
+    for image in read_images(folder):
+        found = [one for one in image.instances if obj is None or one.obj_id == obj.id]
         if obj is None and len(found) != 1:
             raise UserError(
-                f"{folder}/scene_gt.json: image {key}: expected one object, got "
+                f"{folder}/scene_gt.json: image {image.number}: expected one object, got "
                 f"{len(found)}; fix: choose the object to read"
             )
-        if len(found) != 1:
-            continue
-        pose, about = gt[key][found[0]], info[key][found[0]] if key in info else {}
-        if key not in camera or "cam_R_w2c" not in camera[key] or "cam_t_w2c" not in camera[key]:
-            raise UserError(
-                f"{folder}/scene_camera.json: image {key}: expected the camera's pose "
-                "(cam_R_w2c, cam_t_w2c), got none; fix: add it, as several views need to know "
-                "where their cameras stand"
-            )
-        if int(key) not in rgb:
-            raise UserError(
-                f"{folder}/rgb: image {key}: expected a png or jpg, got none; "
-                "fix: unpack the data set's images"
-            )
-        k = np.reshape(camera[key]["cam_K"], (3, 3))
-        cam_from_obj = pose_from_bop(pose["cam_R_m2c"], pose["cam_t_m2c"])
-        images.append(
-            Image(
-                path=rgb[int(key)],
-                coords_path=coords.get(int(key)),
-                k=k,
-                cam_from_world=pose_from_bop(camera[key]["cam_R_w2c"], camera[key]["cam_t_w2c"]),
-                cam_from_obj=cam_from_obj,
-                box=_box(folder, about, k, cam_from_obj, obj),
-                visible_box=np.array(about["bbox_visib"]) if "bbox_visib" in about else None,
-                annotation=found[0],
-                shows=about.get("hemisphere"),
-                info=about,
-            )
+        if len(found) == 1:
+            narrowed.append(replace(image, instances=[_boxed(folder, image, found[0], obj)]))
+    return narrowed
+
+
+def _boxed(folder: Path, image: Image, instance: Instance, obj: Object | None) -> Instance:
+    if instance.box is not None:
+        return instance
+    if obj is None:
+        raise UserError(
+            f"{folder}/scene_gt_info.json: expected bbox_obj, got none; "
+            "fix: give the object, from which boxes follow"
         )
-    return images
+    return replace(instance, box=amodal_boxes(obj.bounds, image.k, instance.cam_from_obj))
 
 
 def load_index(root: Path, split: str = "train", obj: Object | None = None) -> list[list[Image]]:
@@ -170,55 +226,69 @@ def load_index(root: Path, split: str = "train", obj: Object | None = None) -> l
 
     Without `obj`, every image must have exactly one annotation.
     """
-    scenes = [scene for scene in (read_scene(p, obj) for p in _folders(root, split)) if scene]
-    return scenes or _refuse_empty(root, split)
+    return list(read_split(root, split, obj).values())
 
 
-def _folders(root: Path, split: str) -> list[Path]:
-    folder = Path(root) / split
-    return sorted(p for p in folder.iterdir() if is_whole(p)) if folder.is_dir() else []
-
-
-def read_split(root: Path, split: str, obj: Object) -> dict[int, list[Image]]:
-    """The images of `obj` in each whole scene, by the scene's number."""
-    scenes = {int(path.name): read_scene(path, obj) for path in _folders(root, split)}
+def read_split(root: Path, split: str, obj: Object | None) -> dict[int, list[Image]]:
+    """The same by the scene's number."""
+    scenes = {int(path.name): read_scene(path, obj) for path in whole_scenes(Path(root) / split)}
     scenes = {number: images for number, images in scenes.items() if images}
-    return scenes or _refuse_empty(root, split)
+    if not scenes:
+        refuse_empty(root, split)
+    return scenes
 
 
-def _refuse_empty(root: Path, split: str):
-    folder = Path(root) / split
-    raise UserError(f"no scenes in {folder}; fix: python -m mvtop_train.generate --out {root}")
+def refuse_empty(root: Path, split: str):
+    raise UserError(
+        f"no scenes in {Path(root) / split}; fix: python -m mvtop_train.generate --out {root}"
+    )
 
 
-def _read(path: Path) -> dict:
-    try:
-        return json.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        raise UserError(
-            f"{path}: expected a JSON file of BOP's layout, got {error}; "
-            "fix: delete the scene's folder or write it again"
-        ) from None
+def whole_scenes(split: Path) -> list[Path]:
+    """The folders of a split's scenes that are whole."""
+    folders = split.iterdir() if split.is_dir() else ()
+    return sorted(path for path in folders if path.name.isdigit() and is_whole(path))
 
 
-def _by_number(folder: Path) -> dict[int, Path]:
-    """Image files by their number, whatever their format."""
-    if not folder.is_dir():
-        return {}
-    return {
-        int(stem): folder / f"{stem}{end}"
-        for stem, end in map(os.path.splitext, os.listdir(folder))
-        if stem.isdigit()
-    }
+def read_coords(image: Image, shape) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Codes [h, w, 3], and whose they are [h, w]: 0 nobody's, an annotation's number + 1, `OTHER`.
+
+    Of data sets of one object the file has no owners, and only the part that shows the object.
+    """
+    if not image.instances or image.instances[0].coords_path is None:
+        return None, None
+    one = image.instances[0]
+    picture = cv2.imread(str(one.coords_path), cv2.IMREAD_UNCHANGED)
+    if picture.shape[2] == 4:
+        return picture[:, :, 2::-1], picture[:, :, 3]
+    x, y = (0, 0) if one.visible_box is None else np.maximum(one.visible_box[:2], 0)
+    code = np.zeros((*shape, 3), np.uint8)
+    height, width = np.minimum(picture.shape[:2], np.array(shape) - [y, x])
+    code[y : y + height, x : x + width] = picture[:height, :width, ::-1]
+    return code, (code != 0).all(-1) * np.uint8(one.annotation + 1)
 
 
-def _box(folder, about: dict, k, cam_from_obj, obj: Object | None) -> np.ndarray:
-    if "bbox_obj" in about:
-        x, y, w, h = about["bbox_obj"]
-        return np.array([x, y, x + w, y + h], float)
-    if obj is None:
-        raise UserError(
-            f"{folder}/scene_gt_info.json: expected bbox_obj, got none; "
-            "fix: give the object, from which boxes follow"
-        )
-    return amodal_boxes(obj.bounds, k, cam_from_obj)
+def sightings(images: list[Image], known: dict[int, Object]) -> list[list[Image]]:
+    """The images of a scene by what they show: for each thing that stands in it, those in which
+    enough of it is seen, with this instance alone.
+
+    Images number their instances as they like: the same is what is in the same place.
+    """
+    things: list[tuple[int, np.ndarray, list[Image]]] = []
+    for image in images:
+        for one in image.instances:
+            obj = known.get(one.obj_id)
+            if obj is None or (one.visible_share is not None and one.visible_share < LEAST_SHARE):
+                continue
+            if one.box is None:
+                one = replace(one, box=amodal_boxes(obj.bounds, image.k, one.cam_from_obj))
+            narrowed = replace(image, instances=[one])
+            place = np.linalg.inv(image.cam_from_world) @ one.cam_from_obj
+            for obj_id, other, list_ in things:
+                near = np.linalg.norm(place[:3, 3] - other[:3, 3]) < SAME_PLACE * obj.diameter_m
+                if obj_id == one.obj_id and near:
+                    list_.append(narrowed)
+                    break
+            else:
+                things.append((one.obj_id, place, [narrowed]))
+    return [list_ for _, _, list_ in things]

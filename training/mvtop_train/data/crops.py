@@ -96,6 +96,6 @@ def make_negative(scenes, crops: Crops, rng) -> dict | None:
         rgb = bop.read_rgb(image.path)
         a = negative_camera(image, rgb.shape[:2], crops.size, rng, crops.aug)
         if a is not None:
-            picture, on_image = warp(rgb, np.vstack([a, [0, 0, 1]]), crops.size)
-            return {"image": photometric(picture, rng), "on_image": on_image}
+            picture, on_image = warp(rgb, np.vstack([a, [0, 0, 1]]), (crops.size, crops.size))
+            return {"search_image": photometric(picture, rng), "search_on_image": on_image}
     return None

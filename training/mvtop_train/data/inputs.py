@@ -2,7 +2,7 @@
 
 import torch
 
-from ..network.views import Levels, Pictures, Views
+from ..network.views import Cached, Pictures, Views
 
 
 def to_device(batch: dict, device) -> dict:
@@ -15,29 +15,29 @@ def to_views(batch: dict, config, device="cpu") -> Views:
     batch = to_device(batch, device)
     shape = batch["box"].shape[:2]
     return Views(
-        shown=_levels(batch, config) if "features" in batch else _pictures(batch, config),
+        shown=_pictures(batch, config) if "image" in batch else _cached(batch, config),
         k=batch["k"],
         ref_from_cam=batch["ref_from_cam"],
         boxes=batch["box"][:, :, None],
         valid=torch.ones(*shape, 1, device=device),
-        class_index=torch.zeros(shape[0], 1, dtype=torch.long, device=device),
+        class_index=batch["class_index"],
         inside=batch["inside"].float(),
     )
 
 
-def _levels(batch: dict, config) -> Levels:
-    shapes = config.decoder_shapes()
-    tokens = batch["features"].float().split([rows * columns for rows, columns in shapes], 2)
-    return Levels(
-        [x.transpose(2, 3).unflatten(-1, shape) for x, shape in zip(tokens, shapes, strict=True)]
-    )
+def _cached(batch: dict, config) -> Cached:
+    maps = [batch[name].float() for name in sorted(batch) if name.startswith("features")]
+    return Cached(maps, _searched(batch, config))
 
 
 def _pictures(batch: dict, config) -> Pictures:
-    negatives = None
-    if "negative_image" in batch:
-        negatives = normalised(batch["negative_image"], batch["negative_on_image"], config)
-    return Pictures(normalised(batch["image"], batch["on_image"], config), negatives)
+    return Pictures(normalised(batch["image"], batch["on_image"], config), _searched(batch, config))
+
+
+def _searched(batch: dict, config) -> torch.Tensor | None:
+    if "search_image" not in batch:
+        return None
+    return normalised(batch["search_image"], batch["search_on_image"], config)
 
 
 def normalised(images, on_image, config) -> torch.Tensor:

@@ -15,13 +15,14 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from ..errors import UserError
+from ..errors import UserError, asking_mvtop
 from ..network.config import ObjectClass
 from . import mvball
 
 POINTS = 1200  # on the surface, for ADD and overlays
 DIRECTIONS = 600  # in which the outermost points are kept
 GREY = 160  # of meshes without color
+INFO = "models_info.json"
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
@@ -36,6 +37,8 @@ class Object:
     points: np.ndarray  # [n, 3] spread over the surface
     colors: np.ndarray  # [n, 3] of these points, 0..255
     bounds: np.ndarray  # [m, 3] outermost points: their projections' extent is the amodal box
+    discrete: tuple[tuple[float, ...], ...] = ()  # symmetries, see `ObjectClass`
+    continuous: tuple[tuple[float, ...], ...] = ()
 
 
 def ball() -> Object:
@@ -49,16 +52,20 @@ def ball() -> Object:
 
 def classes_of(*objects: Object) -> tuple[ObjectClass, ...]:
     """The classes of a network for these objects."""
-    return tuple(ObjectClass(obj.id, obj.name, obj.diameter_m) for obj in objects)
+    return tuple(
+        ObjectClass(obj.id, obj.name, obj.diameter_m, obj.discrete, obj.continuous)
+        for obj in objects
+    )
 
 
-def from_mesh(mesh: trimesh.Trimesh, obj_id: int, name: str) -> Object:
-    """The object that `mesh` (metres) is."""
+def from_mesh(mesh: trimesh.Trimesh, obj_id: int, name: str, discrete=(), continuous=()) -> Object:
+    """The object that `mesh` (metres) is; its symmetries as in `ObjectClass`."""
     bounds = outermost(np.asarray(mesh.vertices))
     points, colors = sample_surface(mesh)
     return Object(
-        obj_id, name, diameter(bounds), float(np.abs(mesh.bounds).max()), points, colors, bounds
-    )
+        obj_id, name, diameter(bounds), float(np.abs(mesh.bounds).max()), points, colors, bounds,
+        discrete, continuous,
+    )  # fmt: skip
 
 
 def load_mesh(path: Path, unit: str) -> trimesh.Trimesh:
@@ -134,57 +141,107 @@ def ball_mesh() -> trimesh.Trimesh:
     )
 
 
-def write(root: Path, obj: Object, mesh: trimesh.Trimesh):
-    """Write the object (and its `mesh`, metres) as the one object of the data set at `root`."""
+def write(root: Path, parts: list[tuple[Object, trimesh.Trimesh]]):
+    """Write objects (each with its mesh, metres) as those of the data set at `root`."""
     for name in ("models", "models_eval"):
         (root / name).mkdir(parents=True, exist_ok=True)
+    infos = {str(obj.id): _info(obj, mesh) for obj, mesh in parts}
+    (root / "models" / INFO).write_text(json.dumps(infos, indent=1))
+    for obj, mesh in parts:
+        file = f"obj_{obj.id:06d}.ply"
+        if mesh.visual.kind is None:
+            colors = np.full((len(mesh.vertices), 3), GREY, np.uint8)
+        else:
+            visual = mesh.visual.to_color() if mesh.visual.kind == "texture" else mesh.visual
+            colors = np.asarray(visual.vertex_colors)[:, :3]
+        plain = trimesh.Trimesh(
+            mesh.vertices * 1e3, mesh.faces, process=False, vertex_colors=colors
+        )
+        plain.export(root / "models" / file, vertex_normal=False)
+        cloud = trimesh.PointCloud(obj.points * 1e3, colors=obj.colors.round().astype(np.uint8))
+        cloud.export(root / "models_eval" / file)
+
+
+def _info(obj: Object, mesh: trimesh.Trimesh) -> dict:
     low, high = mesh.bounds * 1e3
     info = {"diameter": obj.diameter_m * 1e3, "name": obj.name}
     for axis, start, size in zip("xyz", low.tolist(), (high - low).tolist(), strict=True):
         info |= {f"min_{axis}": start, f"size_{axis}": size}
-    (root / "models" / "models_info.json").write_text(json.dumps({str(obj.id): info}, indent=1))
-    file = f"obj_{obj.id:06d}.ply"
-    if mesh.visual.kind is None:
-        colors = np.full((len(mesh.vertices), 3), GREY, np.uint8)
-    else:
-        visual = mesh.visual.to_color() if mesh.visual.kind == "texture" else mesh.visual
-        colors = np.asarray(visual.vertex_colors)[:, :3]
-    plain = trimesh.Trimesh(mesh.vertices * 1e3, mesh.faces, process=False, vertex_colors=colors)
-    plain.export(root / "models" / file, vertex_normal=False)
-    cloud = trimesh.PointCloud(obj.points * 1e3, colors=obj.colors.round().astype(np.uint8))
-    cloud.export(root / "models_eval" / file)
+    if obj.discrete:  # translations in mm there
+        turns = np.reshape(obj.discrete, (-1, 4, 4)) * [[1, 1, 1, 1e3]] * 1.0
+        turns[:, 3, 3] = 1
+        info["symmetries_discrete"] = turns.reshape(-1, 16).tolist()
+    if obj.continuous:
+        info["symmetries_continuous"] = [
+            {"axis": list(turn[:3]), "offset": [x * 1e3 for x in turn[3:]]}
+            for turn in obj.continuous
+        ]
+    return info
 
 
 def read(root: Path, obj_id: int | None = None) -> Object:
     """The object of the data set at `root`; `obj_id` chooses where there are several."""
-    path = Path(root) / "models" / "models_info.json"
+    infos = _infos(root)
+    if obj_id is None and len(infos) > 1:
+        raise UserError(
+            f"object of {root}: expected one of {sorted(infos)}, got none chosen; "
+            f"fix: --object {min(infos)}"
+        )
+    (obj,) = read_all(root, () if obj_id is None else (obj_id,))
+    return obj
+
+
+def read_all(root: Path, ids: tuple[int, ...] = ()) -> tuple[Object, ...]:
+    """The objects of the data set at `root`, by their ids; `ids` chooses some of them."""
+    infos = _infos(root)
+    for obj_id in ids:
+        if obj_id not in infos:
+            raise UserError(
+                f"object of {root}: expected one of {sorted(infos)}, got {obj_id}; "
+                f"fix: --object {min(infos)}"
+            )
+    return tuple(_object(Path(root), obj_id, infos[obj_id]) for obj_id in ids or sorted(infos))
+
+
+def _infos(root: Path) -> dict:
+    path = Path(root) / "models" / INFO
     if not path.exists():
         raise UserError(
             f"{path}: no such file, expected a data set in BOP layout in {root}; "
             f"fix: python -m mvtop_train.generate --out {root}"
         )
-    infos = {int(key): info for key, info in json.loads(path.read_text()).items()}
-    if obj_id is None and len(infos) == 1:
-        obj_id = next(iter(infos))
-    if obj_id not in infos:
-        got = "none chosen" if obj_id is None else str(obj_id)
-        raise UserError(
-            f"object of {root}: expected one of {sorted(infos)}, got {got}; "
-            f"fix: --object {min(infos)}"
-        )
-    info, file = infos[obj_id], f"obj_{obj_id:06d}.ply"
-    low = np.array([info[f"min_{axis}"] for axis in "xyz"])
-    size = np.array([info[f"size_{axis}"] for axis in "xyz"])
+    return read_infos(path)
+
+
+def read_infos(path: Path) -> dict:
+    """What BOP's `models_info.json` says of each object, by its id (`mvtop.bop.ModelInfo`)."""
+    with asking_mvtop("see docs/data.md"):
+        import mvtop  # loads its compiled part
+
+        return mvtop.bop.read_models_info(path)
+
+
+def symmetries(info) -> tuple[tuple, tuple]:
+    """Discrete and continuous ones of a `ModelInfo`, as in `ObjectClass`."""
+    return (
+        tuple(tuple(turn.ravel().tolist()) for turn in info.symmetries_discrete),
+        tuple((*axis.tolist(), *point.tolist()) for axis, point in info.symmetries_continuous),
+    )
+
+
+def _object(root: Path, obj_id: int, info) -> Object:
+    file = f"obj_{obj_id:06d}.ply"
     mesh = read_mesh(root, obj_id)
-    points, colors = _points(Path(root), file, mesh)
+    points, colors = _points(root, file, mesh)
     return Object(
         obj_id,
-        info.get("name", Path(file).stem),
-        info["diameter"] * 1e-3,
-        float(np.abs([low, low + size]).max()) * 1e-3,
+        info.name or Path(file).stem,
+        info.diameter_m,
+        float(np.abs(mesh.bounds if info.bounds is None else info.bounds).max()),
         points,
         colors,
         outermost(np.asarray(mesh.vertices)),
+        *symmetries(info),
     )
 
 

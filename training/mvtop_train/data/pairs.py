@@ -7,7 +7,6 @@ does; of other objects it is the scene's next image.
 """
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 from ..errors import UserError
@@ -32,19 +31,15 @@ def of_scene(shows: dict[int, str | None]) -> list[tuple[int, int]]:
     return pairs
 
 
-def scenes(folder: Path) -> Iterator[tuple[int, dict[int, str | None]]]:
-    """(scene number, what each image shows) of the whole scenes of a split's folder."""
-    for path in sorted(p for p in folder.iterdir() if p.name.isdigit() and bop.is_whole(p)):
-        info = json.loads((path / "scene_gt_info.json").read_text())
-        yield int(path.name), {int(key): info[key][0].get("hemisphere") for key in info}
-
-
 def write(folder: Path) -> tuple[int, int, int]:
     """Write the pairs of the scenes that a split has so far; how many (scenes, images, pairs)."""
-    found = list(scenes(folder))
-    pairs = [[scene, *pair] for scene, shows in found for pair in of_scene(shows)]
+    found = {
+        int(path.name): {image.number: image.shows for image in bop.read_scene(path)}
+        for path in bop.whole_scenes(folder)
+    }
+    pairs = [[scene, *pair] for scene, shows in found.items() for pair in of_scene(shows)]
     bop.write_json(folder / FILE, {"pairs": pairs})
-    return len(found), sum(len(shows) for _, shows in found), len(pairs)
+    return len(found), sum(map(len, found.values())), len(pairs)
 
 
 def read(folder: Path) -> list[tuple[int, int, int]]:

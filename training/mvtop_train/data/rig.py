@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import UserError
+from ..errors import asking_mvtop
 
 
 @dataclass(frozen=True)
@@ -32,16 +32,10 @@ class Camera:
 
 def load(path: Path) -> list[Camera]:
     """All cameras; one sentence on what is wrong with the file otherwise."""
-    try:
-        import mvtop  # what does without rig files does without the wheel
-    except ImportError:
-        raise UserError(
-            f"rig {path}: mvtop, to read it, is not installed; fix: make wheel"
-        ) from None
-    try:
+    with asking_mvtop("see docs/rig.md"):
+        import mvtop
+
         rig = mvtop.Rig.load(path)
-    except (OSError, ValueError) as error:
-        raise UserError(f"{error}; fix: see docs/rig.md") from None
     return [
         Camera(
             camera.id,

@@ -18,6 +18,8 @@ from ..network.rays import cell_centers
 from . import bop
 from .boxes import amodal_boxes
 from .color import photometric
+from .composite import Composer
+from .objects import Object
 
 COORDINATE_STRIDE = 4
 
@@ -52,14 +54,16 @@ Choice = Callable[[bop.Image, np.ndarray, np.random.Generator, bool], VirtualCam
 class ViewMaker:
     """How the views of a data set are made: through which cameras, for which network.
 
-    bounds   [n, 3] metres, the object's outermost points
-    augment  whether cameras and colors are varied
+    objects   those of the network's classes, in their order
+    augment   whether cameras and colors are varied
+    composer  what puts other things behind and before the object, if anything
     """
 
     choose: Choice
     config: Config
-    bounds: np.ndarray
+    objects: tuple[Object, ...]
     augment: bool = True
+    composer: Composer | None = None
 
     def make_view(self, image: bop.Image, rng: np.random.Generator) -> dict[str, np.ndarray]:
         """The image through a virtual camera, as arrays.
@@ -67,25 +71,36 @@ class ViewMaker:
         image [S, S, 3] uint8, on_image [S, S] and inside [N]: whether the centers of pixels and
         of the network's cells lie on the source; k, cam_from_world, cam_from_obj; box, what the
         decoder is given, and true_box, both cut off where the picture ends; coords, see
-        `coordinates`.
+        `coordinates`, and the extent in whose units they are, m; class_index.
         """
         cv2.setNumThreads(1)  # several processes share the cores
-        rgb = bop.read_rgb(image.path)
-        camera = self.choose(image, self.bounds, rng, self.augment)
+        rgb, instance = bop.read_rgb(image.path), image.only
+        index = [obj.id for obj in self.objects].index(instance.obj_id)
+        bounds = self.objects[index].bounds
+        camera = self.choose(image, bounds, rng, self.augment)
         view_from_image, size = camera.view_from_image(image.k), camera.size
-        picture, on_image = warp(rgb, view_from_image, size, camera.taps)
+        picture, on_image = warp(rgb, view_from_image, (size, size), camera.taps)
+        code, who = bop.read_coords(image, rgb.shape[:2])
+        owner = instance.annotation + 1
+        if self.augment:
+            if self.composer is not None:
+                seen = None if who is None else _nearest(who, view_from_image, size)
+                picture = self.composer.around(picture, seen, owner, camera.box, rng)
+            picture = photometric(picture, rng)
         cam_from_obj = _turned(camera.view_from_cam, image.cam_from_obj)
         end = size - 0.5
         return {
-            "image": photometric(picture, rng) if self.augment else picture,
+            "image": picture,
             "on_image": on_image,
             "inside": lies_on(*_cells(self.config, size), view_from_image, rgb.shape),
             "k": camera.k,
             "cam_from_world": _turned(camera.view_from_cam, image.cam_from_world),
             "cam_from_obj": cam_from_obj,
             "box": camera.box.clip(-0.5, end),
-            "true_box": amodal_boxes(self.bounds, camera.k, cam_from_obj).clip(-0.5, end),
-            "coords": coordinates(image, view_from_image, size),
+            "true_box": amodal_boxes(bounds, camera.k, cam_from_obj).clip(-0.5, end),
+            "coords": coordinates(code, who, owner, view_from_image, size),
+            "extent": np.float64(self.objects[index].extent_m),
+            "class_index": np.int64(index),
         }
 
 
@@ -101,20 +116,25 @@ def _turned(rotation: np.ndarray, pose: np.ndarray) -> np.ndarray:
     return out
 
 
-def warp(rgb: np.ndarray, view_from_image: np.ndarray, size: int, taps: int = 1):
-    """(picture [size, size, 3] uint8, on_image [size, size] bool) under a homography.
+def warp(rgb: np.ndarray, view_from_image: np.ndarray, size: tuple[int, int], taps: int = 1):
+    """(picture [h, w, 3] uint8, on_image [h, w] bool) under a homography; size is (w, h).
 
     A pixel is the mean of `taps` x `taps` bilinear samples of `rgb`; `on_image` says whether its
     center lies on `rgb`. What does not is replaced by 0 in `inputs.to_views`.
     """
     finer = np.array([[taps, 0, (taps - 1) / 2], [0, taps, (taps - 1) / 2], [0, 0, 1]])
     picture = cv2.warpPerspective(
-        rgb, finer @ view_from_image, (size * taps, size * taps), borderMode=cv2.BORDER_REPLICATE
-    )
+        rgb, finer @ view_from_image, (size[0] * taps, size[1] * taps),
+        borderMode=cv2.BORDER_REPLICATE,
+    )  # fmt: skip
     if taps > 1:
-        picture = cv2.resize(picture, (size, size), interpolation=cv2.INTER_AREA)
-    u = np.arange(size)
-    return picture, lies_on(u, u[:, None], view_from_image, rgb.shape)
+        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    u, v = np.arange(size[0]), np.arange(size[1])[:, None]
+    return picture, lies_on(u, v, view_from_image, rgb.shape)
+
+
+def _nearest(values: np.ndarray, view_from_image: np.ndarray, size: int) -> np.ndarray:
+    return cv2.warpPerspective(values, view_from_image, (size, size), flags=cv2.INTER_NEAREST)
 
 
 def lies_on(u, v, view_from_image: np.ndarray, shape) -> np.ndarray:
@@ -126,32 +146,25 @@ def lies_on(u, v, view_from_image: np.ndarray, shape) -> np.ndarray:
     return on_x & (y >= -0.5 * w) & (y <= bottom * w) & (w > 0)
 
 
-def coordinates(image: bop.Image, view_from_image: np.ndarray, size: int) -> np.ndarray:
+def coordinates(code, who, owner: int, view_from_image, size: int) -> np.ndarray:
     """Coded object coordinates [cells, cells, 3], one per COORDINATE_STRIDE px, at the center of
-    its block; 0 off the object, and everywhere if the data set has none."""
-    cells = size // COORDINATE_STRIDE
-    if image.coords_path is None:
+    its block; 0 off the object, and everywhere if the data set has none (`bop.read_coords`)."""
+    cells, s = size // COORDINATE_STRIDE, 1 / COORDINATE_STRIDE
+    if code is None:
         return np.zeros((cells, cells, 3), np.uint8)
-    corner = (0, 0) if image.visible_box is None else image.visible_box[:2]
-    image_from_file = np.array([[1, 0, corner[0]], [0, 1, corner[1]], [0, 0, 1]])
-    s = 1 / COORDINATE_STRIDE
-    cells_from_view = np.array([[s, 0, s / 2 - 0.5], [0, s, s / 2 - 0.5], [0, 0, 1]])
-    return cv2.warpPerspective(
-        bop.read_rgb(image.coords_path),
-        cells_from_view @ view_from_image @ image_from_file,
-        (cells, cells),
-        flags=cv2.INTER_NEAREST,
-    )
+    view = np.array([[s, 0, s / 2 - 0.5], [0, s, s / 2 - 0.5], [0, 0, 1]]) @ view_from_image
+    return _nearest(code, view, cells) * (_nearest(who, view, cells) == owner)[..., None]
 
 
 def collate(items: list[list[dict]]) -> dict[str, torch.Tensor]:
     """Scenes x views of `ViewMaker.make_view` (or of a bank) as tensors [B, V, ...].
 
-    Instead of `cam_from_world` there is `ref_from_cam`; numbers are float32.
+    Instead of `cam_from_world` there is `ref_from_cam`; numbers are float32; class_index [B, 1].
     """
     arrays = {n: np.stack([[view[n] for view in views] for views in items]) for n in items[0][0]}
     world = arrays.pop("cam_from_world")
     arrays["ref_from_cam"] = world[:, :1] @ np.linalg.inv(world)
+    arrays["class_index"] = arrays["class_index"][:, :1]
     return {
         name: torch.from_numpy(x.astype(np.float32) if x.dtype == np.float64 else x)
         for name, x in arrays.items()

@@ -1,0 +1,79 @@
+"""Whole images as the detector is shown them, turned, scaled and shifted at random."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ..network.config import Config
+from . import bop
+from .boxes import amodal_boxes
+from .closeup import roll_by
+from .color import photometric
+from .composite import Composer
+from .objects import Object
+from .views import warp
+
+ZOOM = (0.7, 1.5)  # of the scale at which inference shows the image
+SURE, UNSURE = 0.35, 0.1  # shares in sight from which an object shall, and may, be found
+MOST = 16  # objects in an image
+
+
+@dataclass(frozen=True)
+class Searches:
+    """Makes what the detector learns from: pictures and the boxes in them."""
+
+    config: Config
+    objects: tuple[Object, ...]
+    composer: Composer | None = None
+
+    def make(self, image: bop.Image, rng, augment: bool = True) -> dict[str, np.ndarray]:
+        """search_image [H, W, 3], search_on_image [H, W], search_boxes [MOST, 4] (0: none) and
+        search_class [MOST], -1 where so little of the object is seen that either is right."""
+        size = self.config.width, self.config.height
+        rgb = bop.read_rgb(image.path)
+        k, turn = self._camera(image, rgb.shape, rng, augment)
+        view_from_image = k @ turn @ np.linalg.inv(image.k)
+        scale = k[0, 0] / image.k[0, 0]
+        picture, on_image = warp(rgb, view_from_image, size, int(np.ceil(min(1 / scale, 8))))
+        boxes, index = np.zeros((MOST, 4), np.float32), np.full(MOST, -1)
+        known = {obj.id: n for n, obj in enumerate(self.objects)}
+        turned = np.eye(4)
+        turned[:3, :3] = turn
+        shown = [one for one in image.instances if one.obj_id in known]
+        for n, one in enumerate(shown[:MOST]):
+            bounds = self.objects[known[one.obj_id]].bounds
+            box = amodal_boxes(bounds, k, turned @ one.cam_from_obj)
+            cut = box.clip(-0.5, np.array([*size, *size]) - 0.5)
+            inside = np.prod(cut[2:] - cut[:2]) / np.prod(box[2:] - box[:2])
+            share = (1.0 if one.visible_share is None else one.visible_share) * inside
+            if share >= UNSURE and (cut[2:] - cut[:2]).min() > 4:
+                boxes[n], index[n] = cut, known[one.obj_id] if share >= SURE else -1
+        if augment:
+            if self.composer is not None:
+                _, who = bop.read_coords(image, rgb.shape[:2])
+                if who is not None:
+                    who = cv2.warpPerspective(who, view_from_image, size, flags=cv2.INTER_NEAREST)
+                picture = self.composer.behind(picture, who, rng)
+            picture = photometric(picture, rng)
+        return {
+            "search_image": picture,
+            "search_on_image": on_image,
+            "search_boxes": boxes,
+            "search_class": index,
+        }
+
+    def _camera(self, image, shape, rng, augment: bool):
+        """k [3, 3] of the picture and the turn [3, 3] that comes before it."""
+        size = np.array([self.config.width, self.config.height])
+        fit = (size / shape[1::-1]).min()
+        zoom, roll, shift = 1.0, 0.0, np.zeros(2)
+        if augment:
+            zoom = np.exp(rng.uniform(*np.log(ZOOM)))
+            roll = rng.uniform(-np.pi, np.pi) if rng.random() < 0.25 else rng.normal(0, 0.3)
+            shift = rng.uniform(-0.35, 0.35, 2) * size
+        k = np.diag([fit * zoom * image.k[0, 0], fit * zoom * image.k[1, 1], 1.0])
+        turn = roll_by(roll)
+        middle = turn @ np.linalg.inv(image.k) @ [*((np.array(shape[1::-1]) - 1) / 2), 1.0]
+        k[:2, 2] = (size - 1) / 2 + shift - (k @ middle)[:2] / middle[2]
+        return k, turn

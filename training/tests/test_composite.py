@@ -1,0 +1,67 @@
+"""What is put behind and before an object leaves the object, and its share in sight, alone."""
+
+import cv2
+import numpy as np
+import pytest
+
+from mvtop_train.data import backgrounds, composite
+from mvtop_train.data.bop import OTHER
+from mvtop_train.errors import UserError
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pictures")
+    (folder / "deeper").mkdir()
+    rng = np.random.default_rng(0)
+    for name in ("a.jpg", "deeper/b.PNG"):
+        cv2.imwrite(str(folder / name), rng.integers(0, 256, (300, 400, 3), np.uint8))
+    (folder / "notes.txt").write_text("no picture")
+    return backgrounds.pictures(folder)
+
+
+def test_the_pictures_of_a_folder_are_found(pictures, tmp_path):
+    assert sorted(path.name for path in pictures) == ["a.jpg", "b.PNG"]
+    with pytest.raises(UserError, match="expected a folder of pictures .*, got none; fix: "):
+        backgrounds.pictures(tmp_path)
+    broken = tmp_path / "broken.png"
+    broken.write_text("not a picture")
+    with pytest.raises(UserError, match="broken.png: expected a picture, .*; fix: "):
+        backgrounds.cut([broken], np.random.default_rng(0), 8, 8)
+
+
+@pytest.mark.parametrize("size", [(160, 160), (384, 512), (50, 700)])
+def test_a_piece_has_the_size_asked_for(pictures, size):
+    for seed in range(5):
+        assert backgrounds.cut(pictures, np.random.default_rng(seed), *size).shape == (*size, 3)
+
+
+def test_the_object_stays_and_the_background_changes(pictures, monkeypatch):
+    monkeypatch.setattr(composite, "BEFORE", 0.0)
+    composer = composite.Composer(pictures)
+    picture = np.full((80, 80, 3), 77, np.uint8)
+    who = np.zeros((80, 80), np.uint8)
+    who[20:60, 20:60], who[5:15, 5:15], who[65:75, 65:75] = 3, 4, OTHER
+    changed = {"background": 0, "neighbor": 0, "thing": 0}
+    for seed in range(60):
+        made = composer.around(
+            picture, who, 3, np.array([20, 20, 60, 60]), np.random.default_rng(seed)
+        )
+        assert (made[26:54, 26:54] == 77).all()
+        changed["background"] += (made[40, 62:] != 77).any()
+        changed["neighbor"] += (made[9:11, 9:11] != 77).any()
+        changed["thing"] += (made[69:71, 69:71] != 77).any()
+    assert 15 < changed["background"] < 45
+    assert 0 < changed["neighbor"] < changed["thing"] < changed["background"]
+
+
+def test_what_comes_before_leaves_most_of_the_object(pictures, monkeypatch):
+    monkeypatch.setattr(composite, "BEFORE", 1.0)
+    composer = composite.Composer(pictures)
+    picture, box = np.full((80, 80, 3), 77, np.uint8), np.array([20, 20, 60, 60])
+    hidden = [
+        (composer.around(picture, None, 1, box, np.random.default_rng(n))[20:60, 20:60] != 77)
+        .any(-1).mean()
+        for n in range(60)
+    ]  # fmt: skip
+    assert max(hidden) < 0.6 and np.mean(hidden) > 0.03
