@@ -1,6 +1,7 @@
 """What the user can mend, and how a command says it."""
 
 import argparse
+import contextlib
 import functools
 import sys
 
@@ -20,6 +21,17 @@ def command(main):
             sys.exit(f"error: {error}")
 
     return run
+
+
+@contextlib.contextmanager
+def asking_mvtop(fix: str):
+    """What mvtop refuses to read is a `UserError`, which ends in the fix; import mvtop within."""
+    try:
+        yield
+    except ImportError:
+        raise UserError("mvtop: expected its wheel, got none installed; fix: make wheel") from None
+    except (OSError, ValueError) as error:
+        raise UserError(f"{error}; fix: {fix}") from None
 
 
 def argument_parser(doc: str) -> argparse.ArgumentParser:

@@ -1,31 +1,53 @@
 """From nothing to a trained, exported and evaluated network, in a given time.
 
+    python -m mvtop_train.run --mesh box.obj --mesh can.obj --mesh-unit mm --rig rig.json \\
+        --backgrounds photos/ --minutes 180 --out runs/mine
     python -m mvtop_train.run --config training/runs/small-gpu.toml --minutes 25
 
 Scenes are rendered by all cores while the network already trains on those that are there. The
 training ends when the time is nearly over, its learning rate annealed. Networks with close-ups
 learn their poses in a second stage, in `poses/`. A second call goes on where a killed one was. The
-run folder gets `bundle/`, `evaluation.json` and all that `train.py` writes.
+run folder gets `bundle/`, `evaluation.json`, of your own parts `report/`, and all that `train.py`
+writes. See docs/parts.md.
 """
 
-from pathlib import Path
-
+from .data.objects import UNITS
 from .errors import UserError, argument_parser, command
 from .training import pipeline, runconfig
+
+OWN = ("mesh", "name", "id", "rig")  # options that may be given several times
+
+
+def of_parts(args) -> runconfig.RunConfig:
+    """The config that the options for one's own parts stand for."""
+    for name in ("mesh_unit", "out", "minutes"):
+        if not getattr(args, name):
+            option = "--" + name.replace("_", "-")
+            raise UserError(f"{option}: expected with --mesh, got none; fix: add it")
+    generate = {name: tuple(getattr(args, name) or ()) for name in OWN}
+    generate |= {"mesh_unit": args.mesh_unit, "instances": args.instances}
+    return runconfig.of_parts(
+        args.out, args.minutes, generate, args.backgrounds or "", args.set
+    )
 
 
 @command
 def main():
     parser = argument_parser(__doc__)
-    runconfig.add_arguments(parser)
     parser.add_argument("--minutes", type=float, help="for everything (those of the config)")
-    parser.add_argument("--out", type=Path, help="run folder (runs/<name of the config>)")
-    args = parser.parse_args()
-    settings = runconfig.load(args.config, args.set)
+    own = parser.add_argument_group("your own parts, instead of --config (see generate --help)")
+    own.add_argument("--mesh", action="append", help="obj, stl or ply file; once for each part")
+    own.add_argument("--mesh-unit", choices=UNITS, help="of the mesh files")
+    own.add_argument("--name", action="append", help="of each part")
+    own.add_argument("--id", action="append", type=int, help="of each part")
+    own.add_argument("--rig", action="append", help="rig.json; any rig if left out")
+    own.add_argument("--instances", type=int, default=1, help="of each part in a scene, at most")
+    own.add_argument("--backgrounds", help="folder of pictures, best of the empty cell")
+    args, settings, folder = runconfig.parse(parser, of_parts)
     minutes = args.minutes or settings.minutes
     if not minutes:
         raise UserError("--minutes: expected a number over 0, got none; fix: --minutes 25")
-    pipeline.run(settings, args.out or Path("runs") / args.config.stem, minutes)
+    pipeline.run(settings, folder, minutes)
 
 
 if __name__ == "__main__":

@@ -7,22 +7,14 @@ Writes `last.pt` (weights, their moving average, optimiser, step), `weights.pt` 
 precision), `log.jsonl`, TensorBoard's files and the config to the run folder. See docs/training.md.
 """
 
-from pathlib import Path
-
 from .errors import argument_parser, command
 from .training import loop, runconfig
 
 
 @command
 def main():
-    parser = argument_parser(__doc__)
-    runconfig.add_arguments(parser)
-    parser.add_argument(
-        "--out", type=Path, help="folder of this run, resumed if there (runs/<name of the config>)"
-    )
-    args = parser.parse_args()
-    settings = runconfig.load(args.config, args.set)
-    loop.train(settings, args.out or Path("runs") / args.config.stem)
+    _, settings, folder = runconfig.parse(argument_parser(__doc__))
+    loop.train(settings, folder)
 
 
 if __name__ == "__main__":

@@ -40,7 +40,7 @@ def test_a_point_is_where_both_cameras_see_it():
     image = np.zeros((480, 640, 3), np.uint8)
     image[200:203, 150:153] = 255
     close = closeup.camera_of(K, np.array([130.0, 170, 190, 220]), 96)
-    picture, on_image = warp(image, close.view_from_image(K), 96, close.taps)
+    picture, on_image = warp(image, close.view_from_image(K), (96, 96), close.taps)
     v, u = np.meshgrid(np.arange(96), np.arange(96), indexing="ij")
     weight = picture[..., 0].astype(float)
     found = np.array([(weight * u).sum(), (weight * v).sum()]) / weight.sum()

@@ -21,7 +21,7 @@ def test_shapes_for_any_number_of_views(tiny, views):
     prediction = tiny(random_views(tiny.config, views))
     assert len(prediction.poses) == tiny.config.decoder_layers
     assert [x.shape for x in prediction.poses[-1]] == [(1, 1, 6), (1, 1, 3), (1, 1, 2)]
-    assert prediction.detections.scores.shape == (views, 1, 16, 20)
+    assert prediction.found.scores.shape == (views, 1, 16, 20)
 
 
 def test_the_world_frame_does_not_matter(tiny):

@@ -28,7 +28,7 @@ def test_the_training_s_closeups_are_the_reference_s(seed):
     rgb = np.stack([u % 256, v % 256, 127 + 100 * np.sin(u / 17 + v / 15)], -1).astype(np.uint8)
     rgb[:, :, :2] = np.minimum(rgb[:, :, :2], 255 - rgb[:, :, :2])  # without steps
     close = closeup.camera_of(K, box, 96)
-    picture, on_image = warp(rgb, close.view_from_image(K), 96, close.taps)
+    picture, on_image = warp(rgb, close.view_from_image(K), (96, 96), close.taps)
 
     real = optics.Camera("real", 640, 480, K, np.eye(4))
     virtual, bounds, taps = optics.closeup_of(real, box, 96)

@@ -8,7 +8,7 @@ import pytest
 import torch
 from conftest import MVBALL, random_pose
 
-from mvtop_train.data import bop, mvball
+from mvtop_train.data import bop, mvball, objects
 from mvtop_train.data.bank import Bank
 from mvtop_train.data.boxes import amodal_boxes
 from mvtop_train.data.views import ViewMaker, collate
@@ -116,14 +116,13 @@ def test_a_canonical_view_shows_points_where_its_camera_says(tmp_path):
     rgb = cv2.GaussianBlur(rgb, (0, 0), 2)
     rgb = (rgb * (250 / rgb.max())).astype(np.uint8)
     cv2.imwrite(str(tmp_path / "image.png"), rgb)
-    image = bop.Image(
-        path=tmp_path / "image.png", coords_path=None, k=k, cam_from_world=np.eye(4),
-        cam_from_obj=cam_from_obj, box=np.array([*(center - 40), *(center + 40)]),
-        visible_box=None, annotation=0, shows="green", info={},
-    )  # fmt: skip
+    ball = bop.Instance(1, cam_from_obj, box=np.array([*(center - 40), *(center + 40)]))
+    image = bop.Image(0, tmp_path / "image.png", k, np.eye(4), [ball])
     for augment in (False, True):
         rng = np.random.default_rng(7)
-        view = ViewMaker(canonical.Canonical(), NETWORK, POINTS, augment).make_view(image, rng)
+        view = ViewMaker(canonical.Canonical(), NETWORK, (objects.ball(),), augment).make_view(
+            image, rng
+        )
         crop, new_from_old = view["image"], view["cam_from_world"]  # the old one is the world's
         ray = new_from_old[:3, :3] @ np.linalg.inv(k) @ [*dot, 1.0]
         expected = (canonical.K @ ray / ray[2])[:2]
@@ -152,23 +151,15 @@ def trained(tmp_path_factory):
             path = root / f"{len(scenes)}-{n}.png"
             cv2.imwrite(str(path), rng.integers(0, 256, (240, 240, 3), np.uint8))
             cam_from_obj = random_pose(rng, [0, 0, 0.7])
-            scene.append(
-                bop.Image(
-                    path=path,
-                    coords_path=None,
-                    k=k,
-                    cam_from_obj=cam_from_obj,
-                    cam_from_world=cam_from_obj @ np.linalg.inv(world_from_obj),
-                    box=amodal_boxes(POINTS, k, cam_from_obj),
-                    visible_box=None,
-                    annotation=0,
-                    shows=["green", "red"][n % 2],
-                    info={},
-                )  # fmt: skip
-            )
+            ball = bop.Instance(
+                1, cam_from_obj, amodal_boxes(POINTS, k, cam_from_obj),
+                info={"hemisphere": ["green", "red"][n % 2]},
+            )  # fmt: skip
+            cam_from_world = cam_from_obj @ np.linalg.inv(world_from_obj)
+            scene.append(bop.Image(n, path, k, cam_from_world, [ball]))
         scenes.append(scene)
-    maker = ViewMaker(canonical.Canonical(), NETWORK, POINTS)
-    bank = Bank(root / "bank", scenes, maker, run.average.features.backbone, 1, 0, workers=0)
+    maker = ViewMaker(canonical.Canonical(), NETWORK, (objects.ball(),))
+    bank = Bank(root / "bank", scenes, maker, run.average.features, 1, 0, workers=0)
     return root / "run" / "weights.pt", bank
 
 

@@ -17,7 +17,7 @@ from mvtop_train.data.inputs import to_views
 from mvtop_train.data.views import ViewMaker, collate
 from mvtop_train.errors import UserError
 from mvtop_train.network import config as configs
-from mvtop_train.network import losses
+from mvtop_train.network import losses, symmetry
 from mvtop_train.network.model import Mvtop
 from mvtop_train.synthesis.generate import scene_views
 from mvtop_train.synthesis.gl import open_gl
@@ -28,12 +28,12 @@ from mvtop_train.training.checkpoint import load_weights
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     root = tmp_path_factory.mktemp("mvball")
-    objects.write(root, objects.ball(), objects.ball_mesh())
+    objects.write(root, [(objects.ball(), objects.ball_mesh())])
     gl = open_gl()
     for index in range(6):
         order = ["green", "red"] * 2
         views = scene_views(gl, 5, "train", index, order, (320, 320))
-        bop.write_scene(root / "train" / f"{index:06d}", views, objects.ball())
+        bop.write_scene(root / "train" / f"{index:06d}", views)
     return root
 
 
@@ -155,7 +155,7 @@ def test_from_nothing_to_a_bundle(dataset, tmp_path, closeups):
     settings = runconfig.load(config_of(dataset, tmp_path), changes)
     pipeline.run(settings, tmp_path / "run", minutes=30)
     result = json.loads((tmp_path / "run" / "evaluation.json").read_text())
-    assert result["step"] == 3 and result["scenes"] == 1
+    assert result["step"] == 3 and result["things"] == 1
     assert 0 < result["views_2"]["rot_mean_deg"] <= 180
     manifest = json.loads((tmp_path / "run" / "bundle" / "model.json").read_text())
     assert manifest["preset"] == "tiny" and ("closeup" in manifest) == bool(closeups)
@@ -170,29 +170,40 @@ def test_crops_without_the_object_show_nothing_of_it(dataset):
             a = crops.negative_camera(image, (320, 320), 160, rng, aug)
             if a is None:
                 continue
-            code = cv2.imread(str(image.coords_path))
-            shift = a.copy()
-            shift[:, 2] += a[:, :2] @ image.visible_box[:2]
-            assert code.any() and not cv2.warpAffine(code, shift, (160, 160)).any()
-    boxed_in = dataclasses.replace(image, box=np.array([5, 5, 315, 315]))
+            code, _ = bop.read_coords(image, (320, 320))
+            assert code.any() and not cv2.warpAffine(code, a, (160, 160)).any()
+    filling = dataclasses.replace(image.only, box=np.array([5, 5, 315, 315]))
+    boxed_in = dataclasses.replace(image, instances=[filling])
     assert crops.negative_camera(boxed_in, (320, 320), 160, rng, aug) is None
+
+
+BALL = symmetry.of(MVBALL)
+
+
+def about(views) -> dict:
+    """What a batch says of views of one ball."""
+    return {
+        "true_box": views.boxes[:, :, 0],
+        "class_index": torch.zeros(1, 1, dtype=torch.long),
+        "extent": torch.full(views.boxes.shape[:2], 0.07),
+    }
 
 
 def test_crops_without_the_object_teach_the_detector_and_nothing_else(tiny):
     views = random_views(tiny.config, 2)
     with torch.no_grad():
         alone = tiny(views)
-        views.shown.negatives = views.shown.images[0, :1].flip(-1)
+        views.shown.searched = views.shown.images[0, :1].flip(-1)
         both = tiny(views)
     for a, b in zip(alone.poses[-1], both.poses[-1], strict=True):
         torch.testing.assert_close(a, b)
-    assert len(both.detections.scores) == 3
+    assert len(both.found.scores) == 3
     pose = torch.eye(4).expand(1, 2, 4, 4)
-    batch = {"cam_from_obj": pose, "true_box": views.boxes[:, :, 0]}
-    batch["coords"] = torch.zeros(1, 2, *both.detections.coordinates.shape[-2:], 3)
-    quiet = losses.total(both, batch, 8)[1]
-    both.detections.scores[2] += 5
-    loud = losses.total(both, batch, 8)[1]
+    batch = {"cam_from_obj": pose, **about(views)}
+    batch["coords"] = torch.zeros(1, 2, *both.found.coordinates.shape[-2:], 3)
+    quiet = losses.total(both, batch, 8, BALL)[1]
+    both.found.scores[2] += 5
+    loud = losses.total(both, batch, 8, BALL)[1]
     assert loud["detection"] > quiet["detection"] + 0.1
     assert loud["coordinates"] == quiet["coordinates"]
 
@@ -201,13 +212,13 @@ def test_a_network_with_coarser_cells_learns_the_same_coordinates(tiny):
     views = random_views(tiny.config, 2)
     with torch.no_grad():
         prediction = tiny(views)
-    shape = prediction.detections.coordinates.shape[-2:]
-    batch = {"cam_from_obj": torch.eye(4).expand(1, 2, 4, 4), "true_box": views.boxes[:, :, 0]}
+    shape = prediction.found.coordinates.shape[-2:]
+    batch = {"cam_from_obj": torch.eye(4).expand(1, 2, 4, 4), **about(views)}
     batch["coords"] = torch.randint(1, 256, (1, 2, *shape, 3), dtype=torch.uint8)
     fine = {**batch, "coords": batch["coords"].repeat_interleave(2, 2).repeat_interleave(2, 3)}
-    expected = losses.total(prediction, batch, 8)[1]["coordinates"]
+    expected = losses.total(prediction, batch, 8, BALL)[1]["coordinates"]
     assert expected > 0
-    torch.testing.assert_close(losses.total(prediction, fine, 8)[1]["coordinates"], expected)
+    torch.testing.assert_close(losses.total(prediction, fine, 8, BALL)[1]["coordinates"], expected)
 
 
 def test_poses_are_learnt_from_closeups_on_a_frozen_backbone(dataset, tmp_path):
@@ -240,10 +251,10 @@ def test_features_of_closeups_are_completed_after_a_kill(dataset, tmp_path, monk
     scenes = bop.load_index(dataset, "train", obj)
     monkeypatch.setattr(bank, "BATCH", 10)
 
-    maker = ViewMaker(CloseUps(64), config, obj.bounds)
+    maker = ViewMaker(CloseUps(64), config, (obj,))
 
     def make(folder, copies=2):
-        return bank.Bank(folder, scenes, maker, model.features.backbone, copies, seed=4, workers=0)
+        return bank.Bank(folder, scenes, maker, model.features, copies, seed=4, workers=0)
 
     whole = make(tmp_path / "whole")
     fill = bank.Bank._fill

@@ -9,6 +9,8 @@ import torch
 
 from ..errors import UserError
 from ..network import config as configs
+from ..network import symmetry
+from ..network.lite import load_pretrained
 from ..network.model import Mvtop
 
 AVERAGE = "module."  # prefix of the average's tensors in a file
@@ -30,6 +32,7 @@ class TrainingState:
         self.model = Mvtop(config).to(device, memory_format=torch.channels_last)
         self.average = copy.deepcopy(self.model).eval().requires_grad_(False)
         self.updates = 0  # of the average
+        self.symmetries = symmetry.of(config.classes).to(device)
         self.optimizer = _optimizer(self.model)
         if self.path.exists():
             state = _read(self.path)
@@ -38,25 +41,30 @@ class TrainingState:
                 self._load_average(state)
                 self.optimizer.load_state_dict(state["optimizer"])
             self.step, self.elapsed = state["step"], state.get("elapsed_s", 0.0)
+        elif config.backbone == "lite" and not init:
+            load_pretrained(self.model.features)
+            self.average.load_state_dict(self.model.state_dict())
         elif init:
             with _fits(init):
                 self._load_average(_read(init))
             self.model.load_state_dict(self.average.state_dict())
         self.model.train()
-        if backbone:
+        if backbone and config.shares_backbone:
             self._freeze(backbone)
-            self.model.features.backbone.eval()
 
     def _freeze(self, path: str):
-        """Take all that works on images alone from another run's average, and keep it as it is."""
+        """Take all that works on images alone from another run's average, and keep what poses are
+        made of as it is."""
         given = _average_of(_read(path))
-        for name in ("backbone", "detector", "coordinates"):
+        for name, _ in self.model.features.named_children():
+            if name == "encoder":
+                continue
             own = f"features.{name}."
             part = {k.removeprefix(own): x for k, x in given.items() if k.startswith(own)}
             for model in (self.model, self.average):
                 with _fits(path):
                     getattr(model.features, name).load_state_dict(part)
-                getattr(model.features, name).requires_grad_(False)
+                getattr(model.features, name).requires_grad_(False).eval()
 
     @property
     def path(self) -> Path:
@@ -96,10 +104,14 @@ class TrainingState:
 
 
 def _optimizer(model: Mvtop) -> torch.optim.Optimizer:
-    decay, plain, slow = [], [], []
+    decay, plain, slow, pretrained = [], [], [], []
     for name, p in model.named_parameters():
+        if not p.requires_grad:
+            continue
         if ".offsets." in name:
             slow.append(p)
+        elif model.config.backbone == "lite" and ".stage" in name:
+            pretrained.append(p)
         else:
             (decay if p.ndim > 1 else plain).append(p)
     return torch.optim.AdamW(
@@ -107,6 +119,7 @@ def _optimizer(model: Mvtop) -> torch.optim.Optimizer:
             {"params": decay, "weight_decay": 1e-4, "scale": 1.0},
             {"params": plain, "weight_decay": 0.0, "scale": 1.0},
             {"params": slow, "weight_decay": 0.0, "scale": 0.1},  # as Deformable DETR
+            *([{"params": pretrained, "weight_decay": 1e-4, "scale": 0.25}] if pretrained else []),
         ],
         lr=1e-3,
     )

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import torch
 
-from ..data import bank, batches, crops, objects
+from ..data import backgrounds, bank, batches, crops, objects, search
+from ..data.composite import Composer
 from ..data.views import ViewMaker
-from ..network import sampling
 from . import processes
 from .checkpoint import TrainingState
 from .monitor import Monitor
@@ -21,18 +21,15 @@ from .validate import pose_views
 def train(settings: RunConfig, folder: Path):
     """Train as `settings` say, from where the run in `folder` stands to its end."""
     me = processes.join()
-    if me.device == "cpu" and me.rank == 0 and not sampling.kernel_available():
-        print("note: mvtop's sampling kernel is not installed, training is several times slower; "
-              "fix: make wheel")  # fmt: skip
-    obj = objects.read(Path(settings.data), settings.object or None)
-    scenes = batches.Scenes(Path(settings.data), obj, settings.held_out)
+    known = settings.known()
+    scenes = batches.Scenes(Path(settings.data), known, settings.held_out)
     if me.rank == 0:
         keep_copy(settings, folder)
     torch.manual_seed(settings.seed)  # all processes start from the same weights
-    config = settings.network_config(objects.classes_of(obj))
+    config = settings.network_config(objects.classes_of(*known))
     state = TrainingState(folder, config, me.device, settings.init, settings.backbone)
     # Torchvision's FPN makes maps that are not used.
-    model = processes.distributed(state.model, me, unused=config.backbone != "conv")
+    model = processes.distributed(state.model, me, unused=config.backbone not in ("conv", "lite"))
     clock = Clock(settings, state, alone=me.count == 1)
     stream = batches_of(settings, state, scenes, me)
     loader = batches.loader(stream, state.step, settings.workers, pinned=me.device != "cpu")
@@ -64,16 +61,27 @@ def batches_of(
 ) -> batches.Batches:
     """Crops for all of the network; where its backbone is frozen, cached features of close-ups."""
     shared = settings.images, settings.views, settings.seed, me.rank, me.count
-    if not settings.backbone:
-        crop = crops.Crops(settings.crop, settings.augmentation_of(state.config))
-        fresh = batches.Fresh(scenes, ViewMaker(crop, state.config, scenes.obj.bounds))
-        negatives = batches.Negatives(scenes, crop, round(settings.negatives * settings.images))
-        return batches.Batches(fresh, *shared, negatives)
-    maker = pose_views(settings, state.config, scenes.obj.bounds, True)
-    features = functools.partial(
-        bank.Bank, state.folder / "features", scenes.training, maker,
-        state.average.features.backbone, settings.copies, settings.seed, settings.workers,
-    )  # fmt: skip
-    made = features() if me.rank == 0 else None
-    processes.from_first(0.0, me.device)  # the others wait until they are all there
-    return batches.Batches(made or features(), *shared)
+    config, composer = state.config, composer_of(settings)
+    more: batches.Negatives | batches.Searched | None = None
+    if not config.shares_backbone:
+        searches = search.Searches(config, scenes.objects, composer)
+        more = batches.Searched(scenes, searches, settings.searched)
+    closeups = pose_views(settings, config, scenes.objects, True, composer)
+    if settings.backbone:
+        features = functools.partial(
+            bank.Bank, state.folder / "features", scenes.training, closeups,
+            state.average.features, settings.copies, settings.seed, settings.workers,
+        )  # fmt: skip
+        made = features() if me.rank == 0 else None
+        processes.from_first(0.0, me.device)  # the others wait until they are all there
+        return batches.Batches(made or features(), *shared, more)
+    if config.shares_backbone:
+        crop = crops.Crops(settings.crop, settings.augmentation_of(config))
+        closeups = ViewMaker(crop, config, scenes.objects, True, composer)
+        more = batches.Negatives(scenes, crop, round(settings.negatives * settings.images))
+    return batches.Batches(batches.Fresh(scenes, closeups), *shared, more)
+
+
+def composer_of(settings: RunConfig) -> Composer | None:
+    """What puts other things around objects, where the config names pictures for it."""
+    return Composer(backgrounds.pictures(settings.backgrounds)) if settings.backgrounds else None

@@ -65,8 +65,8 @@ class Monitor:
 
     def validate(self):
         held, average, settings = self.scenes.held, self.state.average, self.settings
-        maker = pose_views(settings, average.config, self.scenes.obj.bounds, False)
-        for views in (1, 2):
+        maker = pose_views(settings, average.config, self.scenes.objects, False)
+        for views in (1, 2, 3):
             if any(len(scene) >= views for scene in held):
                 result = validate(average, held, maker, settings.precision, views)
                 self.log.write({"validation_views": views, **result}, f"validation_{views}_views")

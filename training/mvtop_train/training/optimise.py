@@ -9,6 +9,10 @@ from ..network import losses
 from .checkpoint import TrainingState
 from .runconfig import RunConfig
 
+TRUTH = (
+    "cam_from_obj", "class_index", "true_box", "coords", "extent", "search_boxes", "search_class",
+)  # fmt: skip
+
 
 def autocast(device, precision: str = "bf16"):
     kind = torch.device(device).type
@@ -30,9 +34,10 @@ def optimise(state: TrainingState, model, batch, settings: RunConfig, lr: float)
     views = to_views(batch, state.config, state.device)
     with autocast(state.device, settings.precision):
         prediction = model(views)
-    names = ("cam_from_obj", "true_box", "coords")
-    truth = to_device({n: batch[n] for n in names if n in batch}, state.device)
-    loss, parts = losses.total(prediction, truth, state.config.strides[0], dict(settings.loss))
+    truth = to_device({n: batch[n] for n in TRUTH if n in batch}, state.device)
+    loss, parts = losses.total(
+        prediction, truth, state.config.strides[0], state.symmetries, dict(settings.loss)
+    )
     norm = descend(state, loss, lr, settings.clip)
     return {"loss": loss, "norm": norm, **parts}
 

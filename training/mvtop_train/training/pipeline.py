@@ -14,12 +14,15 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from ..data import bop, objects
+from ..data import batches, bop, search
 from ..errors import UserError
-from . import checkpoint, loop, processes, runconfig
+from . import checkpoint, loop, processes, runconfig, thresholds
 from .validate import pose_views, validate
 
-TEST_SPLIT = "hard"
+
+def test_split(settings: runconfig.RunConfig) -> str:
+    """What the result is evaluated on."""
+    return "test" if settings.generate.mesh else "hard"
 
 
 class Generator:
@@ -29,17 +32,10 @@ class Generator:
         self.data, self.log = Path(settings.data), folder / "generate.log"
         folder.mkdir(parents=True, exist_ok=True)
         recipe = settings.generate
-        workers = recipe.workers or os.cpu_count()
-        common = [
-            sys.executable, "-m", "mvtop_train.generate", "--out", settings.data,
-            "--workers", str(workers),
-        ]  # fmt: skip
-        if recipe.window:
-            common += ["--window", str(recipe.window)]
-        parts = ((TEST_SPLIT, recipe.test, 2), ("train", recipe.scenes, None))
+        parts = ((test_split(settings), recipe.test, 2), ("train", recipe.scenes, None))
         commands = [
-            [*common, "--split", split, "--scenes", str(scenes), "--views",
-             str(views or recipe.views)]
+            [*_command(settings), "--split", split, "--scenes", str(scenes),
+             "--views", str(views or recipe.views)]
             for split, scenes, views in parts
         ]  # fmt: skip
         script = "import os, subprocess; os.nice(10)\n"
@@ -73,30 +69,64 @@ class Generator:
         self.process.wait()
 
 
-def evaluate(settings: runconfig.RunConfig, folder: Path, weights: Path) -> dict:
+def _command(settings: runconfig.RunConfig) -> list[str]:
+    """Of the generator, without the split and its size."""
+    recipe = settings.generate
+    command = [
+        sys.executable, "-m", "mvtop_train.generate", "--out", settings.data,
+        "--workers", str(recipe.workers or os.cpu_count()),
+    ]  # fmt: skip
+    if not recipe.mesh:
+        return command + (["--window", str(recipe.window)] if recipe.window else [])
+    for option in ("mesh", "name", "id", "rig"):
+        for value in getattr(recipe, option):
+            command += [f"--{option}", str(value)]
+    for option in ("mesh_unit", "instances", "width"):
+        if getattr(recipe, option):
+            command += ["--" + option.replace("_", "-"), str(getattr(recipe, option))]
+    return command + (["--backgrounds", settings.backgrounds] if settings.backgrounds else [])
+
+
+class Stages:
+    """Tells how long each stage took."""
+
+    def __init__(self, minutes: float):
+        self.minutes, self.begun = minutes, time.monotonic()
+        self.mark = self.begun
+
+    def left(self) -> float:
+        return self.minutes - (time.monotonic() - self.begun) / 60
+
+    def done(self, name: str):
+        now = time.monotonic()
+        print(f"{name}: {(now - self.mark) / 60:.1f} min, {self.left():.1f} min left", flush=True)
+        self.mark = now
+
+
+def evaluate(settings: runconfig.RunConfig, folder: Path, model, step: int) -> dict:
     """Errors of the run's average on the test split, with lightly jittered true boxes."""
-    model, _, step = checkpoint.load_weights(weights)
-    model.to(processes.join().device)
-    obj = objects.read(Path(settings.data), settings.object or None)
-    scenes = bop.load_index(Path(settings.data), TEST_SPLIT, obj)
-    result = {"step": step, "split": TEST_SPLIT, "scenes": len(scenes)}
-    maker = pose_views(settings, model.config, obj.bounds, False)
-    for views in (1, 2):
-        result[f"views_{views}"] = validate(model, scenes, maker, "fp32", views, per_scene=1)
+    known, split = settings.known(), test_split(settings)
+    scenes = batches.Scenes(Path(settings.data), known, 0, split).training
+    maker = pose_views(settings, model.config, known, False)
+    result = {"step": step, "split": split, "things": len(scenes)}
+    for views in (1, 2, 3):
+        if any(len(scene) >= views for scene in scenes):
+            errors = validate(model, scenes, maker, "fp32", views, per_scene=1)
+            result[f"views_{views}"] = errors
     (folder / "evaluation.json").write_text(json.dumps(result, indent=1) + "\n")
     return result
 
 
 def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
-    begun = time.monotonic()
+    stages = Stages(minutes)
     runconfig.keep_copy(settings, folder)
     generator = Generator(settings, folder)
     try:
         recipe = settings.generate
-        generator.wait_for(TEST_SPLIT, recipe.test)
+        generator.wait_for(test_split(settings), recipe.test)
         generator.wait_for("train", min(recipe.start, recipe.scenes))
-        passed = (time.monotonic() - begun) / 60
-        left = minutes - passed - recipe.reserve
+        stages.done("first scenes")
+        left = stages.left() - recipe.reserve
         if left <= 0:
             raise UserError(
                 f"--minutes: expected more than {minutes - left:.1f} (first scenes, and "
@@ -107,16 +137,51 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
         generator.check()
     finally:
         generator.stop()
-    bundle, weights = folder / "bundle", folder / "weights.pt"
+    stages.done("first stage, boxes and features")
+    weights = folder / "weights.pt"
     if share:
         poses = settings.second.model_dump(exclude={"share"})
         poses |= {"backbone": str(weights), "init": "", "minutes": left * share}
+        if settings.pretrained:  # the first stage saw close-ups, too, and is gone on from
+            poses |= {"backbone": runconfig.PRETRAINED, "init": str(weights)}
         loop.train(settings.model_copy(update=poses), folder / "poses")
         weights = folder / "poses" / "weights.pt"
+        stages.done("second stage, poses")
+    model, _, step = checkpoint.load_weights(weights)
+    model.to(processes.join().device)
+    found = thresholds_of(settings, model)
     subprocess.run(
         [sys.executable, "-m", "mvtop_train.export", "--weights", str(weights),
-         "--data", settings.data, "--out", str(bundle)],
+         "--data", settings.data, "--out", str(folder / "bundle"), "--half",
+         "--score-threshold", str(found.score), "--agree-threshold", str(found.agree)],
         check=True,
     )  # fmt: skip
-    print(json.dumps(evaluate(settings, folder, weights), indent=1))
-    print(f"{folder}: {(time.monotonic() - begun) / 60:.1f} minutes of {minutes:g}")
+    print(f"boxes at score {found.score:g}: precision {found.precision:.3f}, recall "
+          f"{found.recall:.3f}, IoU {found.iou:.2f}")  # fmt: skip
+    print(json.dumps(evaluate(settings, folder, model, step), indent=1))
+    stages.done("thresholds, export, evaluation")
+    if settings.generate.mesh:
+        report(settings, folder)
+        stages.done("report")
+    print(f"{folder}: {minutes - stages.left():.1f} minutes of {minutes:g}")
+
+
+def thresholds_of(settings: runconfig.RunConfig, model) -> thresholds.Thresholds:
+    """Chosen on the held-out scenes of the training split, so that the test split stays unseen."""
+    known = settings.known()
+    scenes = batches.Scenes(Path(settings.data), known, settings.held_out)
+    images = scenes.held_images or scenes.images
+    return thresholds.choose(model, images, search.Searches(model.config, known))
+
+
+def report(settings: runconfig.RunConfig, folder: Path):
+    """What a user would get: images in, poses out, on scenes that were never trained on."""
+    views = min(3, max(len(scene) for scene in batches.Scenes(
+        Path(settings.data), settings.known(), 0, test_split(settings)).training))  # fmt: skip
+    subprocess.run(
+        [str(Path(sys.executable).with_name("mvtop-cli")), "eval", "bop",
+         "--dataset", settings.data, "--split", test_split(settings), "--views", str(views),
+         "--model", str(folder / "bundle"), "--report", str(folder / "report"), "--force"],
+        check=True,
+    )  # fmt: skip
+    print(f"what to expect of it: {folder / 'report' / 'report.html'}")

@@ -4,6 +4,7 @@ import argparse
 import difflib
 import json
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal, get_type_hints
 
@@ -11,10 +12,14 @@ import pydantic
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat
 from pydantic_core import PydanticCustomError
 
+from ..data import objects
 from ..data.crops import Augmentation
 from ..errors import UserError
 from ..network import config as configs
 from ..network import losses
+
+
+PRETRAINED = "pretrained"
 
 
 class Table(pydantic.BaseModel):
@@ -56,7 +61,15 @@ LossWeights = pydantic.create_model(
 
 
 class Generate(Table):
-    """What `mvtop_train.run` generates."""
+    """What `mvtop_train.run` generates: MV-ball, or scenes of the parts in `mesh`."""
+
+    mesh: tuple[str, ...] = ()  # as the options of `mvtop_train.generate`, and those that follow
+    mesh_unit: str = ""
+    name: tuple[str, ...] = ()
+    id: tuple[NonNegativeInt, ...] = ()
+    rig: tuple[str, ...] = ()
+    instances: Count = 1
+    width: Count = 640
 
     scenes: Count = 6000  # of the training split
     test: Count = 100  # scenes of the split that the result is evaluated on
@@ -89,12 +102,15 @@ class RunConfig(Table):
     preset: Literal[*configs.PRESETS] = "small"
     network: NetworkChanges = NetworkChanges()
     init: str = ""  # checkpoint whose weights to start from
-    backbone: str = ""  # checkpoint whose backbone to freeze; the rest is trained on close-ups
+    # Checkpoint whose backbone to freeze; the rest is trained on what it made of close-ups before.
+    backbone: str = ""  # "pretrained", for networks that are: what keeps its weights anyway
     copies: Count = 5  # of each image among these, each seen otherwise
     steps: Annotated[int, Field(ge=0, examples=[20_000])] = 0
     minutes: Annotated[float, Field(ge=0, examples=[25])] = 0.0
     images: Count = 64  # views per batch, of all processes together
     views: Shares = (0.2, 0.5, 0.15, 0.15)  # of batches with 1, 2, 3, ... views
+    searched: Count = 4  # whole images for the detector, on top, of networks that learn it apart
+    backgrounds: str = ""  # folder of pictures to put behind and before the objects
     negatives: NonNegativeFloat = 0.125  # crops without the object, on top, as a share of `images`
     crop: Annotated[int, Field(gt=0, multiple_of=32)] = 160  # side of the training crops, px
     lr: PositiveFloat = 1e-3  # at the peak
@@ -116,6 +132,11 @@ class RunConfig(Table):
     def _fits_together(self):
         for wrong, key, expected in (
             (self.backbone and not self.closeup, "backbone", "none for networks without close-ups"),
+            (
+                self.backbone and self.pretrained != (self.backbone == PRETRAINED),
+                "backbone",
+                repr(PRETRAINED) if self.pretrained else "a checkpoint",
+            ),
             (self.images < len(self.views), "images", "at least as many as views of a scene"),
             (not (self.steps or self.minutes), "steps", "a bound: steps or minutes over 0"),
         ):
@@ -128,6 +149,14 @@ class RunConfig(Table):
     def closeup(self) -> int:
         """Side of the network's close-ups, px; 0: it has none."""
         return self.network_config(()).closeup
+
+    @property
+    def pretrained(self) -> bool:
+        return not self.network_config(()).shares_backbone
+
+    def known(self) -> tuple[objects.Object, ...]:
+        """The objects of the data set that the network learns."""
+        return objects.read_all(Path(self.data), (self.object,) if self.object else ())
 
     def network_config(self, classes) -> configs.Config:
         return configs.preset(self.preset, classes, **self.network.model_dump(exclude_none=True))
@@ -201,12 +230,16 @@ def load(path: Path, changes: list[str] = ()) -> RunConfig:
         raise UserError(f"{path}: {error.strerror.lower()}; fix: see training/runs/") from None
     except ValueError as error:
         raise UserError(f"{path}: expected TOML, got: {error}; fix: the file") from None
+    return _validated(path, fields, changes)
+
+
+def _validated(source, fields: dict, changes: list[str]) -> RunConfig:
     for change in changes:
         _change(fields, change)
     try:
         return RunConfig.model_validate(fields)
     except pydantic.ValidationError as error:
-        raise UserError(f"{path}: {_sentence(error.errors()[0])}") from None
+        raise UserError(f"{source}: {_sentence(error.errors()[0])}") from None
 
 
 def _toml(value) -> str:
@@ -241,9 +274,42 @@ def keep_copy(config: RunConfig, folder: Path):
     part.replace(path)
 
 
-def add_arguments(parser: argparse.ArgumentParser):
+def of_parts(
+    out: Path, minutes: float, generate: dict, backgrounds: str, changes: list[str] = ()
+) -> RunConfig:
+    """What is done about parts of which nothing but meshes and a rig is known."""
+    fields = {
+        "data": str(out / "data"), "minutes": minutes, "preset": "lite", "images": 48, "searched": 3, "workers": 1,
+        "views": [0.2, 0.4, 0.3, 0.1], "warmup": 200, "backgrounds": backgrounds,
+        "generate": {**generate, "test": 60, "start": 60, "reserve": 6.0},
+        "second": {"share": 0.45, "views": [0.15, 0.4, 0.3, 0.15]},
+    }  # fmt: skip
+    return _validated("options", fields, changes)
+
+
+def add_arguments(parser: argparse.ArgumentParser, required: bool = True):
     """The options by which commands take a config."""
-    parser.add_argument("--config", type=Path, required=True, help="TOML, see training/runs/")
+    parser.add_argument("--config", type=Path, required=required, help="TOML, see training/runs/")
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="change a key of the config"
     )
+
+
+def parse(
+    parser: argparse.ArgumentParser, of_parts: Callable | None = None
+) -> tuple[argparse.Namespace, RunConfig, Path]:
+    """The arguments of a command that makes a run; its config and its folder.
+
+    of_parts  makes a config of the arguments where these name meshes instead
+    """
+    add_arguments(parser, required=of_parts is None)
+    parser.add_argument(
+        "--out", type=Path, help="folder of this run, resumed if there (runs/<name of the config>)"
+    )
+    args = parser.parse_args()
+    own = of_parts is not None and bool(args.mesh)
+    if own == bool(args.config):
+        got = "both" if own else "none"
+        raise UserError(f"--mesh or --config: expected one of them, got {got}; fix: see --help")
+    settings = of_parts(args) if own else load(args.config, args.set)
+    return args, settings, args.out or Path("runs") / args.config.stem

@@ -8,16 +8,16 @@ from ..data.closeup import CloseUps
 from ..data.crops import Crops
 from ..data.inputs import to_views
 from ..data.views import ViewMaker, collate
-from ..network import losses
+from ..network import losses, symmetry
 from .optimise import autocast
 from .runconfig import RunConfig
 
 
-def pose_views(settings: RunConfig, config, bounds, augment: bool) -> ViewMaker:
+def pose_views(settings: RunConfig, config, objects, augment: bool, composer=None) -> ViewMaker:
     """Views like those that poses are decoded from: close-ups, where the network has them."""
     crops = Crops(settings.crop, settings.augmentation_of(config))
     choose = CloseUps(config.closeup) if config.closeup else crops
-    return ViewMaker(choose, config, bounds, augment)
+    return ViewMaker(choose, config, objects, augment, composer)
 
 
 @torch.no_grad()
@@ -29,13 +29,17 @@ def validate(model, scenes, maker: ViewMaker, precision: str, views: int, per_sc
         for scene in scenes
         if len(scene) >= views
         for chosen in fixed_views(scene, views, per_scene)
+        if len(chosen) == views
     ]
+    known = symmetry.of(model.config.classes).to(device)
     rot, t = [], []
     for start in range(0, len(items), 32):
         batch = collate(items[start : start + 32])
         with autocast(device, precision):
             prediction = model(to_views(batch, maker.config, device))
-        r, d = losses.pose_errors(prediction.poses, batch["cam_from_obj"][:, :1].to(device))
+        truth, index = batch["cam_from_obj"][:, :1].to(device), batch["class_index"].to(device)
+        truth, _ = losses.nearest_truth(prediction.poses, truth, index, known)
+        r, d = losses.pose_errors(prediction.poses, truth)
         rot.append(torch.rad2deg(r[-1]).flatten().cpu())
         t.append(d[-1].flatten().cpu())
     rot, t = torch.cat(rot), torch.cat(t)

@@ -1,0 +1,89 @@
+"""From which score on a box is believed: chosen on scenes that were not trained on."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torchvision.ops import box_iou, nms
+
+from ..data.inputs import normalised
+from ..data.search import Searches
+
+IOU = 0.5  # of a box that is right
+NMS_IOU = 0.5
+LEAST = 0.05
+RECALL = 0.98  # of all that the best threshold finds, kept by boxes that another view agrees with
+
+
+@dataclass
+class Thresholds:
+    """Scores for the bundle, and how good boxes are with the first of them."""
+
+    score: float
+    agree: float
+    precision: float
+    recall: float
+    iou: float  # mean, of those that are right
+
+
+@torch.no_grad()
+def boxes_of(model, images: torch.Tensor):
+    """Per image: boxes [n, 4] px, scores [n], classes [n], as `mvtop-core` finds them."""
+    scores, boxes = model.features.detect(images)
+    scores = scores.float().sigmoid()
+    peak = (scores == F.max_pool2d(scores, 3, 1, 1)) & (scores >= LEAST)
+    for n in range(len(images)):
+        index, row, column = peak[n].nonzero(as_tuple=True)
+        found, score = boxes[n][:, row, column].T, scores[n][index, row, column]
+        apart = found + index[:, None] * 1e5  # classes do not suppress each other
+        kept = nms(apart, score, NMS_IOU)
+        yield found[kept], score[kept], index[kept]
+
+
+def matched(boxes, scores, classes, truth, index):
+    """[(score, IoU or 0)] of the boxes, best first, each true box taken once; those that may be
+    found or not (class -1) count neither way."""
+    sure = index >= 0
+    iou = box_iou(boxes, truth) if len(truth) else torch.zeros(len(boxes), 0)
+    free, out = sure.clone(), []
+    for n in scores.argsort(descending=True):
+        fits = iou[n] * (free & (index == classes[n]))
+        best = int(fits.argmax()) if len(fits) else -1
+        if best >= 0 and fits[best] >= IOU:
+            free[best] = False
+            out.append((float(scores[n]), float(fits[best])))
+        elif not len(truth) or not (iou[n][~sure] > 0.3).any():
+            out.append((float(scores[n]), 0.0))
+    return out
+
+
+def choose(model, images, searches: Searches, batch: int = 8) -> Thresholds:
+    """The threshold with the best F1 over `images` (`bop.Image`), and the lower one for boxes that
+    lines of sight of another view confirm."""
+    config, device = model.config, next(model.parameters()).device
+    found, wanted = [], 0
+    rng = np.random.default_rng(0)
+    for start in range(0, len(images), batch):
+        made = [searches.make(image, rng, augment=False) for image in images[start : start + batch]]
+        stack = {name: torch.from_numpy(np.stack([x[name] for x in made])) for name in made[0]}
+        x = normalised(stack["search_image"], stack["search_on_image"], config).to(device)
+        for n, (boxes, scores, classes) in enumerate(boxes_of(model, x)):
+            there = stack["search_boxes"][n][:, 2] > stack["search_boxes"][n][:, 0]
+            truth, index = stack["search_boxes"][n][there], stack["search_class"][n][there]
+            wanted += int((index >= 0).sum())
+            found += matched(boxes.cpu(), scores.cpu(), classes.cpu(), truth, index)
+    if not found or not wanted:
+        return Thresholds(0.3, 0.15, 0.0, 0.0, 0.0)
+    found.sort(reverse=True)
+    score, iou = np.array(found).T
+    right = np.cumsum(iou > 0)
+    precision, recall = right / np.arange(1, len(right) + 1), right / wanted
+    best = int((2 * precision * recall / np.maximum(precision + recall, 1e-9)).argmax())
+    enough = int(np.searchsorted(recall, RECALL * recall[-1]))
+    good = iou[: best + 1][iou[: best + 1] > 0]
+    agree = min(score[best], max(score[min(enough, len(score) - 1)], LEAST))
+    return Thresholds(
+        round(float(score[best]), 3), round(float(agree), 3), float(precision[best]),
+        float(recall[best]), float(good.mean()) if len(good) else 0.0,
+    )  # fmt: skip
