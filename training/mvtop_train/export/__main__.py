@@ -1,11 +1,9 @@
-"""Export a trained network as a bundle: `model.json` beside two ONNX graphs.
+"""Export a trained network as a bundle: `model.json` beside its ONNX graphs (`bundle.py`).
 
     python -m mvtop_train.export --weights runs/small-cpu/weights.pt --out models/mvball
 
-`features.onnx` runs once on all views, `decoder.onnx` once per reference camera; between them
-Rust finds the boxes and computes the lines of sight. Networks with close-ups have a third,
-`closeup.onnx`, which runs once on these, and the first then only detects. The deformable sampling
-is the custom operator `mvtop::DeformableSampling`; `--portable` writes standard operators instead.
+The deformable sampling is the custom operator `mvtop::DeformableSampling`; `--portable` writes
+standard operators instead.
 """
 
 import datetime
@@ -35,8 +33,10 @@ def main():
     source.add_argument("--weights", type=Path, help="last.pt of a run")
     source.add_argument("--untrained", choices=configs.PRESETS, help="random weights of a preset")
     parser.add_argument("--out", type=Path, required=True, help="bundle folder")
-    parser.add_argument("--data", type=Path, help="data set of the object, if not MV-ball")
-    parser.add_argument("--object", type=int, metavar="ID", help="of the objects in --data")
+    parser.add_argument("--data", type=Path, help="data set of the objects, if not MV-ball")
+    parser.add_argument(
+        "--object", type=int, metavar="ID", help="one of the objects in --data, alone"
+    )
     parser.add_argument(
         "--half", action="store_true", help="weights in half precision: half the size"
     )
@@ -48,12 +48,13 @@ def main():
         "--agree-threshold", type=float, help="least score of a box that another view agrees with"
     )
     args = parser.parse_args()
-    obj = objects.read(args.data, args.object) if args.data else None
+    ids = (args.object,) if args.object else ()
+    known = objects.read_all(args.data, ids) if args.data else (objects.ball(),)
     if args.weights:
         model, config, step = load_weights(args.weights)
     else:
         torch.manual_seed(0)
-        classes = objects.classes_of(obj or objects.ball())
+        classes = objects.classes_of(*known)
         config, step = configs.preset(args.untrained, classes), 0
         model = Mvtop(config).eval()
     provenance = {
@@ -63,7 +64,7 @@ def main():
         "date": datetime.date.today().isoformat(),
     }
     write_bundle(
-        model, args.out, provenance, args.portable, args.score_threshold, obj,
+        model, args.out, provenance, args.portable, args.score_threshold, known,
         args.agree_threshold, args.half,
     )  # fmt: skip
     size = sum(f.stat().st_size for f in args.out.iterdir()) / 1e6

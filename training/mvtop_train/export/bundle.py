@@ -10,6 +10,7 @@ portable bundles have standard operators instead.
 import contextlib
 import copy
 import hashlib
+import io
 import json
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from torch import nn
 from ..data import objects
 from ..errors import UserError
 from ..network import sampling
+from ..network.config import ObjectClass
 from ..network.decoder import Boxes
 from ..network.model import Mvtop
 
@@ -37,7 +39,7 @@ class ExportedFeatures(nn.Module):
     def forward(self, images, camera_rays):
         levels = self.features.backbone(images)
         scores, boxes = self.features.detector(levels[0])
-        memory = self.features.encoder(self.features.pose_levels(levels), camera_rays)
+        memory = self.features.encoder(self.features.of_poses(levels), camera_rays)
         return memory, scores.sigmoid(), boxes
 
 
@@ -46,10 +48,10 @@ class ExportedDetector(nn.Module):
 
     def __init__(self, model: Mvtop):
         super().__init__()
-        self.backbone, self.detector = model.features.backbone, model.features.detector
+        self.features = model.features
 
     def forward(self, images):
-        scores, boxes = self.detector(self.backbone(images)[0])
+        scores, boxes = self.features.detect(images)
         return scores.sigmoid(), boxes
 
 
@@ -61,12 +63,11 @@ class ExportedCloseUps(nn.Module):
         self.features = model.features
 
     def forward(self, images, camera_rays):
-        levels = self.features.pose_levels(self.features.backbone(images))
-        return self.features.encoder(levels, camera_rays)
+        return self.features.encoder(self.features.pose_levels(images), camera_rays)
 
 
 class ExportedDecoder(nn.Module):
-    """One scene (no batch axis); see the inputs in `export_decoder`."""
+    """One scene (no batch axis); see the inputs in `_decoder_of`."""
 
     def __init__(self, model: Mvtop):
         super().__init__()
@@ -80,46 +81,68 @@ class ExportedDecoder(nn.Module):
         return tuple(x[0] for x in poses[-1])
 
 
-def _export(module, args, path: Path, inputs, outputs, axes):
+def graph_of(module: nn.Module, inputs: dict, outputs: list[str], free: dict) -> onnx.ModelProto:
+    """inputs: by name; free: the names of axes of any length, by input or output and axis"""
+    file = io.BytesIO()
     torch.onnx.export(
-        module, args, str(path), input_names=inputs, output_names=outputs,
-        dynamic_axes=axes, opset_version=OPSET, dynamo=False, do_constant_folding=True,
-        custom_opsets={"mvtop": 1},
+        module.eval(), tuple(inputs.values()), file, input_names=list(inputs),
+        output_names=outputs, dynamic_axes=free, opset_version=OPSET, dynamo=False,
+        do_constant_folding=True, custom_opsets={"mvtop": 1},
     )  # fmt: skip
-    graph = onnx.load(str(path))
+    graph = onnx.load_from_string(file.getvalue())
     graph.producer_name, graph.doc_string = "mvtop", ""
-    onnx.save(graph, str(path))
+    return graph
 
 
-def export_features(model: Mvtop, path: Path, views: int = 2):
+def graphs_of(model: Mvtop) -> dict[str, onnx.ModelProto]:
+    """Every graph of the network, by name."""
     config = model.config
-    n = sum(rows * columns for rows, columns in config.level_shapes())
-    args = (torch.zeros(views, 3, config.height, config.width), torch.zeros(views, n, 3))
-    names = ["images", "camera_rays"]
-    outputs = ["memory", "det_scores", "det_boxes"]
-    axes = {name: {0: "views"} for name in names + outputs}
-    _export(ExportedFeatures(model).eval(), args, path, names, outputs, axes)
+    found = ["det_scores", "det_boxes"]
+
+    def of_pictures(module, height, width, shapes, outputs, axis="views"):
+        inputs = {"images": torch.zeros(2, 3, height, width)}
+        if shapes:
+            cells = sum(rows * columns for rows, columns in shapes)
+            inputs["camera_rays"] = torch.zeros(2, cells, 3)
+        free = {name: {0: axis} for name in [*inputs, *outputs]}
+        return graph_of(module(model), inputs, outputs, free)
+
+    size, shapes = (config.height, config.width), config.decoder_shapes()
+    if not config.closeup:
+        features = of_pictures(ExportedFeatures, *size, shapes, ["memory", *found])
+        return {"features": features, "decoder": _decoder_of(model)}
+    side = config.closeup
+    return {
+        "features": of_pictures(ExportedDetector, *size, (), found),
+        "decoder": _decoder_of(model),
+        "closeup": of_pictures(ExportedCloseUps, side, side, shapes, ["memory"], "pictures"),
+    }
 
 
-def export_detector(model: Mvtop, path: Path, views: int = 2):
-    images = torch.zeros(views, 3, model.config.height, model.config.width)
-    outputs = ["det_scores", "det_boxes"]
-    axes = {name: {0: "views"} for name in ["images", *outputs]}
-    _export(ExportedDetector(model).eval(), (images,), path, ["images"], outputs, axes)
+def _decoder_of(model: Mvtop) -> onnx.ModelProto:
+    config = model.config
+    n = sum(rows * columns for rows, columns in config.decoder_shapes())
+    of_boxes = {
+        "centers": torch.rand(2, 2, 2),
+        "half_sizes": torch.rand(2, 2, 2) * 0.2,
+        "box_rays": torch.randn(2, 2, 12),
+        "valid": torch.ones(2, 2),
+    }
+    inputs = {
+        "memory": torch.randn(2, n, config.d_model),
+        "rays": torch.randn(2, n, config.los_channels),
+        **of_boxes,
+        "class_index": torch.zeros(2, dtype=torch.long),
+    }
+    outputs = ["rotation_6d", "translation", "sigma"]
+    free = {name: {0: "views"} for name in ("memory", "rays")}
+    free |= {name: {0: "views", 1: "objects"} for name in of_boxes}
+    free |= {name: {0: "objects"} for name in ("class_index", *outputs)}
+    return graph_of(ExportedDecoder(model), inputs, outputs, free)
 
 
-def export_closeup(model: Mvtop, path: Path, pictures: int = 2):
-    size = model.config.closeup
-    n = sum(rows * columns for rows, columns in model.config.decoder_shapes())
-    args = (torch.zeros(pictures, 3, size, size), torch.zeros(pictures, n, 3))
-    names = ["images", "camera_rays"]
-    axes = {name: {0: "pictures"} for name in [*names, "memory"]}
-    _export(ExportedCloseUps(model).eval(), args, path, names, ["memory"], axes)
-
-
-def store_in_half(path: Path):
+def store_in_half(graph: onnx.ModelProto):
     """Keep the large weights of a graph in half precision: half the file, computed in full."""
-    graph = onnx.load(str(path))
     casts = []
     for tensor in graph.graph.initializer:
         values = onnx.numpy_helper.to_array(tensor)
@@ -133,27 +156,6 @@ def store_in_half(path: Path):
     del graph.graph.node[:]
     graph.graph.node.extend(nodes)
     onnx.checker.check_model(graph)
-    onnx.save(graph, str(path))
-
-
-def export_decoder(model: Mvtop, path: Path, views: int = 2, queries: int = 2):
-    config = model.config
-    n = sum(rows * columns for rows, columns in config.decoder_shapes())
-    v, q = views, queries
-    args = {
-        "memory": torch.randn(v, n, config.d_model),
-        "rays": torch.randn(v, n, config.los_channels),
-        "centers": torch.rand(v, q, 2),
-        "half_sizes": torch.rand(v, q, 2) * 0.2,
-        "box_rays": torch.randn(v, q, 12),
-        "valid": torch.ones(v, q),
-        "class_index": torch.zeros(q, dtype=torch.long),
-    }
-    outputs = ["rotation_6d", "translation", "sigma"]
-    axes = {name: {0: "views"} for name in ("memory", "rays")}
-    axes |= {n: {0: "views", 1: "objects"} for n in ("centers", "half_sizes", "box_rays", "valid")}
-    axes |= {name: {0: "objects"} for name in ("class_index", *outputs)}
-    _export(ExportedDecoder(model).eval(), tuple(args.values()), path, list(args), outputs, axes)
 
 
 def fold_batch_norm(model: Mvtop) -> Mvtop:
@@ -174,35 +176,41 @@ def _entry(path: Path) -> dict:
     return {"sha256": hashlib.sha256(content).hexdigest(), "bytes": len(content)}
 
 
+def _symmetries(known: ObjectClass) -> dict:
+    """As Rust reads them, metres; nothing of parts without."""
+    discrete = [np.reshape(turn, (4, 4)).tolist() for turn in known.discrete]
+    continuous = [{"axis": turn[:3], "offset": turn[3:]} for turn in known.continuous]
+    found = {"symmetries_discrete": discrete, "symmetries_continuous": continuous}
+    return {name: values for name, values in found.items() if values}
+
+
 def write_bundle(
     model: Mvtop, out: Path, provenance: dict, portable: bool = False,
-    score_threshold: float = 0.3, obj: objects.Object | None = None,
+    score_threshold: float = 0.3, known: tuple[objects.Object, ...] = (),
     agree_threshold: float | None = None, half: bool = False,
 ):  # fmt: skip
-    """Write every file of a bundle; `model.json` comes last. `obj`: the MV-ball if left out."""
+    """Write every file of a bundle; `model.json` comes last. `known`: the MV-ball if left out."""
     config = model.config
-    obj = obj or objects.ball()
-    if [c.name for c in config.classes] != [obj.name]:
+    known = known or (objects.ball(),)
+    names, wanted = [c.name for c in config.classes], [obj.name for obj in known]
+    if names != wanted:
         raise UserError(
-            f"weights know {[c.name for c in config.classes]}, expected [{obj.name!r}]; "
+            f"weights know {names}, expected {wanted}; "
             "fix: --data must name the data set that they were trained on"
         )
     out.mkdir(parents=True, exist_ok=True)
     model = fold_batch_norm(model)
-    graphs = {"features": export_features, "decoder": export_decoder}
-    if config.closeup:
-        graphs |= {"features": export_detector, "closeup": export_closeup}
     with sampling.standard_operators() if portable else contextlib.nullcontext():
-        for name, export in graphs.items():
-            export(model, out / f"{name}.onnx")
-    if half:
-        for name in graphs:
-            store_in_half(out / f"{name}.onnx")
-    rows = np.concatenate([obj.points.round(6), obj.colors.astype(int)], 1).tolist()
-    rows = [[*row[:3], *(int(c) for c in row[3:])] for row in rows]
-    points_file = f"{obj.name}.points.json"
-    (out / points_file).write_text(json.dumps({"unit": "m", "points": rows}))
-    files = [*(f"{name}.onnx" for name in graphs), points_file]
+        graphs = graphs_of(model)
+    for name, graph in graphs.items():
+        if half:
+            store_in_half(graph)
+        onnx.save(graph, out / f"{name}.onnx")
+    for obj in known:
+        rows = np.concatenate([obj.points.round(6), obj.colors.astype(int)], 1).tolist()
+        rows = [[*row[:3], *(int(c) for c in row[3:])] for row in rows]
+        (out / f"{obj.name}.points.json").write_text(json.dumps({"unit": "m", "points": rows}))
+    files = [*(f"{name}.onnx" for name in graphs), *(f"{obj.name}.points.json" for obj in known)]
     agree = {} if agree_threshold is None else {"agree_threshold": agree_threshold}
     closeup = {"size": config.closeup, "strides": list(config.closeup_strides)}
     description = {
@@ -216,7 +224,8 @@ def write_bundle(
         "strides": list(config.strides),
         "los_encoding": config.los_encoding,
         "classes": [
-            {"id": c.id, "name": c.name, "diameter_m": c.diameter_m, "points": points_file}
+            {"id": c.id, "name": c.name, "diameter_m": c.diameter_m,
+             "points": f"{c.name}.points.json", **_symmetries(c)}
             for c in config.classes
         ],
         "detector": {"score_threshold": score_threshold, **agree, "nms_iou": 0.5},

@@ -4,7 +4,6 @@ Slow and plain. The training has its own close-ups (`data/closeup.py`), of pinho
 numbers; here a camera has any lens, and a picture is as exact as its image.
 """
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,20 +49,16 @@ class Camera:
 
 
 def load_rig(path: Path) -> list[Camera]:
-    """The cameras of a rig file in metres whose poses are matrices, as the samples' are."""
-    cameras = []
-    for entry in json.loads(Path(path).read_text())["cameras"]:
-        fx, fy, cx, cy = (entry[key] for key in ("fx", "fy", "cx", "cy"))
-        k = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-        if "T_world_cam" in entry:
-            pose = np.array(entry["T_world_cam"])
-        else:
-            pose = np.linalg.inv(entry["T_cam_world"])
-        params = entry.get("distortion", {}).get("params", ())
-        fisheye = entry.get("model") == "fisheye"
-        size = entry["width"], entry["height"]
-        cameras.append(Camera(entry["id"], *size, k, pose, tuple(params), fisheye))
-    return cameras
+    """The cameras of a rig file."""
+    import mvtop  # loads its compiled part
+
+    return [
+        Camera(
+            camera.id, *camera.size, camera.K, camera.world_from_cam,
+            tuple(camera.distortion), camera.model == "fisheye",
+        )
+        for camera in mvtop.Rig.load(path).cameras
+    ]  # fmt: skip
 
 
 def rays_of_box(camera: Camera, box) -> np.ndarray:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from ..data import bop, mvball
+from ..data import bop, objects
 from ..data.bank import Bank
 from ..data.views import ViewMaker
 from ..errors import argument_parser, command
@@ -44,8 +44,9 @@ def main():
     def cached(root: Path, split: str, scenes: int | None, copies: int, augment: bool) -> Bank:
         index = bop.load_index(root, split)[:scenes]
         name = f"{split}-{len(index)}x{copies}-levels{''.join(map(str, args.levels))}"
-        maker = ViewMaker(canonical.Canonical(), viewed, mvball.bounding_points(), augment)
-        return Bank(args.out / name, index, maker, model.features.backbone, copies, seed=0)
+        maker = ViewMaker(canonical.Canonical(), viewed, (objects.ball(),), augment)
+        features = canonical.Maps(model.features.backbone, trained.strides, strides)
+        return Bank(args.out / name, index, maker, features, copies, seed=0)
 
     for name in args.variants:
         variant = VARIANTS[name]
@@ -70,8 +71,9 @@ def main():
             result[split] = variants.test(fitted, variant, cached(args.test, split, None, 1, False))
         path.write_text(json.dumps(result, indent=1) + "\n")
         tqdm.write(json.dumps({name: {split: result[split] for split in tests}}))
-    (args.out / "study.md").write_text(variants.table(args.out) + "\n")
-    print(variants.table(args.out))
+    text = variants.table(args.out)
+    (args.out / "study.md").write_text(text)
+    print(text)
 
 
 if __name__ == "__main__":

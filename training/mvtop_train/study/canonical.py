@@ -7,6 +7,7 @@ that also a method that is told nothing of the lens is well posed.
 from dataclasses import dataclass
 
 import numpy as np
+from torch import nn
 
 from ..data import bop
 from ..data.boxes import amodal_boxes
@@ -24,6 +25,18 @@ def look_at(direction: np.ndarray) -> np.ndarray:
     x = np.cross([0.0, 1.0, 0.0], z)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(z, x), z])  # rows: new axes in the old frame
+
+
+class Maps(nn.Module):
+    """Some of a backbone's, for a bank."""
+
+    def __init__(self, backbone: nn.Module, strides: tuple[int, ...], wanted: tuple[int, ...]):
+        super().__init__()
+        self.backbone, self.used = backbone, [strides.index(stride) for stride in wanted]
+
+    def cache(self, images) -> list:
+        maps = self.backbone(images)
+        return [maps[i] for i in self.used]
 
 
 @dataclass(frozen=True)

@@ -73,8 +73,8 @@ def statistics(scenes: dict) -> dict:
     """Counts, and the values that the histograms are of, one per image."""
     images = [image for scene in scenes.values() for image in scene]
 
-    def annotated(key: str) -> list:
-        return [image.info[key] for image in images if key in image.info]
+    def known(values) -> list:
+        return [value for value in values if value is not None]
 
     views = [viewpoint(image.cam_from_obj) for image in images]
     directions = np.stack([direction for direction, _ in views])
@@ -92,8 +92,8 @@ def statistics(scenes: dict) -> dict:
         "values": {
             "distance_m": [float(np.linalg.norm(i.cam_from_obj[:3, 3])) for i in images],
             "box_px": [float((i.box[2:] - i.box[:2]).max()) for i in images],
-            "hemisphere_px": annotated("px_count_hemisphere"),
-            "visible_share": annotated("visib_fract"),
+            "hemisphere_px": known(i.only.info.get("px_count_hemisphere") for i in images),
+            "visible_share": known(image.only.visible_share for image in images),
             "azimuth_deg": np.rad2deg(np.arctan2(directions[:, 1], directions[:, 0])).tolist(),
             "z": directions[:, 2].tolist(),
         },

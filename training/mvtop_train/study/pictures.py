@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from ..errors import UserError, argument_parser, command
+from . import results
 from .tables import call
 
 CELL = 150  # px
@@ -51,17 +52,6 @@ def overlays(cli: str, model: Path, sample: Path, cameras: list[str]) -> list[np
             *[f"{camera}={sample / camera}.png" for camera in cameras],
         ])  # fmt: skip
         return [cv2.imread(f"{folder}/{camera}.png") for camera in cameras]
-
-
-def errors(path: Path) -> dict[str, float | None]:
-    """Rotation error of each sample in a file of results, degrees; None where not found."""
-    try:
-        lines = [json.loads(line) for line in path.read_text().splitlines()]
-        return {line["sample"]: line["rot_deg"] for line in lines}
-    except (OSError, ValueError, LookupError) as error:
-        raise UserError(
-            f"{path}: expected results, got {type(error).__name__}; fix: make tables"
-        ) from None
 
 
 def row(args, sample: Path) -> np.ndarray:
@@ -101,7 +91,8 @@ def main():
     parser.add_argument("--out", type=Path, default=Path("out/pairs.png"))
     parser.add_argument("--cli", default="target/release/mvtop-cli")
     args = parser.parse_args()
-    two, one = (errors(args.results / args.split / f"views{v}.jsonl") for v in (2, 1))
+    runs = [results.read(args.results / args.split / f"views{v}.jsonl") for v in (2, 1)]
+    two, one = (dict(zip(run.samples, run.rot_deg, strict=True)) for run in runs)
     header = np.full((22, len(COLUMNS) * (CELL + GAP) - GAP, 3), 255, np.uint8)
     for column, text in enumerate(COLUMNS):
         cv2.putText(
@@ -113,7 +104,7 @@ def main():
             raise UserError(f"no sample {args.samples / name}; fix: --samples of these results")
         picture = row(args, args.samples / name)
         for column, found in ((2, two[name]), (4, one[name])):
-            label(picture, "not found" if found is None else f"{found:.1f} deg off", column)
+            label(picture, "not found" if np.isnan(found) else f"{found:.1f} deg off", column)
         rows += [picture, np.full((GAP, picture.shape[1], 3), 255, np.uint8)]
     args.out.parent.mkdir(parents=True, exist_ok=True)
     save(args.out, np.vstack(rows[:-1]))

@@ -26,6 +26,7 @@ class Results:
     sigma_rot_deg: np.ndarray
     sigma_t_m: np.ndarray
     views: int
+    samples: list[str]
 
     @property
     def found(self) -> np.ndarray:
@@ -38,7 +39,7 @@ def read(path: Path) -> Results:
         lines = [json.loads(line) for line in Path(path).read_text().splitlines()]
         number = {key: [line[key] for line in lines] for key in ("rot_deg", "trans_m", "add_m")}
         sigma = [line["sigma"] or {"rot_deg": None, "t_m": None} for line in lines]
-        views = lines[0]["views"]
+        views, samples = lines[0]["views"], [line["sample"] for line in lines]
     except (OSError, UnicodeDecodeError, ValueError, LookupError, TypeError) as error:
         raise UserError(
             f"{path}: expected JSON Lines, got {type(error).__name__}: {error}; "
@@ -50,7 +51,7 @@ def read(path: Path) -> Results:
     }
     # None becomes NaN.
     columns = {key: np.array(x, dtype=float) for key, x in (number | sigmas).items()}
-    return Results(**columns, views=views)
+    return Results(**columns, views=views, samples=samples)
 
 
 def mean(values: np.ndarray) -> tuple[float, float]:

@@ -25,6 +25,12 @@ VIEWS = {"hard": 8, "easy": 2}  # of a sample
 RIG_DEG = (0.25, 0.5, 1.0, 2.0)
 RIG_MM = (2.5, 5.0, 10.0, 20.0)
 BOX = (0.02, 0.05, 0.1, 0.2)
+# Titles of the pictures of `sweeps`, and what is swept over.
+NOISE = (
+    ("Calibration noise", "cameras turned by, degrees"),
+    ("Calibration noise", "cameras moved by, mm"),
+    ("Box noise", "standard deviation of each side, of the box's size"),
+)
 
 
 @dataclass(frozen=True)
@@ -57,15 +63,26 @@ class Condition:
         return chosen + (["--true-boxes"] if self.true_boxes else [])
 
 
+def sweep(split: str, key: str, sizes, **base) -> list[tuple[float, Condition]]:
+    """Two views with none and with more and more of one kind of noise."""
+    return [(x, Condition(split, **base, **{key: x})) for x in (0.0, *sizes)]
+
+
+def sweeps(split: str) -> dict[str, list[tuple[float, Condition]]]:
+    """By the name of its picture."""
+    return {
+        "rig_rotation": sweep(split, "rig_deg", RIG_DEG),
+        "rig_translation": sweep(split, "rig_mm", RIG_MM),
+        "boxes": sweep(split, "box_noise", BOX, true_boxes=True),
+    }
+
+
 def conditions(splits: list[str]) -> list[Condition]:
     """All of them, those that matter most first; noise on the first split only."""
     pairs = [Condition(s, v, t) for t in (False, True) for s in splits for v in (2, 1)]
+    noise = [condition for swept in sweeps(splits[0]).values() for _, condition in swept]
     more = [Condition(s, v) for s in splits for v in range(3, VIEWS[s] + 1)]
-    first = splits[0]
-    noise = [Condition(first, rig_deg=x) for x in RIG_DEG]
-    noise += [Condition(first, rig_mm=x) for x in RIG_MM]
-    noise += [Condition(first, true_boxes=True, box_noise=x) for x in BOX]
-    return pairs + noise + more
+    return list(dict.fromkeys(pairs + noise + more))
 
 
 def call(command: list[str]):
@@ -154,19 +171,11 @@ COLUMNS = ["found", "rotation, °", "median, °", "over 30°", "ADD, mm", "trans
 
 
 def tables(runs: dict[Condition, results.Results], splits: list[str], resolved_deg: float) -> str:
-    first = splits[0]
-    plain, true_boxes = Condition(first), Condition(first, true_boxes=True)
-
-    def listed(changes: list[dict], **base):
-        return [Condition(first, **base, **change) for change in changes]
-
-    def rows(chosen: list[tuple[list[str], Condition]]) -> list[list[str]]:
-        return [[*names, *cells(runs[condition])] for names, condition in chosen]
-
     parts = []
 
     def section(title: str, header: list[str], chosen: list[tuple[list[str], Condition]]):
-        parts.append(f"## {title}\n\n" + table([*header, *COLUMNS], rows(chosen)))
+        rows = [[*names, *cells(runs[condition])] for names, condition in chosen]
+        parts.append(f"## {title}\n\n" + table([*header, *COLUMNS], rows))
 
     section(
         "One and two views",
@@ -185,18 +194,16 @@ def tables(runs: dict[Condition, results.Results], splits: list[str], resolved_d
                 ["views"],
                 [([str(v)], Condition(split, v)) for v in range(1, VIEWS[split] + 1)],
             )
-    turned = [plain, *listed([{"rig_deg": x} for x in RIG_DEG])]
-    moved = listed([{"rig_mm": x} for x in RIG_MM])
+    turned, moved, boxes = sweeps(splits[0]).values()
     section(
-        f"Calibration noise ({first}, 2 views, detected boxes)",
+        f"Calibration noise ({splits[0]}, 2 views, detected boxes)",
         ["turned by, °", "moved by, mm"],
-        [([f"{c.rig_deg:g}", f"{c.rig_mm:g}"], c) for c in turned + moved],
+        [([f"{c.rig_deg:g}", f"{c.rig_mm:g}"], c) for _, c in turned + moved[1:]],
     )
-    boxes = [true_boxes, *listed([{"box_noise": x} for x in BOX], true_boxes=True)]
     section(
-        f"Box noise ({first}, 2 views, true boxes)",
+        f"Box noise ({splits[0]}, 2 views, true boxes)",
         ["standard deviation, of the box's size"],
-        [([f"{c.box_noise:g}"], c) for c in boxes],
+        [([f"{x:g}"], condition) for x, condition in boxes],
     )
     header = ["split", "views", f"resolved (within {resolved_deg:g}°)", "AUROC", "correlation"]
     unsure = []
@@ -217,35 +224,16 @@ def pictures(out: Path, runs: dict[Condition, results.Results], splits: list[str
     from . import plots
 
     first = splits[0]
-    plain, true_boxes = Condition(first), Condition(first, true_boxes=True)
     plots.histogram(out / "histogram.png", {s: runs[Condition(s)] for s in splits})
-    plots.curves(
-        out / "views.png",
-        "One set of weights",
-        "views",
-        {s: [(v, runs[Condition(s, v)]) for v in range(1, VIEWS[s] + 1)] for s in splits},
-    )
-    for key, name, unit, sizes in (
-        ("rig_deg", "rig_rotation", "cameras turned by, degrees", RIG_DEG),
-        ("rig_mm", "rig_translation", "cameras moved by, mm", RIG_MM),
-    ):
-        points = [(x, runs[Condition(first, **{key: x})]) for x in sizes]
-        series = {f"{first}, two views": [(0, runs[plain]), *points]}
-        plots.curves(out / f"{name}.png", "Calibration noise", unit, series)
-    points = [(x, runs[Condition(first, true_boxes=True, box_noise=x)]) for x in BOX]
-    plots.curves(
-        out / "boxes.png",
-        "Box noise",
-        "standard deviation of each side, of the box's size",
-        {f"{first}, two views": [(0, runs[true_boxes]), *points]},
-    )
+    series = {s: [(v, runs[Condition(s, v)]) for v in range(1, VIEWS[s] + 1)] for s in splits}
+    plots.curves(out / "views.png", "One set of weights", "views", series)
+    for (name, swept), (title, unit) in zip(sweeps(first).items(), NOISE, strict=True):
+        series = {f"{first}, two views": [(x, runs[condition]) for x, condition in swept]}
+        plots.curves(out / f"{name}.png", title, unit, series)
     views = {f"{first}, {v} view{'s' * (v > 1)}": runs[Condition(first, v)] for v in (1, 2)}
     plots.calibration(out / "calibration.png", views)
-    plots.roc(
-        out / "roc.png",
-        {f"{s}, 1 and 2 views": [runs[Condition(s, v)] for v in (1, 2)] for s in splits},
-        resolved,
-    )
+    groups = {f"{s}, 1 and 2 views": [runs[Condition(s, v)] for v in (1, 2)] for s in splits}
+    plots.roc(out / "roc.png", groups, resolved)
 
 
 @command

@@ -19,7 +19,7 @@ from ..network.views import Views
 from ..training.checkpoint import TrainingState
 from ..training.optimise import autocast, descend, learning_rate
 from ..training.progress import Timer
-from . import baselines, canonical
+from . import baselines, canonical, tables
 
 IMAGES = 64  # per step
 PEAK, WARMUP, CLIP = 1e-3, 100, 5.0  # learning rate, steps to it, norm of the gradient
@@ -185,7 +185,7 @@ def errors(estimates: np.ndarray, truth: np.ndarray) -> dict:
 @torch.no_grad()
 def test(model: Mvtop, variant: Variant, bank: Bank) -> dict[str, dict]:
     """Errors on the pairs of a test split, by how its views are put together."""
-    pairs = [[bank.row(bank.numbers[image.path][0]) for image in s[:2]] for s in bank.scenes]
+    pairs = [[bank.first(image) for image in scene[:2]] for scene in bank.scenes]
     items = pairs if variant.views == 2 else [[view] for views in pairs for view in views]
     views = given(collate(items), variant, model.config)
     with autocast("cpu"):
@@ -216,18 +216,18 @@ def test(model: Mvtop, variant: Variant, bank: Bank) -> dict[str, dict]:
 
 def table(folder: Path) -> str:
     """All results of a folder as a Markdown table: variants, splits and ways of testing."""
-    lines = [
-        "| variant | split | poses from | rotation mean | median | over 30° | ADD mean |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    header = ["variant", "split", "poses from", "rotation mean", "median", "over 30°", "ADD mean"]
     results = [json.loads(path.read_text()) for path in folder.glob("*-seed*.json")]
     order = list(VARIANTS)
-    for result in sorted(results, key=lambda r: (order.index(r["variant"]["name"]), r["seed"])):
-        for split in ("hard", "easy", "control_test"):
-            for way, e in result.get(split, {}).items():
-                lines.append(
-                    f"| {result['variant']['name']} | {split} | {way.replace('_', ' ')} "
-                    f"| {e['rot_mean_deg']:.1f}° | {e['rot_median_deg']:.1f}° "
-                    f"| {100 * e['share_over_30_deg']:.0f} % | {1e3 * e['add_mean_m']:.1f} mm |"
-                )
-    return "\n".join(lines)
+    results.sort(key=lambda r: (order.index(r["variant"]["name"]), r["seed"]))
+    rows = [
+        [
+            result["variant"]["name"], split, way.replace("_", " "),
+            f"{e['rot_mean_deg']:.1f}°", f"{e['rot_median_deg']:.1f}°",
+            f"{100 * e['share_over_30_deg']:.0f} %", f"{1e3 * e['add_mean_m']:.1f} mm",
+        ]
+        for result in results
+        for split in ("hard", "easy", "control_test")
+        for way, e in result.get(split, {}).items()
+    ]  # fmt: skip
+    return tables.table(header, rows)
