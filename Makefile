@@ -25,7 +25,7 @@ MOST_hard = 8
 MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
-.PHONY: help demo test test-rust test-python lint fixtures eval tables pictures bench \
+.PHONY: help demo test built-tests test-rust test-python lint fixtures eval tables pictures bench \
   wheel release-wheel test-wheel stubs test-ray
 
 help:  ## this list
@@ -35,7 +35,12 @@ demo: .venv/run.done $(CLI)  ## poses of the shipped two-view example, with over
 	$(CLI) infer --rig examples/mvball/rig.json examples/mvball/*.png \
 	  --truth examples/mvball/truth.json --overlay out/demo --force
 
-test: lint test-rust test-python test-wheel  ## every test, format and lint check
+test:  ## every test, format and lint check
+	$(MAKE) --no-print-directory -j2 .venv/test.done built-tests # pip unpacks while cargo compiles
+	$(MAKE) --no-print-directory lint test-rust test-python test-wheel
+
+built-tests:
+	cargo test --release --workspace --no-run
 
 test-rust: .venv/run.done
 	cargo test --release --workspace
