@@ -26,9 +26,7 @@ def of_parts(args) -> runconfig.RunConfig:
             raise UserError(f"{option}: expected with --mesh, got none; fix: add it")
     generate = {name: tuple(getattr(args, name) or ()) for name in OWN}
     generate |= {"mesh_unit": args.mesh_unit, "instances": args.instances}
-    return runconfig.of_parts(
-        args.out, args.minutes, generate, args.backgrounds or "", args.set
-    )
+    return runconfig.of_parts(args.out, args.minutes, generate, args.backgrounds or "", args.set)
 
 
 @command

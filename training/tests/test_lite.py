@@ -1,5 +1,6 @@
 """The pretrained backbone: its weights, what of it is trained; a bundle of several classes."""
 
+import dataclasses
 import json
 import subprocess
 import sys
@@ -7,12 +8,14 @@ import sys
 import numpy as np
 import pytest
 import torch
+from conftest import random_views
 
 from mvtop_train.data import objects
 from mvtop_train.data.objects import classes_of
 from mvtop_train.export.bundle import write_bundle
 from mvtop_train.network import config, lite
 from mvtop_train.network.model import Mvtop
+from mvtop_train.network.views import Cached
 from mvtop_train.synthesis import catalogue
 from mvtop_train.training.checkpoint import TrainingState
 
@@ -71,3 +74,21 @@ def test_a_bundle_of_several_classes_is_loaded(tmp_path, parts):
     estimator = mvtop.Estimator.load(tmp_path)
     assert [c.name for c in estimator.classes] == [p.name for p in parts]
     assert np.isclose(estimator.classes[2].diameter_m, objects.diameter(parts[2].bounds))
+
+
+def test_of_cached_maps_it_says_what_it_says_of_pictures(parts):
+    torch.manual_seed(0)
+    model = Mvtop(config.preset("lite", classes_of(*parts))).eval()
+    size = model.config.closeup
+    views = random_views(dataclasses.replace(model.config, width=size, height=size), 2)
+    cells = sum(rows * columns for rows, columns in model.config.decoder_shapes())
+    views.inside = torch.ones(1, 2, cells)
+    with torch.no_grad():
+        direct = model(views)
+        maps = model.features.cache(views.shown.images.flatten(0, 1))
+        views.shown = Cached([one.unflatten(0, (1, 2)) for one in maps])
+        cached = model(views)
+    for a, b in zip(cached.poses[-1], direct.poses[-1], strict=True):
+        torch.testing.assert_close(a, b)
+    torch.testing.assert_close(cached.found.coordinates, direct.found.coordinates)
+    assert cached.found.scores is None, "no image was searched"

@@ -238,9 +238,9 @@ def test_poses_are_learnt_from_closeups_on_a_frozen_backbone(dataset, tmp_path):
     moved = "decoder.query.0.weight"
     assert not torch.equal(model.state_dict()[moved], first.state_dict()[moved])
     # Its features are kept: the run goes on without them being computed again.
-    written = (tmp_path / "second" / "features" / "features.npy").stat().st_mtime_ns
+    written = (tmp_path / "second" / "features" / "features_0.npy").stat().st_mtime_ns
     assert run_of(dataset, tmp_path / "second", *second, "steps=35")[-1]["step"] == 35
-    assert (tmp_path / "second" / "features" / "features.npy").stat().st_mtime_ns == written
+    assert (tmp_path / "second" / "features" / "features_0.npy").stat().st_mtime_ns == written
 
 
 def test_features_of_closeups_are_completed_after_a_kill(dataset, tmp_path, monkeypatch):
@@ -272,7 +272,7 @@ def test_features_of_closeups_are_completed_after_a_kill(dataset, tmp_path, monk
     resumed = make(tmp_path / "cut")
     for name, array in whole.arrays.items():
         np.testing.assert_array_equal(resumed.arrays[name], array)
-    assert np.abs(whole.arrays["features"]).max(-1).min() > 0, "every cell is there"
+    assert np.abs(whole.arrays["features_0"]).max(1).min() > 0, "every cell is there"
     with pytest.raises(UserError, match="expected features of"):
         make(tmp_path / "cut", copies=1)
     batch = batches.Batches(whole, 6, (0, 1.0), 0, 0, 1)[0]
@@ -296,6 +296,8 @@ def _flat(k):
     "changes, error",
     [
         (("backbone=x.pt",), "without close-ups"),
+        (("backbone=pretrained", *CLOSEUPS), "'backbone': expected a checkpoint"),
+        (("backbone=x.pt", "preset=lite", *CLOSEUPS), "'backbone': expected 'pretrained'"),
         (("backbone=none.pt", *CLOSEUPS), "no such file"),
         (("copies=0",), "at least 1"),
     ],

@@ -147,7 +147,7 @@ class LiteFeatures(nn.Module):
         return self.from_cache(Cached([trunk], shown.searched))
 
     def cache(self, images) -> list:
-        """images [B, 3, H, W] -> maps [B, C, h, w] that training does not change, for `from_cache`."""
+        """images [B, 3, H, W] -> maps [B, C, h, w] that stay as they are, for `from_cache`."""
         return [self.trunk(images)]
 
     def from_cache(self, shown: Cached) -> tuple[list, Found]:

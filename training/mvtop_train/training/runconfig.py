@@ -18,7 +18,6 @@ from ..errors import UserError
 from ..network import config as configs
 from ..network import losses
 
-
 PRETRAINED = "pretrained"
 
 
