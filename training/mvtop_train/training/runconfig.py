@@ -278,7 +278,8 @@ def of_parts(
 ) -> RunConfig:
     """What is done about parts of which nothing but meshes and a rig is known."""
     fields = {
-        "data": str(out / "data"), "minutes": minutes, "preset": "lite", "images": 48, "searched": 3, "workers": 1,
+        "data": str(out / "data"), "minutes": minutes, "preset": "lite", "workers": 1,
+        "images": 48, "searched": 3,
         "views": [0.2, 0.4, 0.3, 0.1], "warmup": 200, "backgrounds": backgrounds,
         "generate": {**generate, "test": 60, "start": 60, "reserve": 6.0},
         "second": {"share": 0.45, "views": [0.15, 0.4, 0.3, 0.15]},
