@@ -34,12 +34,17 @@ def of_scene(shows: dict[int, str | None]) -> list[tuple[int, int]]:
 def write(folder: Path) -> tuple[int, int, int]:
     """Write the pairs of the scenes that a split has so far; how many (scenes, images, pairs)."""
     found = {
-        int(path.name): {image.number: image.shows for image in bop.read_scene(path)}
+        int(path.name): {image.number: _shows(image) for image in bop.read_images(path)}
         for path in bop.whole_scenes(folder)
     }
     pairs = [[scene, *pair] for scene, shows in found.items() for pair in of_scene(shows)]
     bop.write_json(folder / FILE, {"pairs": pairs})
     return len(found), sum(map(len, found.values())), len(pairs)
+
+
+def _shows(image: bop.Image) -> str | None:
+    """The hemisphere, of images of one ball."""
+    return image.shows if len(image.instances) == 1 else None
 
 
 def read(folder: Path) -> list[tuple[int, int, int]]:
