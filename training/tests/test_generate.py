@@ -11,7 +11,7 @@ from mvtop_train import generate as command
 from mvtop_train.data import bop, objects, pairs
 from mvtop_train.errors import UserError
 from mvtop_train.study import dataset_report
-from mvtop_train.synthesis import generate, recipe, scenes, workers
+from mvtop_train.synthesis import catalogue, generate, recipe, scenes, workers
 
 
 def make(out, *tasks):
@@ -115,6 +115,21 @@ def test_bad_options_are_one_sentence(monkeypatch, tmp_path, options, message):
     with pytest.raises(SystemExit) as error:
         command.main()
     assert str(error.value).startswith(message) and "; fix: " in str(error.value)
+
+
+def test_scenes_of_several_parts_come_from_one_command(monkeypatch, tmp_path):
+    models = tmp_path / "models"
+    objects.write(tmp_path, catalogue.parts()[:2])
+    meshes = [x for path in sorted(models.glob("*.ply")) for x in ("--mesh", str(path))]
+    made = ["--out", str(tmp_path / "data"), *meshes, "--mesh-unit", "mm", "--width", "160"]
+    made += ["--split", "test", "--scenes", "4", "--views", "2", "--workers", "1"]
+    monkeypatch.setattr("sys.argv", ["generate", *made])
+    command.main()
+    whole = bop.whole_scenes(tmp_path / "data" / "test")
+    images = [image for scene in whole for image in bop.read_images(scene)]
+    seen = {one.obj_id for image in images for one in image.instances}
+    assert seen == {1, 2} and max(len(image.instances) for image in images) == 2
+    assert len(pairs.read(tmp_path / "data" / "test")) == len(images)
 
 
 def test_the_report_counts_what_is_there(dataset, tmp_path):

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from mvtop_train import run
 from mvtop_train.errors import UserError
 from mvtop_train.network import config as configs
 from mvtop_train.network import losses
@@ -102,3 +103,26 @@ def test_a_file_that_is_no_config_is_named(path, content):
         runconfig.load(path.parent / "nowhere.toml")
     with pytest.raises(UserError, match="is a directory; fix: "):
         runconfig.load(path.parent)
+
+
+PARTS = ("--mesh", "a.obj", "--mesh-unit", "mm", "--rig", "rig.json", "--out", "runs/mine")
+
+
+def test_meshes_and_a_rig_stand_for_a_config(monkeypatch):
+    monkeypatch.setattr("sys.argv", ["run", *PARTS, "--minutes", "9", "--set", "generate.test=4"])
+    called = []
+    monkeypatch.setattr(run.pipeline, "run", lambda *args: called.append(args))
+    run.main()
+    ((settings, folder, minutes),) = called
+    assert (settings.preset, settings.minutes, settings.generate.test) == ("lite", 9, 4)
+    assert settings.generate.mesh == ("a.obj",) and settings.generate.rig == ("rig.json",)
+    assert (folder, minutes) == (Path("runs/mine"), 9)
+
+
+@pytest.mark.parametrize("option", ["--mesh-unit", "--out", "--minutes"])
+def test_what_meshes_need_is_asked_for(monkeypatch, option):
+    given = [*PARTS, "--minutes", "9"]
+    at = given.index(option)
+    monkeypatch.setattr("sys.argv", ["run", *given[:at], *given[at + 2 :]])
+    with pytest.raises(SystemExit, match=f"{option}: expected with --mesh, got none"):
+        run.main()
