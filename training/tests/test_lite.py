@@ -57,9 +57,16 @@ def test_a_missing_package_is_one_sentence():
 
 def test_boxes_and_poses_do_not_share_what_is_trained(parts):
     model = Mvtop(config.preset("lite", classes_of(*parts)))
-    shared = {p for p in model.features.parameters() if not p.requires_grad}
-    search, look = set(model.features.search.parameters()), set(model.features.look.parameters())
-    assert not search & look and not shared & (search | look)
+    features = model.features
+    trunk, search, look = (
+        set(part.parameters()) for part in (features.trunk, features.search, features.look)
+    )
+    assert not search & look and not trunk & (search | look)
+    # Of both, the filters that look at more than a pixel keep their weights; what mixes them learns.
+    for part in (features.search, features.look):
+        for layer in (m for m in part.modules() if isinstance(m, lite.ConvNorm)):
+            (conv,) = (m for m in layer if isinstance(m, torch.nn.Conv2d))
+            assert conv.weight.requires_grad is not layer.depthwise
     assert isinstance(model.features, lite.LiteFeatures)
 
 

@@ -2,18 +2,27 @@
 
 use mvtop_core::Prediction;
 use mvtop_core::annotations::TruePose;
+use mvtop_core::bundle::Class;
 use mvtop_core::pose::translation_error;
 use mvtop_core::prediction::ObjectPose;
 
 /// By true object, the prediction of its class that is matched with it: one to one, nearest origins
 /// first.
-pub fn matches<'a>(truth: &[TruePose], prediction: &'a Prediction) -> Vec<Option<&'a ObjectPose>> {
+///
+/// - `reach`: by class, how far their origins may lie apart, metres
+pub fn matches<'a>(
+    truth: &[TruePose],
+    prediction: &'a Prediction,
+    reach: impl Fn(&str) -> f64,
+) -> Vec<Option<&'a ObjectPose>> {
     let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
     for (t, known) in truth.iter().enumerate() {
         for (p, found) in prediction.objects.iter().enumerate() {
             if found.class == known.seen.class {
                 let off = translation_error(&known.world_from_obj, &found.world_from_obj);
-                pairs.push((off, t, p));
+                if off <= reach(&found.class) {
+                    pairs.push((off, t, p));
+                }
             }
         }
     }
@@ -27,6 +36,14 @@ pub fn matches<'a>(truth: &[TruePose], prediction: &'a Prediction) -> Vec<Option
         }
     }
     matched
+}
+
+/// How far a prediction of a known class may lie off to have found an object: the object's diameter.
+pub fn diameter(classes: &[Class]) -> impl Fn(&str) -> f64 {
+    move |name| {
+        let class = classes.iter().find(|class| class.name == name);
+        class.map_or(0.0, |class| class.diameter_m)
+    }
 }
 
 /// Number of predictions that are matched with no true object.
@@ -73,13 +90,17 @@ mod tests {
             timings: Timings::default(),
             provider: String::new(),
         };
-        let matched = matches(&truth, &prediction);
-        let places: Vec<_> = matched
-            .iter()
-            .map(|found| found.map(|found| found.world_from_obj.translation.x))
-            .collect();
+        let places = |matched: &[Option<&ObjectPose>]| -> Vec<Option<f64>> {
+            let x = |found: &ObjectPose| found.world_from_obj.translation.x;
+            matched.iter().map(|found| found.map(x)).collect()
+        };
+        let matched = matches(&truth, &prediction, |_| f64::INFINITY);
         // The second nut is nearer to 0.4 than 9.0 is to it; there is no bolt.
-        assert_eq!(places, [Some(0.1), Some(0.4), None]);
+        assert_eq!(places(&matched), [Some(0.1), Some(0.4), None]);
         assert_eq!(unmatched(&matched, &prediction), 1);
+        // What is farther off than the part is large is another thing.
+        let matched = matches(&truth, &prediction, |_| 0.5);
+        assert_eq!(places(&matched), [Some(0.1), None, None]);
+        assert_eq!(unmatched(&matched, &prediction), 2);
     }
 }

@@ -92,7 +92,8 @@ class Trunk(nn.Sequential):
 class Upper(nn.Module):
     """The trunk's map -> maps [B, d, h, w] at strides 16 and 32, and [B, FINE, h, w] at stride 8.
 
-    What was learnt from photographs is trained on, but for the statistics of its normalisation.
+    What was learnt from photographs is trained on, but for the depthwise filters and the statistics
+    of its normalisation.
     """
 
     def __init__(self, d: int, fine: bool):
@@ -101,6 +102,9 @@ class Upper(nn.Module):
         self.stage32 = _stages(CHANNELS[1], STAGE32)
         self.lateral16, self.lateral32 = nn.Conv2d(CHANNELS[1], d, 1), nn.Conv2d(CHANNELS[2], d, 1)
         self.smooth16 = Conv(d, d)
+        for part in self.modules():
+            if getattr(part, "depthwise", False):  # half of a step would go into their gradient
+                part.requires_grad_(False)
         if fine:
             self.lateral8, self.reduce = nn.Conv2d(CHANNELS[0], FINE, 1), nn.Conv2d(d, FINE, 1)
             self.smooth8 = Conv(FINE, FINE)
@@ -152,7 +156,8 @@ class LiteFeatures(nn.Module):
 
     def from_cache(self, shown: Cached) -> tuple[list, Found]:
         """As `forward`, of what `cache` made of the images."""
-        levels = self.look(shown.maps[0].flatten(0, 1))
+        trunk = shown.maps[0].flatten(0, 1).contiguous(memory_format=torch.channels_last)
+        levels = self.look(trunk)
         coordinates = F.pixel_shuffle(self.coordinates(levels[0]), COORDINATES).float()
         scores, boxes = (None, None) if shown.searched is None else self.detect(shown.searched)
         return levels, Found(scores, boxes, coordinates)

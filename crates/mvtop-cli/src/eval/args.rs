@@ -6,6 +6,7 @@ use clap::{ArgGroup, Args, Subcommand};
 use mvtop_eval::bop::Grouping;
 
 use super::noise::Noise;
+use super::summary::Bounds;
 use crate::args::{Detection, NetworkArgs, not_negative};
 
 #[derive(Subcommand)]
@@ -144,6 +145,24 @@ pub struct Trial {
     #[arg(long, value_name = "DEG", default_value_t = 15.0, value_parser = not_negative)]
     pub resolved_deg: f64,
 
+    /// Largest rotation error of a pose that counts as right, for precision and recall
+    #[arg(long, value_name = "DEG", default_value_t = 5.0, value_parser = not_negative)]
+    pub right_deg: f64,
+
+    /// Largest translation error of a pose that counts as right, for precision and recall
+    #[arg(long, value_name = "MM", default_value_t = 5.0, value_parser = not_negative)]
+    pub right_mm: f64,
+
     #[command(flatten)]
     pub network: NetworkArgs,
+}
+
+impl Trial {
+    pub fn bounds(&self) -> Bounds {
+        Bounds {
+            resolved_deg: self.resolved_deg,
+            right_deg: self.right_deg,
+            right_mm: self.right_mm,
+        }
+    }
 }

@@ -24,7 +24,7 @@ use self::score::Scored;
 use super::args::BopArgs;
 use super::outcome::Outcome;
 use crate::failure::{Failure, Result};
-use crate::matching::{matches, unmatched};
+use crate::matching::{diameter, matches, unmatched};
 use crate::{progress, write};
 
 pub fn run(args: &BopArgs) -> Result<()> {
@@ -54,7 +54,7 @@ pub fn run(args: &BopArgs) -> Result<()> {
     }
     bar.finish_and_clear();
 
-    let results = Results::new(&lines, args.trial.resolved_deg);
+    let results = Results::new(&lines, args.trial.bounds());
     let summary = write::json(&results)?;
     let split = &args.split;
     let poses = format!("mvtop_{}-{}.csv", folder_name(&split.dataset), split.split);
@@ -115,7 +115,7 @@ fn evaluate(plan: &Plan, group: &Group, args: &BopArgs, estimator: &Estimator) -
     // Objects that are not asked for are neither right nor wrong.
     let wanted = |class: &str| plan.object(class).is_some_and(|id| plan.wanted(group, id));
     prediction.objects.retain(|found| wanted(&found.class));
-    let matched = matches(&sample.truth, &prediction);
+    let matched = matches(&sample.truth, &prediction, diameter(&estimator.bundle().classes));
     let depth = load_depth(&plan.scenes[&group.scene].frames[&group.views[0]])?;
     let view = score::View {
         camera: &sample.rig.cameras()[sample.rig.reference()],

@@ -12,7 +12,7 @@ use super::outcome::{Errors, Outcome};
 use super::sample::{Sample, folders};
 use super::summary::Summary;
 use crate::failure::{Failure, Result};
-use crate::matching::{matches, unmatched};
+use crate::matching::{diameter, matches, unmatched};
 use crate::{progress, write};
 
 pub fn run(args: &SamplesArgs) -> Result<()> {
@@ -37,7 +37,7 @@ pub fn run(args: &SamplesArgs) -> Result<()> {
             )));
         }
         let prediction = sample.predict(&estimator, trial)?;
-        let matched = matches(&sample.truth, &prediction);
+        let matched = matches(&sample.truth, &prediction, diameter(&estimator.bundle().classes));
         extra += unmatched(&matched, &prediction);
         for (object, (known, &found)) in sample.truth.iter().zip(&matched).enumerate() {
             let errors = found.map(|found| errors(known, found, &estimator));
@@ -52,26 +52,31 @@ pub fn run(args: &SamplesArgs) -> Result<()> {
         write::whole(out, &(lines?.join("\n") + "\n"))?;
     }
     let views = views.unwrap_or(0);
-    let summary = Summary::new(views, folders.len(), extra, &outcomes, trial.resolved_deg);
+    let summary = Summary::new(views, folders.len(), extra, &outcomes, trial.bounds());
     if args.json {
         return write::print(&write::json(&summary)?);
     }
     write::print(&summary.text("samples", outcomes.len()))
 }
 
-/// ADD is over the points of the model bundle.
+/// Of the poses that look like the predicted one, the nearest to the truth counts. ADD is over the
+/// points of the model bundle.
 fn errors(known: &TruePose, found: &ObjectPose, estimator: &Estimator) -> Errors {
-    let (truth, pose) = (&known.world_from_obj, &found.world_from_obj);
     let bundle = estimator.bundle();
-    let class = bundle.class_index(&found.class);
+    let class = bundle.class_index(&found.class).map(|c| &bundle.classes[c]);
+    let truth = &known.world_from_obj;
+    let pose = class.map_or(found.world_from_obj, |class| {
+        let symmetry = &class.symmetry;
+        symmetry.nearest(&found.world_from_obj, truth, class.diameter_m)
+    });
     Errors {
         rot_deg: rotation_error_deg(&truth.rotation, &pose.rotation),
-        trans_m: translation_error(truth, pose),
+        trans_m: translation_error(truth, &pose),
         add_m: class.and_then(|class| {
-            let points = bundle.classes[class].points.iter();
+            let points = class.points.iter();
             let points: Vec<Point3<f64>> = points.map(|p| p.position.into()).collect();
             // There may be no points.
-            Some(Surface::new(&points).ok()?.add(truth, pose))
+            Some(Surface::new(&points).ok()?.add(truth, &pose))
         }),
     }
 }

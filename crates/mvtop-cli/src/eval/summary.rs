@@ -12,13 +12,61 @@ const WRONG_DEG: f64 = 30.0;
 /// The fewest poses in a bin of the calibration whose means say something.
 const LEAST_IN_BIN: usize = 10;
 
+/// Up to which errors a pose counts as what.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Bounds {
+    /// Largest rotation error of a pose that counts as resolved.
+    pub resolved_deg: f64,
+    /// Largest errors of a pose that counts as right.
+    pub right_deg: f64,
+    pub right_mm: f64,
+}
+
+impl Bounds {
+    fn right(&self, errors: &Errors) -> bool {
+        errors.rot_deg <= self.right_deg && errors.trans_m * 1e3 <= self.right_mm
+    }
+}
+
+/// How many of the poses are right, and how many of the objects have one.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Right {
+    /// Objects whose pose is right.
+    pub right: usize,
+    /// Share of the predicted objects; null where there is none.
+    pub precision: Option<f64>,
+    /// Share of the true objects; null where there is none.
+    pub recall: Option<f64>,
+}
+
+impl Right {
+    /// - `predicted`: how many objects there were said to be
+    pub fn new<'a>(
+        outcomes: impl Iterator<Item = &'a Outcome>,
+        predicted: usize,
+        bounds: &Bounds,
+    ) -> Self {
+        let (mut objects, mut right) = (0, 0);
+        for outcome in outcomes {
+            objects += 1;
+            right += usize::from(outcome.errors().is_some_and(|e| bounds.right(&e)));
+        }
+        let share = |of: usize| (of > 0).then(|| right as f64 / of as f64);
+        Self {
+            right,
+            precision: share(predicted),
+            recall: share(objects),
+        }
+    }
+}
+
 /// Means are over the found objects, null where there is none.
 #[derive(Debug, Serialize)]
 pub struct Summary {
     views: usize,
     /// Samples.
     pairs: usize,
-    /// Objects of the truth for which there is a predicted pose of their class.
+    /// Objects of the truth for which there is a predicted pose of their class within a diameter.
     found: usize,
     rot_mean_deg: Option<f64>,
     rot_median_deg: Option<f64>,
@@ -29,7 +77,10 @@ pub struct Summary {
     sigma_t_mean_m: Option<f64>,
     /// Predicted objects that are no true object's prediction.
     extra: usize,
-    resolved_deg: f64,
+    #[serde(flatten)]
+    bounds: Bounds,
+    #[serde(flatten)]
+    right: Right,
     /// Share of the found objects whose rotation is off by at most `resolved_deg`.
     resolved_share: Option<f64>,
     /// How well the expected rotation error tells resolved poses from others, see [`auroc`].
@@ -50,14 +101,14 @@ pub struct Bin {
 impl Summary {
     /// - `pairs`: number of samples
     /// - `extra`: predicted objects that no outcome is about
-    /// - `resolved_deg`: largest rotation error of a pose that counts as resolved
     pub fn new(
         views: usize,
         pairs: usize,
         extra: usize,
         outcomes: &[Outcome],
-        resolved_deg: f64,
+        bounds: Bounds,
     ) -> Self {
+        let Bounds { resolved_deg, .. } = bounds;
         let found = |outcome: &Outcome| Some((outcome.errors()?, outcome.sigma?));
         let found: Vec<(Errors, Sigma)> = outcomes.iter().filter_map(found).collect();
         let all = |value: &dyn Fn(&Errors, &Sigma) -> f64| -> Vec<f64> {
@@ -82,7 +133,8 @@ impl Summary {
             sigma_rot_mean_deg: mean(&expected),
             sigma_t_mean_m: mean_of(&|_, sigma| sigma.t_m),
             extra,
-            resolved_deg,
+            bounds,
+            right: Right::new(outcomes.iter(), found.len() + extra, &bounds),
             resolved_share: mean_of(&|e, _| f64::from(u8::from(e.rot_deg <= resolved_deg))),
             sigma_rot_auroc: auroc(&expected, &open),
             sigma_rot_correlation: correlation(&expected, &rotations),
@@ -106,9 +158,11 @@ impl Summary {
             pairs,
             found,
             extra,
-            resolved_deg,
+            bounds,
+            right,
             ..
         } = self;
+        let Bounds { resolved_deg, right_deg, right_mm } = bounds;
         format!(
             "{of}: {pairs}, views: {views}, found: {found} of {objects} objects, \
              false positives: {extra}\n\n\
@@ -116,6 +170,8 @@ impl Summary {
              rotation, °       {:>8}{:>10}{:>12}\n\
              translation, mm   {:>8}{:>22}\n\
              ADD, mm           {:>8}\n\n\
+             within {right_deg}° and {right_mm} mm: {} of {} predicted, precision {} %, \
+             recall {} %\n\
              rotation within {resolved_deg}°: {} % of the found, over {WRONG_DEG}°: {} %\n\
              expected and actual rotation error: AUROC {}, correlation {}",
             deg(self.rot_mean_deg),
@@ -124,6 +180,10 @@ impl Summary {
             mm(self.trans_mean_m),
             mm(self.sigma_t_mean_m),
             mm(self.add_mean_m),
+            right.right,
+            found + extra,
+            number(right.precision, 100.0, 1),
+            number(right.recall, 100.0, 1),
             number(self.resolved_share, 100.0, 1),
             number(self.share_over_30_deg, 100.0, 1),
             number(self.sigma_rot_auroc, 1.0, 3),
