@@ -62,7 +62,7 @@ def test_boxes_and_poses_do_not_share_what_is_trained(parts):
         set(part.parameters()) for part in (features.trunk, features.search, features.look)
     )
     assert not search & look and not trunk & (search | look)
-    # Of both, the filters that look at more than a pixel keep their weights; what mixes them learns.
+    # Filters of single channels keep their weights, what mixes channels learns.
     for part in (features.search, features.look):
         for layer in (m for m in part.modules() if isinstance(m, lite.ConvNorm)):
             (conv,) = (m for m in layer if isinstance(m, torch.nn.Conv2d))
