@@ -51,7 +51,10 @@ pub fn objects(prediction: &Prediction, rig: &Rig) -> String {
 pub fn compared(prediction: &Prediction, truth: &[TruePose], rig: &Rig) -> String {
     let world_from_ref = rig.cameras()[prediction.reference].world_from_cam();
     let mut lines = Vec::new();
-    for (known, found) in truth.iter().zip(matches(truth, prediction, |_| f64::INFINITY)) {
+    for (known, found) in truth
+        .iter()
+        .zip(matches(truth, prediction, |_| f64::INFINITY))
+    {
         let ref_from_obj = world_from_ref.inv_mul(&known.world_from_obj);
         lines.push(format!("{}  {:24}  q_wxyz", known.seen.class, "t (m)"));
         let found = found.map(|object| &object.ref_from_obj);

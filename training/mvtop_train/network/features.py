@@ -124,6 +124,11 @@ class Features(nn.Module):
         coordinates = nn.functional.pixel_shuffle(self.coordinates(levels[0]), 2).float()
         return self.of_poses(levels), Found(scores, boxes, coordinates)
 
+    def freeze(self):
+        """Keep all that works on one image alone as it is."""
+        for part in (self.backbone, self.detector, self.coordinates):
+            part.requires_grad_(False).eval()
+
     def detect(self, images):
         """images [B, 3, H, W] -> scores [B, C, h, w] logits, boxes [B, 4, h, w] px."""
         return self.detector(self.backbone(images)[0])

@@ -144,23 +144,32 @@ class LiteFeatures(nn.Module):
         self.look = Upper(d, fine=False)
         self.encoder = find(GEOMETRIES[config.geometry]).encoder(config)
         self.coordinates = nn.Conv2d(d, 3 * COORDINATES**2, 1)
+        self.frozen = False
+
+    def freeze(self):
+        """Keep what poses are decoded from as it is; boxes are learnt on."""
+        self.frozen = True
+        for part in (self.look, self.coordinates):
+            part.requires_grad_(False).eval()
 
     def forward(self, shown: Pictures) -> tuple[list, Found]:
         """The levels that poses are decoded from, and what is found; searched are `searched`."""
-        trunk = self.trunk(shown.images.flatten(0, 1)).unflatten(0, shown.images.shape[:2])
-        return self.from_cache(Cached([trunk], shown.searched))
+        maps = self.cache(shown.images.flatten(0, 1))
+        maps = [one.unflatten(0, shown.images.shape[:2]) for one in maps]
+        return self.from_cache(Cached(maps, shown.searched))
 
     def cache(self, images) -> list:
         """images [B, 3, H, W] -> maps [B, C, h, w] that stay as they are, for `from_cache`."""
-        return [self.trunk(images)]
+        return self.pose_levels(images) if self.frozen else [self.trunk(images)]
 
     def from_cache(self, shown: Cached) -> tuple[list, Found]:
         """As `forward`, of what `cache` made of the images."""
-        trunk = shown.maps[0].flatten(0, 1).contiguous(memory_format=torch.channels_last)
-        levels = self.look(trunk)
+        levels = [one.flatten(0, 1) for one in shown.maps]
+        if not self.frozen:
+            levels = self.look(levels[0].contiguous(memory_format=torch.channels_last))
         coordinates = F.pixel_shuffle(self.coordinates(levels[0]), COORDINATES).float()
         scores, boxes = (None, None) if shown.searched is None else self.detect(shown.searched)
-        return levels, Found(scores, boxes, coordinates)
+        return levels, Found(scores, boxes, None if self.frozen else coordinates)
 
     def detect(self, images):
         """images [B, 3, H, W] -> scores [B, C, h, w] logits, boxes [B, 4, h, w] px."""

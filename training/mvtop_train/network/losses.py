@@ -43,23 +43,27 @@ def pose_errors(poses, cam_from_obj):
 
 def total(prediction, batch, stride: int, known: symmetry.Symmetries, weights=WEIGHTS):
     """Loss and its parts. Every decoder layer counts alike (auxiliary losses, PoET)."""
-    truth, turns = nearest_truth(
-        prediction.poses, batch["cam_from_obj"][:, :1], batch["class_index"], known
-    )  # in the reference view; one object
-    rot, t = pose_errors(prediction.poses, truth)
-    degrees = torch.rad2deg(rot)
-    sigma = torch.stack([s for _, _, s in prediction.poses])
-    terms = {
-        "rotation": rot.mean(1).sum(),
-        "translation": t.mean(1).sum(),
-        "uncertainty": uncertainty_loss(sigma, degrees, t).mean(),
-    }
+    terms, shown = {}, {}
+    in_ref = batch["cam_from_obj"][:, :1]  # one object
+    if prediction.poses:
+        truth, turns = nearest_truth(prediction.poses, in_ref, batch["class_index"], known)
+        rot, t = pose_errors(prediction.poses, truth)
+        degrees = torch.rad2deg(rot)
+        sigma = torch.stack([s for _, _, s in prediction.poses])
+        terms |= {
+            "rotation": rot.mean(1).sum(),
+            "translation": t.mean(1).sum(),
+            "uncertainty": uncertainty_loss(sigma, degrees, t).mean(),
+        }
+        shown |= {"rotation_deg": degrees[-1].mean(), "translation_m": t[-1].mean()}
+    else:  # as upright in the reference view as its symmetries let it be
+        upright = torch.eye(3, device=in_ref.device).expand_as(in_ref[None, ..., :3, :3])
+        index = batch["class_index"][None]
+        turns = symmetry.nearest(upright, in_ref[None, ..., :3, 3], in_ref[None], index, known)
     if prediction.found is not None:
         terms |= image_terms(prediction.found, batch, stride, turns[-1])
-    parts = {
-        "rotation_deg": degrees[-1].mean(),
-        "translation_m": t[-1].mean(),
-        **{name: term for name, term in terms.items() if name not in ("rotation", "translation")},
+    parts = shown | {
+        name: term for name, term in terms.items() if name not in ("rotation", "translation")
     }
     return sum(weights[name] * term for name, term in terms.items()), parts
 

@@ -29,10 +29,13 @@ class Mvtop(nn.Module):
         self.features = (LiteFeatures if config.backbone == "lite" else Features)(config)
         self.decoder = find(GEOMETRIES[config.geometry]).decoder(config)
 
-    def forward(self, views: Views) -> Prediction:
+    def forward(self, views: Views, poses: bool = True) -> Prediction:
+        """Without `poses`, only what images say by themselves."""
         features = self.features
         take = features.from_cache if isinstance(views.shown, Cached) else features
         levels, found = take(views.shown)
+        if not poses:
+            return Prediction([], found)
         shapes, strides = [level.shape[-2:] for level in levels], self.config.pose_strides
         with torch.autocast(views.k.device.type, enabled=False):  # geometry stays in fp32
             pixels = rays.cell_centers(shapes, strides, views.k.device)

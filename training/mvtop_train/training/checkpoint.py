@@ -13,6 +13,7 @@ from ..network import symmetry
 from ..network.lite import load_pretrained
 from ..network.model import Mvtop
 
+PRETRAINED = "pretrained"  # in place of a checkpoint: what keeps its pretrained weights anyway
 AVERAGE = "module."  # prefix of the average's tensors in a file
 
 
@@ -49,22 +50,21 @@ class TrainingState:
                 self._load_average(_read(init))
             self.model.load_state_dict(self.average.state_dict())
         self.model.train()
-        if backbone and config.shares_backbone:
+        if backbone and backbone != PRETRAINED:
             self._freeze(backbone)
 
     def _freeze(self, path: str):
         """Take all that works on images alone from another run's average, and keep what poses are
         made of as it is."""
         given = _average_of(_read(path))
-        for name, _ in self.model.features.named_children():
-            if name == "encoder":
-                continue
-            own = f"features.{name}."
-            part = {k.removeprefix(own): x for k, x in given.items() if k.startswith(own)}
-            for model in (self.model, self.average):
-                with _fits(path):
-                    getattr(model.features, name).load_state_dict(part)
-                getattr(model.features, name).requires_grad_(False).eval()
+        for model in (self.model, self.average):
+            for name, part in model.features.named_children():
+                if name != "encoder":
+                    own = f"features.{name}."
+                    mine = {k.removeprefix(own): x for k, x in given.items() if k.startswith(own)}
+                    with _fits(path):
+                        part.load_state_dict(mine)
+            model.features.freeze()
 
     @property
     def path(self) -> Path:

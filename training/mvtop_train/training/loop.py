@@ -63,7 +63,7 @@ def batches_of(
     shared = settings.images, settings.views, settings.seed, me.rank, me.count
     config, composer = state.config, composer_of(settings)
     more: batches.Negatives | batches.Searched | None = None
-    if not config.shares_backbone:
+    if not config.shares_backbone and settings.searched:
         searches = search.Searches(config, scenes.objects, composer)
         more = batches.Searched(scenes, searches, settings.searched)
     closeups = pose_views(settings, config, scenes.objects, True, composer)

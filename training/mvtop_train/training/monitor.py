@@ -49,7 +49,7 @@ class Monitor:
             self.report(lr, clock.minutes_left(progress))
         if self.saving.due() or last:
             self.state.save()
-        if self.validating.due() or last:
+        if self.settings.poses and (self.validating.due() or last):
             self.validate()
         if last:
             self.bar.close()
@@ -59,7 +59,7 @@ class Monitor:
         self.log.write({**means, "lr": lr, "minutes_left": round(left, 1)}, "training")
         self.bar.set_postfix_str(
             f"loss {means['loss']:.2f} rot {means.get('rotation_deg_multi', 0):.1f} "
-            f"t {means['translation_m'] * 1e3:.0f} mm {means['images_per_s']:.0f} img/s, "
+            f"t {means.get('translation_m', 0) * 1e3:.0f} mm {means['images_per_s']:.0f} img/s, "
             f"{left:.0f} min left"
         )
 

@@ -18,8 +18,10 @@ class Meter:
         self.sums, self.images, self.waited, self.started = {}, 0, 0.0, time.monotonic()
 
     def add(self, terms: dict, views: int, images: int, waited: float):
-        which = "rotation_deg_multi" if views > 1 else "rotation_deg_one"
-        for name, value in {**terms, which: terms["rotation_deg"]}.items():
+        if "rotation_deg" in terms:
+            which = "rotation_deg_multi" if views > 1 else "rotation_deg_one"
+            terms = {**terms, which: terms["rotation_deg"]}
+        for name, value in terms.items():
             total, n = self.sums.get(name, (0.0, 0))
             self.sums[name] = (total + value.detach(), n + 1)
         self.images += images

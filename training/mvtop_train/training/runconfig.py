@@ -17,8 +17,7 @@ from ..data.crops import Augmentation
 from ..errors import UserError
 from ..network import config as configs
 from ..network import losses
-
-PRETRAINED = "pretrained"
+from .checkpoint import PRETRAINED
 
 
 class Table(pydantic.BaseModel):
@@ -101,14 +100,18 @@ class RunConfig(Table):
     preset: Literal[*configs.PRESETS] = "small"
     network: NetworkChanges = NetworkChanges()
     init: str = ""  # checkpoint whose weights to start from
-    # Checkpoint whose backbone to freeze; the rest is trained on what it made of close-ups before.
-    backbone: str = ""  # "pretrained", for networks that are: what keeps its weights anyway
+    # Checkpoint whose backbone to freeze, or "pretrained": what of the preset is never trained; the
+    # rest is trained on what that made of close-ups before.
+    backbone: str = ""
     copies: Count = 5  # of each image among these, each seen otherwise
+    poses: bool = True  # false: boxes and object coordinates alone, for a second stage to build on
     steps: Annotated[int, Field(ge=0, examples=[20_000])] = 0
     minutes: Annotated[float, Field(ge=0, examples=[25])] = 0.0
     images: Count = 64  # views per batch, of all processes together
     views: Shares = (0.2, 0.5, 0.15, 0.15)  # of batches with 1, 2, 3, ... views
-    searched: Count = 4  # whole images for the detector, on top, of networks that learn it apart
+    searched: NonNegativeInt = (
+        4  # whole images for the detector, on top, of networks that learn it apart
+    )
     backgrounds: str = ""  # folder of pictures to put behind and before the objects
     negatives: NonNegativeFloat = 0.125  # crops without the object, on top, as a share of `images`
     crop: Annotated[int, Field(gt=0, multiple_of=32)] = 160  # side of the training crops, px
@@ -132,9 +135,9 @@ class RunConfig(Table):
         for wrong, key, expected in (
             (self.backbone and not self.closeup, "backbone", "none for networks without close-ups"),
             (
-                self.backbone and self.pretrained != (self.backbone == PRETRAINED),
+                self.backbone == PRETRAINED and not self.pretrained,
                 "backbone",
-                repr(PRETRAINED) if self.pretrained else "a checkpoint",
+                "a checkpoint, for networks that are not",
             ),
             (self.images < len(self.views), "images", "at least as many as views of a scene"),
             (not (self.steps or self.minutes), "steps", "a bound: steps or minutes over 0"),

@@ -115,7 +115,11 @@ fn evaluate(plan: &Plan, group: &Group, args: &BopArgs, estimator: &Estimator) -
     // Objects that are not asked for are neither right nor wrong.
     let wanted = |class: &str| plan.object(class).is_some_and(|id| plan.wanted(group, id));
     prediction.objects.retain(|found| wanted(&found.class));
-    let matched = matches(&sample.truth, &prediction, diameter(&estimator.bundle().classes));
+    let matched = matches(
+        &sample.truth,
+        &prediction,
+        diameter(&estimator.bundle().classes),
+    );
     let depth = load_depth(&plan.scenes[&group.scene].frames[&group.views[0]])?;
     let view = score::View {
         camera: &sample.rig.cameras()[sample.rig.reference()],

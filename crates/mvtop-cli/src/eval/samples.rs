@@ -37,7 +37,11 @@ pub fn run(args: &SamplesArgs) -> Result<()> {
             )));
         }
         let prediction = sample.predict(&estimator, trial)?;
-        let matched = matches(&sample.truth, &prediction, diameter(&estimator.bundle().classes));
+        let matched = matches(
+            &sample.truth,
+            &prediction,
+            diameter(&estimator.bundle().classes),
+        );
         extra += unmatched(&matched, &prediction);
         for (object, (known, &found)) in sample.truth.iter().zip(&matched).enumerate() {
             let errors = found.map(|found| errors(known, found, &estimator));

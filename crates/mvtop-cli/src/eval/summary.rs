@@ -78,7 +78,7 @@ pub struct Summary {
     /// Predicted objects that are no true object's prediction.
     extra: usize,
     #[serde(flatten)]
-    bounds: Bounds,
+    pub bounds: Bounds,
     #[serde(flatten)]
     right: Right,
     /// Share of the found objects whose rotation is off by at most `resolved_deg`.
@@ -162,7 +162,11 @@ impl Summary {
             right,
             ..
         } = self;
-        let Bounds { resolved_deg, right_deg, right_mm } = bounds;
+        let Bounds {
+            resolved_deg,
+            right_deg,
+            right_mm,
+        } = bounds;
         format!(
             "{of}: {pairs}, views: {views}, found: {found} of {objects} objects, \
              false positives: {extra}\n\n\
@@ -231,6 +235,14 @@ mod tests {
         }
     }
 
+    fn bounds(resolved_deg: f64) -> Bounds {
+        Bounds {
+            resolved_deg,
+            right_deg: 5.0,
+            right_mm: 5.0,
+        }
+    }
+
     fn missed() -> Outcome {
         Outcome {
             found: false,
@@ -252,7 +264,7 @@ mod tests {
             off_by(2.0, 0.2, 7.0),
             off_by(30.0, 0.2, 5.0),
         ];
-        let summary = Summary::new(2, 5, 3, &outcomes, 10.0);
+        let summary = Summary::new(2, 5, 3, &outcomes, bounds(10.0));
         assert_eq!((summary.views, summary.pairs, summary.found), (2, 5, 4));
         assert_eq!(summary.extra, 3);
         assert_eq!(summary.rot_mean_deg, Some(23.0));
@@ -270,8 +282,26 @@ mod tests {
     }
 
     #[test]
+    fn right_is_what_is_within_both_bounds() {
+        // Of five true objects and six predicted.
+        let outcomes = [
+            off_by(4.9, 0.0049, 1.0),
+            off_by(0.0, 0.0051, 1.0),
+            off_by(5.1, 0.0, 1.0),
+            off_by(5.0, 0.0, 1.0),
+            missed(),
+        ];
+        let right = Right::new(outcomes.iter(), 6, &bounds(15.0));
+        assert_eq!(right.right, 2);
+        assert_eq!(right.precision, Some(2.0 / 6.0));
+        assert_eq!(right.recall, Some(2.0 / 5.0));
+        let nothing = Right::new([].iter(), 0, &bounds(15.0));
+        assert_eq!((nothing.precision, nothing.recall), (None, None));
+    }
+
+    #[test]
     fn summary_of_nothing_is_null() {
-        let json = serde_json::to_value(Summary::new(2, 1, 0, &[missed()], 15.0)).unwrap();
+        let json = serde_json::to_value(Summary::new(2, 1, 0, &[missed()], bounds(15.0))).unwrap();
         assert_eq!(json["found"], 0);
         for key in [
             "rot_mean_deg",

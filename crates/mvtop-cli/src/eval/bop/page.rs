@@ -16,6 +16,7 @@ use super::journal::Line;
 use super::plan::Plan;
 use super::results::{COLUMNS, Results};
 use super::score::Scored;
+use crate::eval::summary::Bounds;
 use crate::failure::{Failure, Result};
 use crate::plot::{histogram, recall_curves};
 use crate::write;
@@ -33,6 +34,7 @@ struct Page<'a> {
     split: &'a str,
     columns: Vec<&'static str>,
     rows: Vec<(String, Vec<String>)>,
+    bounds: Bounds,
     /// SVG.
     plots: [String; 5],
     worst: Vec<Worst>,
@@ -55,6 +57,7 @@ pub fn page(about: &Value, results: &Results, lines: &[Line], plan: &Plan) -> Re
         split: about["split"].as_str().unwrap_or_default(),
         columns: COLUMNS.iter().map(|column| column.name).collect(),
         rows: rows.into_iter().map(|(name, s)| (name, cells(s))).collect(),
+        bounds: results.summary.bounds,
         plots: plots(lines)?,
         worst: worst(lines, plan)?,
         settings: about.as_object().into_iter().flatten().collect(),

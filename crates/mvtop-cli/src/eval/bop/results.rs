@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::journal::Line;
 use super::score::{Scored, Scores};
 use crate::eval::outcome::Outcome;
-use crate::eval::summary::Summary;
+use crate::eval::summary::{Bounds, Summary};
 
 /// What `eval samples` says, and BOP's metrics.
 #[derive(Serialize)]
@@ -27,7 +27,7 @@ pub struct Column {
     pub main: bool,
 }
 
-pub const COLUMNS: [Column; 14] = [
+pub const COLUMNS: [Column; 16] = [
     main("of truth", |s| s.objects.to_string()),
     main("found", |s| s.found.to_string()),
     main("rotation, median °", |s| number(s.rot_median_deg, 1.0)),
@@ -42,6 +42,8 @@ pub const COLUMNS: [Column; 14] = [
     other("AR MSPD", |s| percent(s.ar_mspd)),
     other("AR VSD", |s| percent(s.ar_vsd)),
     main("AR", |s| percent(s.ar)),
+    other("precision", |s| percent(s.right.precision)),
+    main("recall", |s| percent(s.right.recall)),
 ];
 
 const fn main(name: &'static str, cell: fn(&Scores) -> String) -> Column {
@@ -63,7 +65,7 @@ fn number(x: Option<f64>, unit: f64) -> String {
 }
 
 impl Results {
-    pub fn new(lines: &[Line], resolved_deg: f64) -> Self {
+    pub fn new(lines: &[Line], bounds: Bounds) -> Self {
         let scored: Vec<&Scored> = lines.iter().flat_map(|line| &line.objects).collect();
         let outcomes: Vec<Outcome> = scored.iter().map(|s| s.outcome.clone()).collect();
         let views = outcomes.iter().map(|outcome| outcome.views).max();
@@ -72,19 +74,19 @@ impl Results {
         for &scored in &scored {
             by_object.entry(scored.obj_id).or_default().push(scored);
         }
+        let predicted = |id: Option<u32>| {
+            let estimates = lines.iter().flat_map(|line| &line.estimates);
+            estimates
+                .filter(|e| id.is_none_or(|id| e.obj_id == id))
+                .count()
+        };
+        let scores = |(id, scored): (u32, Vec<&Scored>)| {
+            (id, Scores::new(&scored, predicted(Some(id)), &bounds))
+        };
         Self {
-            summary: Summary::new(
-                views.unwrap_or(0),
-                lines.len(),
-                extra,
-                &outcomes,
-                resolved_deg,
-            ),
-            all: Scores::new(&scored),
-            objects: by_object
-                .into_iter()
-                .map(|(id, scored)| (id, Scores::new(&scored)))
-                .collect(),
+            summary: Summary::new(views.unwrap_or(0), lines.len(), extra, &outcomes, bounds),
+            all: Scores::new(&scored, predicted(None), &bounds),
+            objects: by_object.into_iter().map(scores).collect(),
         }
     }
 

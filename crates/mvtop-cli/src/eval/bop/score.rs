@@ -14,6 +14,7 @@ use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 use crate::eval::outcome::{Errors, Outcome};
+use crate::eval::summary::{Bounds, Right};
 use crate::failure::Result;
 
 /// Threshold up to which areas under curves go, as published.
@@ -78,6 +79,8 @@ pub struct Scores {
     pub ar_vsd: Option<f64>,
     /// BOP's average recall: the mean of the three, where there is VSD of all objects.
     pub ar: Option<f64>,
+    #[serde(flatten)]
+    pub right: Right,
 }
 
 /// Rotation and translation errors are the least over the object's symmetries.
@@ -165,7 +168,8 @@ impl View<'_> {
 }
 
 impl Scores {
-    pub fn new(scored: &[&Scored]) -> Self {
+    /// - `predicted`: how many such objects there were said to be
+    pub fn new(scored: &[&Scored], predicted: usize, bounds: &Bounds) -> Self {
         let in_diameters = |error: &dyn Fn(&Scored) -> Option<f64>| -> Vec<f64> {
             let share = |s: &&Scored| error(s).unwrap_or(f64::INFINITY) / s.diameter_m;
             scored.iter().map(share).collect()
@@ -208,6 +212,7 @@ impl Scores {
             ar_mspd,
             ar_vsd,
             ar: ar().filter(|_| scored.iter().all(|s| s.vsd.is_some())),
+            right: Right::new(scored.iter().map(|s| &s.outcome), predicted, bounds),
         }
     }
 }
@@ -233,6 +238,14 @@ mod tests {
             symmetries: Symmetries::default(),
             surface: Surface::new(mesh.vertices()).unwrap(),
             mesh,
+        }
+    }
+
+    fn bounds() -> Bounds {
+        Bounds {
+            resolved_deg: 15.0,
+            right_deg: 5.0,
+            right_mm: 5.0,
         }
     }
 
@@ -313,7 +326,7 @@ mod tests {
         for error in off.vsd.as_ref().unwrap() {
             assert!((error - 22.0 / 111.0).abs() < 1e-9, "{error}");
         }
-        let scores = Scores::new(&[&off]);
+        let scores = Scores::new(&[&off], 1, &bounds());
         // 0.0778 diameters: below 0.1, 0.15, ..., 0.5.
         assert_eq!(scores.ar_mssd, Some(0.9));
         // 22 px: below 25, 30, ..., 50.
@@ -331,7 +344,7 @@ mod tests {
         assert_eq!(missed.vsd, Some(vec![1.0; 10]));
         let right = scored(Some([0.0; 3]), Some(1.0));
         assert_eq!(right.vsd, Some(vec![0.0; 10]));
-        let scores = Scores::new(&[&hidden, &missed, &right]);
+        let scores = Scores::new(&[&hidden, &missed, &right], 2, &bounds());
         assert!((scores.ar_vsd.unwrap() - 1.0 / 3.0).abs() < 1e-12);
         assert!((scores.ar_mssd.unwrap() - 2.0 / 3.0).abs() < 1e-12);
     }
@@ -340,10 +353,10 @@ mod tests {
     fn without_depth_there_is_no_vsd() {
         let without = scored(Some([0.0; 3]), None);
         assert_eq!(without.vsd, None);
-        let scores = Scores::new(&[&without]);
+        let scores = Scores::new(&[&without], 1, &bounds());
         assert_eq!((scores.ar_vsd, scores.ar), (None, None));
         let with = scored(Some([0.0; 3]), Some(1.0));
-        let scores = Scores::new(&[&without, &with]);
+        let scores = Scores::new(&[&without, &with], 2, &bounds());
         assert_eq!((scores.ar_vsd, scores.ar), (Some(1.0), None));
     }
 }
