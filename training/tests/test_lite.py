@@ -83,9 +83,15 @@ def test_a_bundle_of_several_classes_is_loaded(tmp_path, parts):
     assert np.isclose(estimator.classes[2].diameter_m, objects.diameter(parts[2].bounds))
 
 
-def test_of_cached_maps_it_says_what_it_says_of_pictures(parts):
+@pytest.mark.parametrize("frozen", [False, True])
+def test_of_cached_maps_it_says_what_it_says_of_pictures(parts, frozen):
     torch.manual_seed(0)
     model = Mvtop(config.preset("lite", classes_of(*parts))).eval()
+    if frozen:
+        model.features.freeze()
+        learns = {n.split(".")[1] for n, p in model.named_parameters() if p.requires_grad}
+        assert {"encoder", "search", "detector"} <= learns
+        assert not {"look", "coordinates", "trunk"} & learns
     size = model.config.closeup
     views = random_views(dataclasses.replace(model.config, width=size, height=size), 2)
     cells = sum(rows * columns for rows, columns in model.config.decoder_shapes())
@@ -97,5 +103,9 @@ def test_of_cached_maps_it_says_what_it_says_of_pictures(parts):
         cached = model(views)
     for a, b in zip(cached.poses[-1], direct.poses[-1], strict=True):
         torch.testing.assert_close(a, b)
-    torch.testing.assert_close(cached.found.coordinates, direct.found.coordinates)
     assert cached.found.scores is None, "no image was searched"
+    if not frozen:
+        torch.testing.assert_close(cached.found.coordinates, direct.found.coordinates)
+        alone = model(views, poses=False)
+        assert alone.poses == []
+        torch.testing.assert_close(alone.found.coordinates, direct.found.coordinates)

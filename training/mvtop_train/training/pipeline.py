@@ -133,7 +133,9 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
                 f"generate.reserve for the end), got {minutes:g}; fix: more of them"
             )
         share = settings.second.share if settings.closeup else 0.0
-        loop.train(settings.model_copy(update={"minutes": left * (1 - share)}), folder)
+        # What is pretrained learns to tell a part's places first, and is frozen before poses.
+        first = {"minutes": left * (1 - share), "poses": settings.poses and not settings.pretrained}
+        loop.train(settings.model_copy(update=first), folder)
         generator.check()
     finally:
         generator.stop()
@@ -142,8 +144,6 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
     if share:
         poses = settings.second.model_dump(exclude={"share"})
         poses |= {"backbone": str(weights), "init": "", "minutes": left * share}
-        if settings.pretrained:  # the first stage saw close-ups, too, and is gone on from
-            poses |= {"backbone": runconfig.PRETRAINED, "init": str(weights)}
         loop.train(settings.model_copy(update=poses), folder / "poses")
         weights = folder / "poses" / "weights.pt"
         stages.done("second stage, poses")

@@ -83,6 +83,7 @@ class SecondStage(Table):
 
     share: Annotated[float, Field(gt=0, lt=1)] = 0.4  # of the time of the training
     copies: Count = 5  # as in `RunConfig`, and those that follow
+    searched: NonNegativeInt = 1
     views: Shares = (0.15, 0.6, 0.15, 0.1)
     lr: PositiveFloat = 1e-3
     warmup: NonNegativeInt = 50
