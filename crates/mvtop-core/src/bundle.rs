@@ -95,6 +95,9 @@ pub struct Class {
     pub points: Vec<SurfacePoint>,
     /// Motions after which it looks the same.
     pub symmetry: Symmetry,
+    /// Unit of the object coordinates that the network gives for close-ups, metres; all classes of a
+    /// bundle have one, or none.
+    pub coordinates_extent_m: Option<f64>,
 }
 
 /// A colored point on the surface of an object.
@@ -182,6 +185,7 @@ impl Bundle {
                 id: class.id,
                 name: class.name,
                 diameter_m: class.diameter_m,
+                coordinates_extent_m: class.coordinates_extent_m,
             })
         };
         let classes = manifest.classes.into_iter().map(class);
@@ -199,6 +203,12 @@ impl Bundle {
             portable: manifest.portable,
             provenance: manifest.provenance,
         })
+    }
+
+    /// Whether the network says which place of the object each cell of a close-up shows.
+    pub fn has_coordinates(&self) -> bool {
+        let mut classes = self.classes.iter();
+        classes.all(|class| class.coordinates_extent_m.is_some())
     }
 
     /// Index of the class `name`, as the network counts them.

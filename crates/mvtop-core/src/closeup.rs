@@ -128,6 +128,11 @@ impl CloseUp {
         rays
     }
 
+    /// Whether pixel (u, v) looks at something on the real camera's image.
+    pub fn shows(&self, real: &Camera, u: f64, v: f64) -> bool {
+        self.on_image(real, self.direction(u, v))
+    }
+
     /// Where pixel (u, v) looks, in the real camera's frame.
     fn direction(&self, u: f64, v: f64) -> Point3<f64> {
         let close = self.camera.intrinsics();

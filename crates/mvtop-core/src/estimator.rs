@@ -2,6 +2,7 @@
 
 mod complete;
 mod decode;
+mod fit;
 mod picture;
 mod pose;
 mod sightings;
@@ -177,6 +178,7 @@ impl Estimator {
             }
         };
         let poses = decode::poses(network, &self.bundle, &pictures, &groups)?;
+        let poses = fit::settled(&self.bundle, &pictures, &groups, poses);
         let mut found: Vec<(Sighting, DecodedPose)> = objects.into_iter().zip(poses).collect();
         if let (Some(closeups), None) = (closeups, &options.boxes) {
             found = self.completed(closeups, &views, found)?;
@@ -227,6 +229,7 @@ impl Estimator {
         let (pictures, groups) =
             picture::in_closeups(network, &self.bundle, closeups, views, &objects)?;
         let poses = decode::poses(network, &self.bundle, &pictures, &groups)?;
+        let poses = fit::settled(&self.bundle, &pictures, &groups, poses);
         for (index, pose) in again.into_iter().zip(poses) {
             // A view in which the object is hidden may mislead: the pose that is expected to be
             // nearer counts.

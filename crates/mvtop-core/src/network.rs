@@ -31,6 +31,18 @@ pub trait Network: Send + Sync {
         camera_rays: ArrayView3<f32>,
     ) -> Result<Array3<f32>>;
 
+    /// [`Network::encode`] of close-ups, with what else the network says of them.
+    fn encode_closeups(
+        &self,
+        pictures: ArrayView4<f32>,
+        camera_rays: ArrayView3<f32>,
+    ) -> Result<Encoded> {
+        Ok(Encoded {
+            memory: self.encode(pictures, camera_rays)?,
+            coordinates: None,
+        })
+    }
+
     /// [`Network::detect`] and [`Network::encode`] of the same whole images, where poses are decoded
     /// from these. The backbone need run only once.
     ///
@@ -62,6 +74,16 @@ pub struct DetectorMaps {
     pub scores: Array4<f32>,
     /// `[V, 4, h, w]`, x0 y0 x1 y1, px of the network's input
     pub boxes: Array4<f32>,
+}
+
+/// What the network says of close-ups.
+#[derive(Debug, Clone)]
+pub struct Encoded {
+    /// `[P, N, C]`
+    pub memory: Array3<f32>,
+    /// `[P, 3, h, w]`: the place of the object that each cell shows, object frame, in units of
+    /// [`crate::bundle::Class::coordinates_extent_m`]
+    pub coordinates: Option<Array4<f32>>,
 }
 
 /// Objects to decode and where each view sees them; everything in the frame of view 0.
@@ -134,6 +156,8 @@ pub(crate) struct OnnxNetwork {
     /// On whole images; gives memory as well where there is no `closeup`.
     features: Session,
     closeup: Option<Session>,
+    /// Whether `closeup` gives object coordinates.
+    coordinates: bool,
     decoder: Session,
     provider: String,
 }
@@ -148,6 +172,7 @@ impl OnnxNetwork {
                 PoseInput::WholeImages { .. } => None,
                 PoseInput::CloseUps(closeups) => Some(runtime.session(&closeups.graph, options)?),
             },
+            coordinates: bundle.has_coordinates(),
             decoder: runtime.session(&bundle.decoder, options)?,
             provider: options.provider.to_string(),
         })
@@ -171,6 +196,24 @@ impl Network for OnnxNetwork {
         ];
         let graph = self.closeup.as_ref().unwrap_or(&self.features);
         graph.run(&inputs)?.take("memory")
+    }
+
+    fn encode_closeups(
+        &self,
+        pictures: ArrayView4<f32>,
+        camera_rays: ArrayView3<f32>,
+    ) -> Result<Encoded> {
+        let inputs = [
+            ("images", pictures.into()),
+            ("camera_rays", camera_rays.into()),
+        ];
+        let graph = self.closeup.as_ref().unwrap_or(&self.features);
+        let mut outputs = graph.run(&inputs)?;
+        let coordinates = self.coordinates.then(|| outputs.take("coordinates"));
+        Ok(Encoded {
+            memory: outputs.take("memory")?,
+            coordinates: coordinates.transpose()?,
+        })
     }
 
     fn detect_and_encode(

@@ -66,6 +66,18 @@ class ExportedCloseUps(nn.Module):
         return self.features.encoder(self.features.pose_levels(images), camera_rays)
 
 
+class ExportedDescriptions(nn.Module):
+    """images [P, 3, S, S], camera_rays [P, N, 3] -> memory, coordinates [P, 3, h, w]."""
+
+    def __init__(self, model: Mvtop):
+        super().__init__()
+        self.features = model.features
+
+    def forward(self, images, camera_rays):
+        levels, coordinates = self.features.describe(images)
+        return self.features.encoder(levels, camera_rays), coordinates
+
+
 class ExportedDecoder(nn.Module):
     """One scene (no batch axis); see the inputs in `_decoder_of`."""
 
@@ -111,11 +123,14 @@ def graphs_of(model: Mvtop) -> dict[str, onnx.ModelProto]:
     if not config.closeup:
         features = of_pictures(ExportedFeatures, *size, shapes, ["memory", *found])
         return {"features": features, "decoder": _decoder_of(model)}
+    module, outputs = ExportedCloseUps, ["memory"]
+    if config.gives_coordinates:
+        module, outputs = ExportedDescriptions, ["memory", "coordinates"]
     side = config.closeup
     return {
         "features": of_pictures(ExportedDetector, *size, (), found),
         "decoder": _decoder_of(model),
-        "closeup": of_pictures(ExportedCloseUps, side, side, shapes, ["memory"], "pictures"),
+        "closeup": of_pictures(module, side, side, shapes, outputs, "pictures"),
     }
 
 
@@ -213,6 +228,8 @@ def write_bundle(
     files = [*(f"{name}.onnx" for name in graphs), *(f"{obj.name}.points.json" for obj in known)]
     agree = {} if agree_threshold is None else {"agree_threshold": agree_threshold}
     closeup = {"size": config.closeup, "strides": list(config.closeup_strides)}
+    extents = [{"coordinates_extent_m": obj.extent_m} for obj in known]
+    extents = extents if config.gives_coordinates else [{} for _ in known]
     description = {
         "format": "mvtop-model",
         "version": 1,
@@ -225,8 +242,8 @@ def write_bundle(
         "los_encoding": config.los_encoding,
         "classes": [
             {"id": c.id, "name": c.name, "diameter_m": c.diameter_m,
-             "points": f"{c.name}.points.json", **_symmetries(c)}
-            for c in config.classes
+             "points": f"{c.name}.points.json", **extent, **_symmetries(c)}
+            for c, extent in zip(config.classes, extents, strict=True)
         ],
         "detector": {"score_threshold": score_threshold, **agree, "nms_iou": 0.5},
         **({"closeup": closeup} if config.closeup else {}),

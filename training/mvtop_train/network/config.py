@@ -83,6 +83,11 @@ class Config:
         return self.backbone != "lite"
 
     @property
+    def gives_coordinates(self) -> bool:
+        """Whether a bundle gives object coordinates of close-ups, on which poses are settled."""
+        return self.backbone == "lite"
+
+    @property
     def pose_strides(self) -> tuple[int, ...]:
         """Of the levels that poses are decoded from."""
         return self.closeup_strides if self.closeup else self.strides

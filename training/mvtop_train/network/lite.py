@@ -18,8 +18,8 @@ from .geometry import find
 from .views import Cached, Pictures
 
 CHANNELS = (40, 112, 320)  # of the maps at strides 8, 16 and 32
-FINE = 64  # channels of the pyramid at stride 8, where boxes are found
-COORDINATES = 4  # per side of a cell at stride 16
+FINE = 64  # channels of the pyramid at stride 8, where boxes and coordinates are found
+COORDINATES = 2  # per side of a cell at stride 8
 # (expansion, kernel, stride, output channels, repeats) of each stage; the first two are the trunk
 STEM = 32
 TRUNK = ((1, 3, 1, 16, 1), (6, 3, 2, 24, 2), (6, 5, 2, 40, 2))
@@ -96,7 +96,7 @@ class Upper(nn.Module):
     of its normalisation.
     """
 
-    def __init__(self, d: int, fine: bool):
+    def __init__(self, d: int):
         super().__init__()
         self.stage16 = _stages(CHANNELS[0], STAGE16)
         self.stage32 = _stages(CHANNELS[1], STAGE32)
@@ -105,9 +105,8 @@ class Upper(nn.Module):
         for part in self.modules():
             if getattr(part, "depthwise", False):  # half of a step would go into their gradient
                 part.requires_grad_(False)
-        if fine:
-            self.lateral8, self.reduce = nn.Conv2d(CHANNELS[0], FINE, 1), nn.Conv2d(d, FINE, 1)
-            self.smooth8 = Conv(FINE, FINE)
+        self.lateral8, self.reduce = nn.Conv2d(CHANNELS[0], FINE, 1), nn.Conv2d(d, FINE, 1)
+        self.smooth8 = Conv(FINE, FINE)
 
     def forward(self, x8):
         x16 = self.stage16(x8)
@@ -139,11 +138,11 @@ class LiteFeatures(nn.Module):
         super().__init__()
         d = config.d_model
         self.trunk = Trunk()
-        self.search = Upper(d, fine=True)
+        self.search = Upper(d)
         self.detector = Detector(FINE, len(config.classes), config.strides[0])
-        self.look = Upper(d, fine=False)
+        self.look = Upper(d)
         self.encoder = find(GEOMETRIES[config.geometry]).encoder(config)
-        self.coordinates = nn.Conv2d(d, 3 * COORDINATES**2, 1)
+        self.coordinates = nn.Conv2d(FINE, 3 * COORDINATES**2, 1)
         self.frozen = False
 
     def freeze(self):
@@ -164,12 +163,21 @@ class LiteFeatures(nn.Module):
 
     def from_cache(self, shown: Cached) -> tuple[list, Found]:
         """As `forward`, of what `cache` made of the images."""
-        levels = [one.flatten(0, 1) for one in shown.maps]
+        levels, coordinates = [one.flatten(0, 1) for one in shown.maps], None
         if not self.frozen:
-            levels = self.look(levels[0].contiguous(memory_format=torch.channels_last))
-        coordinates = F.pixel_shuffle(self.coordinates(levels[0]), COORDINATES).float()
+            trunk = levels[0].contiguous(memory_format=torch.channels_last)
+            levels, coordinates = self._look(trunk)
         scores, boxes = (None, None) if shown.searched is None else self.detect(shown.searched)
-        return levels, Found(scores, boxes, None if self.frozen else coordinates)
+        return levels, Found(scores, boxes, coordinates)
+
+    def describe(self, images) -> tuple[list, torch.Tensor]:
+        """images [B, 3, S, S] -> the maps that poses are decoded from; coordinates [B, 3, h, w]."""
+        return self._look(self.trunk(images))
+
+    def _look(self, trunk) -> tuple[list, torch.Tensor]:
+        levels = self.look(trunk)
+        fine = self.coordinates(self.look.fine(trunk, levels[0]))
+        return levels, F.pixel_shuffle(fine, COORDINATES).float()
 
     def detect(self, images):
         """images [B, 3, H, W] -> scores [B, C, h, w] logits, boxes [B, 4, h, w] px."""

@@ -51,6 +51,8 @@ pub(super) struct ManifestClass {
     pub points: String,
     /// Rows of homogeneous matrices, metres, as the next ones.
     #[serde(default)]
+    pub coordinates_extent_m: Option<f64>,
+    #[serde(default)]
     pub symmetries_discrete: Vec<[[f64; 4]; 4]>,
     #[serde(default)]
     pub symmetries_continuous: Vec<ManifestAxis>,
@@ -161,6 +163,18 @@ impl Manifest {
             }
             if !(diameter.is_finite() && diameter > 0.0) {
                 let problem = format!("has the diameter {diameter} m, expected it above 0");
+                return Err(format!("class `{name}` {problem}"));
+            }
+        }
+        for class in &self.classes {
+            let (name, extent) = (&class.name, class.coordinates_extent_m);
+            if extent.is_some() != self.classes[0].coordinates_extent_m.is_some() {
+                return Err("coordinates_extent_m: expected for all classes, or for none".into());
+            }
+            if let Some(extent) = extent
+                && !(extent.is_finite() && extent > 0.0)
+            {
+                let problem = format!("has coordinates_extent_m {extent}, expected it above 0");
                 return Err(format!("class `{name}` {problem}"));
             }
         }

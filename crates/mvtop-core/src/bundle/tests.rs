@@ -151,6 +151,7 @@ fn half_widths_of_a_bar_are_its_thickness_and_its_length() {
         name: "bar".into(),
         diameter_m: 0.128,
         symmetry: Symmetry::default(),
+        coordinates_extent_m: None,
         points: points.collect(),
     };
     let [least, greatest] = class.half_widths();

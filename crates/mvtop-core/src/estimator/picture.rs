@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use ndarray::{Array2, Array3, Array4, ArrayView3, Axis, concatenate};
+use ndarray::{Array, Array2, Array3, Array4, ArrayView, Axis, RemoveAxis, concatenate, s};
 
 use super::sightings::Sighting;
 use super::view::View;
@@ -32,13 +32,19 @@ pub struct Pictures {
     pub list: Vec<Picture>,
     /// `[P, N, C]`, in the order of the list.
     pub memory: Array3<f32>,
+    /// `[P, 3, h, w]`, where the network gives them, see [`Encoded`]; not finite off the image.
+    pub coordinates: Option<Array4<f32>>,
 }
 
 impl Pictures {
     /// - `memory`: `[P, N, C]`, refused where it is of another number of pictures
     pub fn new(list: Vec<Picture>, memory: Array3<f32>) -> Result<Self> {
         let memory = checked(memory, list.len())?;
-        Ok(Self { list, memory })
+        Ok(Self {
+            list,
+            memory,
+            coordinates: None,
+        })
     }
 }
 
@@ -139,25 +145,65 @@ pub fn in_closeups(
     };
     let list: Vec<Picture> = taken.iter().map(picture).collect();
     let (side, mean, std) = (closeups.size as usize, bundle.input.mean, bundle.input.std);
-    let mut memory = Vec::new();
+    let (mut memory, mut coordinates) = (Vec::new(), Vec::new());
     for (taken, list) in taken.chunks(AT_ONCE).zip(list.chunks(AT_ONCE)) {
         let mut tensor = Array4::zeros((taken.len(), 3, side, side));
         for ((view, closeup), mut picture) in taken.iter().zip(tensor.outer_iter_mut()) {
             picture.assign(&closeup.picture(view.camera, view.image, mean, std));
         }
-        let encoded = network.encode(tensor.view(), rays(list).view())?;
-        memory.push(checked(encoded, list.len())?);
+        let encoded = network.encode_closeups(tensor.view(), rays(list).view())?;
+        memory.push(checked(encoded.memory, list.len())?);
+        if let Some(codes) = encoded.coordinates {
+            coordinates.push(on_images(codes, taken)?);
+        }
     }
-    let memory: Vec<ArrayView3<f32>> = memory.iter().map(|part| part.view()).collect();
-    let memory = match &memory[..] {
-        [] => Array3::zeros((0, 0, 0)),
-        parts => concatenate(Axis(0), parts).map_err(|cause| Error::Shape {
-            name: "memory",
-            expected: format!("alike for all close-ups ({cause})"),
-            got: parts[0].shape().to_vec(),
-        })?,
+    let coordinates = joined("coordinates", &coordinates)?;
+    let memory = joined("memory", &memory)?.unwrap_or_default();
+    let pictures = Pictures {
+        list,
+        memory,
+        coordinates,
     };
-    Ok((Pictures { list, memory }, groups))
+    Ok((pictures, groups))
+}
+
+/// Parts one after the other; `None` without parts.
+fn joined<D: RemoveAxis>(
+    name: &'static str,
+    parts: &[Array<f32, D>],
+) -> Result<Option<Array<f32, D>>> {
+    let views: Vec<ArrayView<f32, D>> = parts.iter().map(|part| part.view()).collect();
+    let unlike = |cause| Error::Shape {
+        name,
+        expected: format!("alike for all close-ups ({cause})"),
+        got: parts[0].shape().to_vec(),
+    };
+    let joined = (!views.is_empty()).then(|| concatenate(Axis(0), &views).map_err(unlike));
+    joined.transpose()
+}
+
+/// The coordinates, not finite where a cell's center is off the real image.
+fn on_images(mut codes: Array4<f32>, taken: &[(&View, CloseUp)]) -> Result<Array4<f32>> {
+    let (pictures, axes, rows, columns) = codes.dim();
+    if pictures != taken.len() || axes != 3 || rows == 0 || rows != columns {
+        return Err(Error::Shape {
+            name: "coordinates",
+            expected: format!("[{}, 3, h, h]", taken.len()),
+            got: codes.shape().to_vec(),
+        });
+    }
+    for ((view, closeup), mut codes) in taken.iter().zip(codes.outer_iter_mut()) {
+        let stride = f64::from(closeup.camera.width()) / columns as f64;
+        let center = |cell: usize| (cell as f64 + 0.5) * stride - 0.5;
+        for row in 0..rows {
+            for column in 0..columns {
+                if !closeup.shows(view.camera, center(column), center(row)) {
+                    codes.slice_mut(s![.., row, column]).fill(f32::NAN);
+                }
+            }
+        }
+    }
+    Ok(codes)
 }
 
 /// Rays of some pictures, `[P, N, 3]`.

@@ -1,0 +1,368 @@
+//! The pose on which the object coordinates of all views agree.
+//!
+//! Where the bundle's network says which place of the object each cell of a close-up shows, a pose
+//! is one at which these places lie on their lines of sight, in all views at once (a generalised
+//! perspective-n-point problem). Many cells are wrong: they show something else, or a side that the
+//! network takes for another. So the pose is searched for from all around, and cells lose their
+//! weight as they disagree with it (iteratively reweighted least squares, Geman-McClure).
+
+use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Quaternion, UnitQuaternion, Vector3, Vector6};
+use ndarray::{ArrayView3, Axis};
+use rayon::prelude::*;
+
+use super::picture::{Group, Picture, Pictures, Query};
+use super::pose::DecodedPose;
+use crate::bundle::Bundle;
+use crate::prediction::Sigma;
+
+/// Rotations from which a pose is searched for: neighbours are about 50 degrees apart.
+const STARTS: usize = 64;
+/// Cells that the search looks at; the best poses are then settled on all.
+const SEARCHED: usize = 192;
+/// Poses of the search that are settled.
+const SETTLED: usize = 4;
+/// How far off a place may be to keep a quarter of its weight, in diameters, step by step: first by
+/// turning and shifting the places onto their lines of sight, then by Gauss-Newton.
+const COARSE: [f64; 6] = [0.3, 0.25, 0.2, 0.15, 0.12, 0.1];
+const MIDDLE: [f64; 2] = [0.1, 0.08];
+const FINE: [f64; 8] = [0.08, 0.07, 0.06, 0.06, 0.05, 0.05, 0.05, 0.05];
+/// Fewest cells that settle a pose.
+const FEWEST: usize = 12;
+/// Neighbouring cells err alike: as many count as one when the error is estimated.
+const ALIKE: f64 = 150.0;
+
+/// A place of the object, and the line on which it is seen.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    /// Object frame, metres.
+    place: Point3<f64>,
+    /// Where the line of sight begins, world frame, metres.
+    origin: Point3<f64>,
+    /// Unit vector, world frame.
+    direction: Vector3<f64>,
+    /// About how far away the object is, metres; known once its position is.
+    distance: f64,
+    /// So that every view counts alike.
+    weight: f64,
+}
+
+/// The poses, settled by the object coordinates where there are some; as they were for objects with
+/// symmetries, whose views may each mean another of the poses that look alike.
+///
+/// - `poses`: of each object, by its index
+pub fn settled(
+    bundle: &Bundle,
+    pictures: &Pictures,
+    groups: &[Group],
+    mut poses: Vec<DecodedPose>,
+) -> Vec<DecodedPose> {
+    let Some(coordinates) = &pictures.coordinates else {
+        return poses;
+    };
+    for group in groups {
+        for query in &group.objects {
+            let class = &bundle.classes[query.class];
+            let pose = &mut poses[query.object];
+            if let Some(extent) = class.coordinates_extent_m
+                && class.symmetry.is_none()
+            {
+                let seen = seen(pictures, coordinates.view(), group, query, extent);
+                if let Some(found) = fit(&seen, class.diameter_m, &pose.world_from_obj) {
+                    *pose = found;
+                }
+            }
+        }
+    }
+    poses
+}
+
+/// What the cells inside the object's boxes show.
+fn seen(
+    pictures: &Pictures,
+    coordinates: ndarray::ArrayView4<f32>,
+    group: &Group,
+    query: &Query,
+    extent: f64,
+) -> Vec<Seen> {
+    let mut all = Vec::new();
+    for (place, index) in group.pictures.clone().enumerate() {
+        let Some(bbox) = query.boxes[place] else {
+            continue;
+        };
+        let picture = &pictures.list[index];
+        let of_picture = coordinates.index_axis(Axis(0), index);
+        let start = all.len();
+        cells(picture, of_picture, |u, v, code| {
+            let inside = (bbox.x0..bbox.x1).contains(&u) && (bbox.y0..bbox.y1).contains(&v);
+            let known = inside && code.iter().all(|x| x.is_finite());
+            if let Some((origin, direction)) = known.then(|| line(picture, u, v)).flatten() {
+                all.push(Seen {
+                    place: Point3::from(code.map(|x| f64::from(x) * extent)),
+                    origin,
+                    direction,
+                    distance: 0.0,
+                    weight: 1.0,
+                });
+            }
+        });
+        let count = (all.len() - start) as f64;
+        for seen in &mut all[start..] {
+            seen.weight = 1.0 / count;
+        }
+    }
+    let mean = all.iter().map(|seen| seen.weight).sum::<f64>() / all.len() as f64;
+    for seen in &mut all {
+        seen.weight /= mean;
+    }
+    all
+}
+
+/// Where the object is about: where the lines of sight of several views come nearest to each other,
+/// and for one view where the pose says.
+fn position(seen: &[Seen], pose: &Isometry3<f64>) -> Vector3<f64> {
+    let known = pose.translation.vector;
+    let first = seen.first().map(|one| one.origin);
+    if seen.iter().all(|one| Some(one.origin) == first) {
+        return known;
+    }
+    let (mut beside, mut sum) = (Matrix3::zeros(), Vector3::zeros());
+    for one in seen {
+        let off = Matrix3::identity() - one.direction * one.direction.transpose();
+        beside += off * one.weight;
+        sum += off * one.origin.coords * one.weight;
+    }
+    beside.try_inverse().map_or(known, |inverse| inverse * sum)
+}
+
+/// Calls `each` with the center (u, v) of every cell, px of the picture, and the coordinates there.
+fn cells(picture: &Picture, codes: ArrayView3<f32>, mut each: impl FnMut(f64, f64, [f32; 3])) {
+    let (_, rows, columns) = codes.dim();
+    let stride = f64::from(picture.camera.width()) / columns as f64;
+    for row in 0..rows {
+        for column in 0..columns {
+            let (u, v) = (
+                (column as f64 + 0.5) * stride - 0.5,
+                (row as f64 + 0.5) * stride - 0.5,
+            );
+            each(u, v, [0, 1, 2].map(|axis| codes[(axis, row, column)]));
+        }
+    }
+}
+
+/// Begin and direction of the line of sight of a pixel, world frame.
+fn line(picture: &Picture, u: f64, v: f64) -> Option<(Point3<f64>, Vector3<f64>)> {
+    let world_from_cam = picture.camera.world_from_cam();
+    let ray = picture.camera.intrinsics().unproject(&[u, v].into())?;
+    let direction = world_from_cam.rotation * ray;
+    Some((
+        world_from_cam.translation.vector.into(),
+        direction.normalize(),
+    ))
+}
+
+/// The pose that most cells agree with; `None` where too few do.
+///
+/// - `start`: a guess, of which the position is taken and the rotation is tried
+fn fit(seen: &[Seen], diameter: f64, start: &Isometry3<f64>) -> Option<DecodedPose> {
+    if seen.len() < FEWEST {
+        return None;
+    }
+    let position = position(seen, start);
+    let mut seen = seen.to_vec();
+    for one in &mut seen {
+        one.distance = (position - one.origin.coords).norm();
+    }
+    let (seen, start) = (
+        &seen[..],
+        &Isometry3::from_parts(position.into(), start.rotation),
+    );
+    let some: Vec<Seen> = seen
+        .iter()
+        .step_by(seen.len().div_ceil(SEARCHED))
+        .copied()
+        .collect();
+    let around =
+        (0..STARTS).map(|n| Isometry3::from_parts(start.translation, spread_rotation(n, STARTS)));
+    let starts: Vec<Isometry3<f64>> = around.chain([*start]).collect();
+    let mut found: Vec<(f64, Isometry3<f64>)> = starts
+        .into_par_iter()
+        .filter_map(|mut pose| {
+            for scale in COARSE {
+                pose = aligned(&some, &pose, scale * diameter)?;
+            }
+            for scale in MIDDLE {
+                pose = stepped(&some, &pose, scale * diameter)?.0;
+            }
+            Some((agreement(&some, &pose, FINE[0] * diameter), pose))
+        })
+        .collect();
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found.truncate(SETTLED);
+    let last = FINE[FINE.len() - 1] * diameter;
+    let settled = found.into_iter().filter_map(|(_, mut pose)| {
+        let mut information = Matrix6::zeros();
+        for scale in FINE {
+            (pose, information) = stepped(seen, &pose, scale * diameter)?;
+        }
+        Some((agreement(seen, &pose, last), pose, information))
+    });
+    let (_, pose, information) = settled.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let in_front = seen
+        .iter()
+        .all(|one| (pose * one.place - one.origin).dot(&one.direction) > 0.0);
+    Some(DecodedPose {
+        world_from_obj: pose,
+        sigma: expected(seen, &pose, &information, last)?,
+    })
+    .filter(|_| in_front)
+}
+
+/// What a pose leaves over of one cell: how far the place is beside its line of sight as seen from
+/// the camera, at the object's distance, metres; and the change of that by the place's position.
+fn left_over(seen: &Seen, pose: &Isometry3<f64>) -> (Vector3<f64>, Matrix3<f64>) {
+    let Seen {
+        direction,
+        distance,
+        ..
+    } = seen;
+    let offset = pose * seen.place - seen.origin;
+    // Not behind the camera, whatever the search tries.
+    let depth = offset.dot(direction).max(0.05 * distance);
+    let beside = offset / depth - direction;
+    let change = Matrix3::identity() - (direction + beside) * direction.transpose();
+    (beside * *distance, change * (distance / depth))
+}
+
+/// Weight of a cell that leaves this over.
+fn weight(seen: &Seen, left: &Vector3<f64>, scale: f64) -> f64 {
+    seen.weight / (1.0 + left.norm_squared() / (scale * scale)).powi(2)
+}
+
+/// Share of the cells that agree with a pose, 0 to 1.
+fn agreement(seen: &[Seen], pose: &Isometry3<f64>, scale: f64) -> f64 {
+    let agrees = seen.iter().map(|one| {
+        let (left, _) = left_over(one, pose);
+        one.weight / (1.0 + left.norm_squared() / (scale * scale))
+    });
+    agrees.sum::<f64>() / seen.len() as f64
+}
+
+/// A place, and where it should be.
+struct Pair {
+    weight: f64,
+    /// Object frame.
+    place: Point3<f64>,
+    /// The point of its line of sight that is nearest to where a pose puts it, world frame.
+    on_line: Point3<f64>,
+}
+
+impl Pair {
+    fn new(seen: &Seen, pose: &Isometry3<f64>, scale: f64) -> Self {
+        let now = pose * seen.place;
+        let on_line = seen.origin + seen.direction * (now - seen.origin).dot(&seen.direction);
+        Self {
+            weight: weight(seen, &(now - on_line), scale),
+            place: seen.place,
+            on_line,
+        }
+    }
+}
+
+/// The pose turned and shifted so that the places come nearest to where they are now beside them on
+/// their lines of sight (Kabsch 1976, weighted).
+fn aligned(seen: &[Seen], pose: &Isometry3<f64>, scale: f64) -> Option<Isometry3<f64>> {
+    let pairs: Vec<Pair> = seen.iter().map(|one| Pair::new(one, pose, scale)).collect();
+    let total: f64 = pairs.iter().map(|pair| pair.weight).sum();
+    let mean = |of: fn(&Pair) -> Point3<f64>| {
+        let sum: Vector3<f64> = pairs.iter().map(|pair| of(pair).coords * pair.weight).sum();
+        sum / total
+    };
+    let (from, to) = (mean(|pair| pair.place), mean(|pair| pair.on_line));
+    let product = |pair: &Pair| {
+        (pair.on_line.coords - to) * (pair.place.coords - from).transpose() * pair.weight
+    };
+    let between: Matrix3<f64> = pairs.iter().map(product).sum();
+    let svd = between.try_svd(true, true, f64::EPSILON, 100)?;
+    let (u, v_t) = (svd.u?, svd.v_t?);
+    let mirrored = (u * v_t).determinant().signum();
+    let rotation = u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, mirrored)) * v_t;
+    let rotation = UnitQuaternion::from_matrix(&rotation);
+    let translation = to - rotation * from;
+    finite(Isometry3::from_parts(translation.into(), rotation))
+}
+
+/// The pose after a step of Gauss-Newton, and the information (inverse covariance, for errors of a
+/// metre) about its rotation in its own frame, rad, and its position, m.
+fn stepped(
+    seen: &[Seen],
+    pose: &Isometry3<f64>,
+    scale: f64,
+) -> Option<(Isometry3<f64>, Matrix6<f64>)> {
+    let rotation = pose.rotation.to_rotation_matrix();
+    let (mut information, mut slope) = (Matrix6::<f64>::zeros(), Vector6::<f64>::zeros());
+    for one in seen {
+        let (left, change) = left_over(one, pose);
+        let weight = weight(one, &left, scale);
+        let by_turn = -change * rotation.matrix() * one.place.coords.cross_matrix();
+        let mut by_pose = nalgebra::Matrix3x6::<f64>::zeros();
+        by_pose.fixed_columns_mut::<3>(0).copy_from(&by_turn);
+        by_pose.fixed_columns_mut::<3>(3).copy_from(&change);
+        information += by_pose.transpose() * by_pose * weight;
+        slope += by_pose.transpose() * left * weight;
+    }
+    // A whiff of damping: one view may leave the distance all but open.
+    let damped = information + Matrix6::identity() * (1e-9 * information.trace());
+    let step = -damped.cholesky()?.solve(&slope);
+    let turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(0).into_owned());
+    let moved = pose.translation.vector + step.fixed_rows::<3>(3);
+    let pose = finite(Isometry3::from_parts(moved.into(), pose.rotation * turn))?;
+    Some((pose, information))
+}
+
+/// How far off the pose may be, by what it leaves over.
+fn expected(
+    seen: &[Seen],
+    pose: &Isometry3<f64>,
+    information: &Matrix6<f64>,
+    scale: f64,
+) -> Option<Sigma> {
+    let (mut squares, mut total) = (0.0, 0.0);
+    for one in seen {
+        let (left, _) = left_over(one, pose);
+        let weight = weight(one, &left, scale);
+        squares += weight * left.norm_squared();
+        total += weight;
+    }
+    let covariance = information.try_inverse()? * (ALIKE * squares / total / 2.0);
+    let rotation = covariance.fixed_view::<3, 3>(0, 0).trace().sqrt();
+    let position = (covariance.fixed_view::<3, 3>(3, 3).trace() / 3.0).sqrt();
+    (rotation.is_finite() && position.is_finite()).then_some(Sigma {
+        rot_deg: rotation.to_degrees().min(180.0),
+        t_m: position,
+    })
+}
+
+fn finite(pose: Isometry3<f64>) -> Option<Isometry3<f64>> {
+    let finite = pose
+        .translation
+        .vector
+        .iter()
+        .chain(pose.rotation.coords.iter());
+    finite.copied().all(f64::is_finite).then_some(pose)
+}
+
+/// Rotation `n` of `count` that cover all rotations evenly (super-Fibonacci spirals, Alexa 2022).
+fn spread_rotation(n: usize, count: usize) -> UnitQuaternion<f64> {
+    const PSI: f64 = 1.533_751_168_755_204_3;
+    let s = n as f64 + 0.5;
+    let t = s / count as f64;
+    let d = std::f64::consts::TAU * s;
+    let (r, big_r) = (t.sqrt(), (1.0 - t).sqrt());
+    let (alpha, beta) = (d / std::f64::consts::SQRT_2, d / PSI);
+    let (x, y) = (r * alpha.sin(), r * alpha.cos());
+    let (z, w) = (big_r * beta.sin(), big_r * beta.cos());
+    UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,116 @@
+use super::*;
+use nalgebra::Translation3;
+
+const DIAMETER: f64 = 0.2;
+
+/// Numbers from 0 to 1 that look random, the same in every run.
+fn noise(n: usize) -> f64 {
+    ((n as f64 + 1.0) * 12.9898)
+        .sin()
+        .abs()
+        .mul_add(43_758.545_3, 0.0)
+        .fract()
+}
+
+fn random_place(n: usize) -> Point3<f64> {
+    let [x, y, z] = [0, 1, 2].map(|axis| noise(3 * n + axis) - 0.5);
+    Point3::new(0.15 * x, 0.10 * y, 0.06 * z)
+}
+
+fn pose() -> Isometry3<f64> {
+    let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(0.4, -1.9, 0.8));
+    Isometry3::from_parts(Translation3::new(0.05, -0.1, 0.9), rotation)
+}
+
+/// A guess that is 2.5 rad and 6 cm off.
+fn guess() -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.0, 2.0, 1.5));
+    let moved = Translation3::new(0.03, 0.02, -0.05);
+    Isometry3::from_parts(moved * pose().translation, turn * pose().rotation)
+}
+
+const LEFT: [f64; 3] = [-0.3, 0.0, 0.0];
+const RIGHT: [f64; 3] = [0.4, 0.1, 0.1];
+
+/// What cameras at `origins` see of the object.
+///
+/// - `wrong`: share of the cells whose place is any
+/// - `blur`: how far off the other places are at most, metres
+fn seen_from(origins: &[[f64; 3]], wrong: f64, blur: f64) -> Vec<Seen> {
+    let cells = (0..300).flat_map(|n| origins.iter().enumerate().map(move |o| (n, o)));
+    cells
+        .map(|(n, (camera, &origin))| {
+            let (origin, seed) = (Point3::from(origin), 1000 * camera + n);
+            let place = random_place(seed);
+            let offset = pose() * place - origin;
+            let off = Vector3::from_fn(|axis, _| noise(7 * seed + axis) - 0.5) * (2.0 * blur);
+            let told = match noise(seed + 50_000) < wrong {
+                true => random_place(seed + 9000),
+                false => place + off,
+            };
+            Seen {
+                place: told,
+                origin,
+                direction: offset.normalize(),
+                distance: 0.0,
+                weight: 1.0,
+            }
+        })
+        .collect()
+}
+
+fn off(found: &DecodedPose) -> (f64, f64) {
+    let (pose, found) = (pose(), &found.world_from_obj);
+    let turned = pose.rotation.angle_to(&found.rotation).to_degrees();
+    let moved = (pose.translation.vector - found.translation.vector).norm();
+    (turned, moved)
+}
+
+#[test]
+fn places_without_error_give_the_pose_from_one_view_and_from_two() {
+    for origins in [&[LEFT][..], &[LEFT, RIGHT]] {
+        let found = fit(&seen_from(origins, 0.0, 0.0), DIAMETER, &guess()).unwrap();
+        let (turned, moved) = off(&found);
+        assert!(turned < 1e-4 && moved < 1e-6, "{turned} degrees, {moved} m");
+        assert!(found.sigma.rot_deg < 1e-3);
+    }
+}
+
+#[test]
+fn half_of_the_cells_may_be_wrong() {
+    let found = fit(&seen_from(&[LEFT, RIGHT], 0.5, 0.008), DIAMETER, &guess()).unwrap();
+    let (turned, moved) = off(&found);
+    assert!(turned < 2.0 && moved < 0.002, "{turned} degrees, {moved} m");
+}
+
+#[test]
+fn views_tell_the_distance_and_expect_less_of_an_error() {
+    let one = fit(&seen_from(&[LEFT], 0.2, 0.01), DIAMETER, &guess()).unwrap();
+    let two = fit(&seen_from(&[LEFT, RIGHT], 0.2, 0.01), DIAMETER, &guess()).unwrap();
+    assert!(two.sigma.rot_deg < one.sigma.rot_deg);
+    assert!(
+        two.sigma.t_m < 0.5 * one.sigma.t_m,
+        "{:?} {:?}",
+        two.sigma,
+        one.sigma
+    );
+    assert!(off(&two).1 < off(&one).1);
+}
+
+#[test]
+fn few_cells_settle_nothing() {
+    let seen = seen_from(&[LEFT], 0.0, 0.0);
+    assert!(fit(&seen[..FEWEST - 1], DIAMETER, &guess()).is_none());
+    assert!(fit(&seen[..FEWEST], DIAMETER, &guess()).is_some());
+}
+
+#[test]
+fn starts_lie_around_every_rotation() {
+    let starts: Vec<_> = (0..STARTS).map(|n| spread_rotation(n, STARTS)).collect();
+    for n in 0..500 {
+        let any = [0, 1, 2, 3].map(|i| noise(4 * n + i) - 0.5);
+        let any = UnitQuaternion::from_quaternion(Quaternion::from(any));
+        let angles = starts.iter().map(|start| start.angle_to(&any).to_degrees());
+        assert!(angles.fold(f64::INFINITY, f64::min) < 62.0);
+    }
+}
