@@ -72,6 +72,7 @@ mod tests {
             objects: predicted.to_vec(),
             timings: Timings::default(),
             provider: String::new(),
+            warnings: Vec::new(),
         };
         let matched = matches(&truth, &prediction);
         let places: Vec<_> = matched

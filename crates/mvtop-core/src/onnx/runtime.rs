@@ -1,7 +1,7 @@
 //! The loaded ONNX Runtime library.
 
 use super::locate::{self, Candidate, Surroundings};
-use super::{Provider, Session, SessionOptions, operator};
+use super::{Provider, Session, SessionOptions, operator, trust};
 use crate::{Error, Result};
 use ort::environment::Environment;
 use std::fmt;
@@ -29,10 +29,11 @@ pub struct Runtime {
 impl Runtime {
     /// Finds and loads ONNX Runtime 1.20 or newer, or returns the one already loaded.
     ///
-    /// Looked for in this order: `explicit`, `$ORT_DYLIB_PATH`, beside the executable, `.venv` in
-    /// the current folder and those above, `$VIRTUAL_ENV`, `$CONDA_PREFIX`, the `onnxruntime`
-    /// package of `python3`, the system's libraries. The first two are binding: if they do not
-    /// load, nothing else is tried.
+    /// Looked for in this order: `explicit`, `$ORT_DYLIB_PATH`, beside the executable, the
+    /// environment that the executable is installed in, `$VIRTUAL_ENV`, `$CONDA_PREFIX`, the
+    /// `onnxruntime` package of `python3`, the system's libraries. The first two are binding: if
+    /// they do not load, nothing else is tried. A library that other users may change is never
+    /// loaded.
     ///
     /// # Errors
     /// [`Error::Runtime`] when a library that was asked for cannot be loaded, is too old, or
@@ -55,7 +56,8 @@ impl Runtime {
 
         let mut attempts = Vec::new();
         for candidate in locate::candidates(explicit, Surroundings::of_process()) {
-            match load(&candidate.path) {
+            let trusted = trust::check(&candidate.path);
+            match trusted.and_then(|()| load(&candidate.path)) {
                 Ok(environment) => {
                     let loaded = LOADED.get_or_init(|| Loaded {
                         environment,

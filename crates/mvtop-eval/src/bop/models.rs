@@ -22,6 +22,8 @@ pub struct Model {
     pub diameter_m: f64,
     /// Motions that do not change how it looks, metres.
     pub symmetries: Symmetries,
+    /// Its file.
+    pub path: PathBuf,
     /// Metres.
     pub mesh: Mesh,
     /// The mesh's vertices.
@@ -159,13 +161,15 @@ impl Info {
 
 impl ModelInfo {
     fn model(self, id: u32, folder: &Path) -> Result<Model> {
-        let mesh = load_ply(&folder.join(format!("obj_{id:06}.ply")), MM)?;
+        let path = folder.join(format!("obj_{id:06}.ply"));
+        let mesh = load_ply(&path, MM)?;
         Ok(Model {
             id,
             name: self.name,
             diameter_m: self.diameter_m,
             symmetries: Symmetries::new(&self.discrete, &self.continuous, BOP_MAX_STEP)?,
             surface: Surface::new(mesh.vertices())?,
+            path,
             mesh,
         })
     }

@@ -136,12 +136,7 @@ impl Plan {
         let mut cameras = Vec::new();
         let mut images = Vec::new();
         for view in &views {
-            let (width, height) = image::image_dimensions(&view.path).map_err(|cause| {
-                Failure(format!(
-                    "image {}: expected PNG, JPEG, TIFF or BMP, got: {cause}",
-                    view.path.display()
-                ))
-            })?;
+            let size = mvtop_core::image::size(&view.path)?;
             let world_from_cam = match view.world_from_cam {
                 Some(pose) => pose,
                 // One view needs no world.
@@ -157,7 +152,7 @@ impl Plan {
                 }
             };
             let (id, intrinsics) = (view.id.camera_id(), view.intrinsics.clone());
-            let camera = Camera::new(id, [width, height], intrinsics, world_from_cam)?;
+            let camera = Camera::new(id, size, intrinsics, world_from_cam)?;
             images.push(ViewImage {
                 camera: cameras.len(),
                 image: mvtop_core::image::load(&view.path, &camera)?,
