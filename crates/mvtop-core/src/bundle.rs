@@ -200,9 +200,11 @@ impl Bundle {
             }
         }
         let class = |class: ManifestClass| {
+            let points = read_points(&dir.join(&class.points))?;
+            class.check_points(&points).map_err(refuse)?;
             Ok(Class {
                 symmetry: class.symmetry().map_err(refuse)?,
-                points: read_points(&dir.join(&class.points))?,
+                points,
                 id: class.id,
                 name: class.name,
                 diameter_m: class.diameter_m,

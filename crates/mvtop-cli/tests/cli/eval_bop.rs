@@ -406,11 +406,61 @@ fn image_too_large_for_any_camera_is_refused_before_it_is_decoded() {
     });
     png[29..33].copy_from_slice(&(!crc).to_be_bytes());
     fs::write(&image, png).unwrap();
+    change(&dataset.join("test/000001/scene_camera.json"), |cameras| {
+        cameras["0"]["cam_K"] = json!([9000, 0, 9999.5, 0, 9000, 9999.5, 0, 0, 1]);
+    });
     let error = refusal(&eval(&dataset, &report, &["--views", "2"]));
     assert!(
         error.contains("268435456 px at most, got 20000x20000"),
         "{error}"
     );
+}
+
+fn change(path: &Path, change: impl FnOnce(&mut Value)) {
+    let mut content: Value = serde_json::from_slice(&fs::read(path).unwrap()).unwrap();
+    change(&mut content);
+    fs::write(path, content.to_string()).unwrap();
+}
+
+#[test]
+fn numbers_that_look_like_a_mistake_are_refused() {
+    type Mistake = (&'static str, fn(&mut Value), &'static str);
+    let mistakes: [Mistake; 5] = [
+        // Metres, where BOP has millimetres: within the ball.
+        (
+            "test/000001/scene_gt.json",
+            |gt| gt["0"][0]["cam_t_m2c"] = json!([0.01, 0.02, 0.9]),
+            "expected millimetres",
+        ),
+        (
+            "test/000001/scene_camera.json",
+            |cameras| cameras["0"]["depth_scale"] = json!(0.0),
+            "depth_scale above 0",
+        ),
+        (
+            "test/000001/scene_camera.json",
+            |cameras| cameras["0"]["cam_K"] = json!([1.5, 0, 80, 0, 1.5, 60, 0, 0, 1]),
+            "too short",
+        ),
+        (
+            "models/models_info.json",
+            |info| info["1"]["diameter"] = json!(0.1308),
+            "obj_000001.ply",
+        ),
+        (
+            "models/models_info.json",
+            |info| info["1"]["diameter"] = json!(130_800),
+            "obj_000001.ply",
+        ),
+    ];
+    for (file, mistake, part) in mistakes {
+        let dir = TempDir::new().unwrap();
+        let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
+        write_dataset(&dataset, false);
+        change(&dataset.join(file), mistake);
+        let error = refusal(&eval(&dataset, &report, &["--views", "2"]));
+        assert!(error.contains(part), "{file}: {error}");
+    }
 }
 
 #[test]

@@ -102,6 +102,8 @@ fn files_that_are_missing_or_wrong_are_named() {
     assert!(error.contains("cannot read none.json"), "{error}");
     let error = with("--reference", "top");
     assert!(error.contains("no camera `top`"), "{error}");
+    let error = with("--threads", "1000000000");
+    assert!(error.contains("threads: expected 0 to 1024"), "{error}");
     let error = with("--provider", "cuda");
     assert!(error.contains("`cuda`"), "{error}");
 }

@@ -69,6 +69,33 @@ pub(super) struct ManifestAxis {
 }
 
 impl ManifestClass {
+    /// Refuses points that are farther apart than the diameter, or all within a quarter of it; the
+    /// text is the problem.
+    pub fn check_points(&self, points: &[SurfacePoint]) -> Result<(), String> {
+        let size = [0, 1, 2].map(|axis| {
+            let along = points.iter().map(|point| point.position[axis]);
+            let (low, high) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
+                (low.min(x), high.max(x))
+            });
+            high - low
+        });
+        let (side, diagonal) = (Vector3::from(size).amax(), Vector3::from(size).norm());
+        // A few points show nothing of the size.
+        let least = if points.len() > 3 {
+            self.diameter_m / 4.0
+        } else {
+            0.0
+        };
+        if side <= 1.05 * self.diameter_m && diagonal >= least {
+            return Ok(());
+        }
+        Err(format!(
+            "class `{}` has the diameter {} m, but points in a box of {size:?} m, expected both of \
+             one object, in metres",
+            self.name, self.diameter_m
+        ))
+    }
+
     /// The text is the problem. Of several axes, as a ball has, the first counts.
     pub fn symmetry(&self) -> Result<Symmetry, String> {
         let problem = |what: String| format!("class `{}`: {what}", self.name);

@@ -317,6 +317,27 @@ fn impossible_numbers_are_refused() {
 }
 
 #[test]
+fn points_of_another_size_than_the_diameter_are_refused() {
+    // 0.2 m apart, as if the diameter of 0.138 m were another object's; and a tenth of it.
+    for (reach, part) in [(0.2, "[0.2, "), (0.01, "[0.01, ")] {
+        let points = json!({"unit": "m", "points": [
+            [0, 0, 0, 9, 9, 9], [reach, 0, 0, 9, 9, 9], [0, reach, 0, 9, 9, 9], [0, 0, reach, 9, 9, 9],
+        ]});
+        let points = points.to_string();
+        let dir = bundle(|m| {
+            let sha256 = format!("{:x}", Sha256::digest(&points));
+            m["files"]["p.json"] = json!({"bytes": points.len(), "sha256": sha256});
+        });
+        std::fs::write(dir.path().join("p.json"), &points).unwrap();
+        let error = Bundle::load(dir.path()).unwrap_err().to_string();
+        assert!(
+            error.contains("diameter 0.138 m") && error.contains(part),
+            "{error}"
+        );
+    }
+}
+
+#[test]
 fn points_that_are_none_are_refused() {
     let cases = [
         (r#"{"unit":"mm","points":[[0,0,0,0,0,0]]}"#, "metres"),

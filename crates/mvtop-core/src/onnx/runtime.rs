@@ -9,6 +9,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
+/// More threads than any machine has cores for would only take its memory.
+const MOST_THREADS: usize = 1024;
+
 /// The library of this process. Never dropped: ONNX Runtime allows one environment per process and
 /// some versions crash when theirs is torn down during exit.
 static LOADED: OnceLock<Loaded> = OnceLock::new();
@@ -117,10 +120,17 @@ impl Runtime {
     /// Loads the ONNX file at `path`, with mvtop's own operators at hand.
     ///
     /// # Errors
+    /// [`Error::Input`] for more than 1024 threads;
     /// [`Error::Provider`] when the library lacks the provider or it does not start;
     /// [`Error::Network`] when the file is missing or is no graph that can be run.
     pub fn session(&self, path: &Path, options: &SessionOptions) -> Result<Session> {
         let provider = options.provider;
+        if options.threads > MOST_THREADS {
+            return Err(Error::Input(format!(
+                "threads: expected 0 to {MOST_THREADS}, got {}",
+                options.threads
+            )));
+        }
         if !provider.is_built_in() {
             return Err(Error::Provider {
                 provider: provider.to_string(),
