@@ -9,6 +9,8 @@ CLI := target/release/mvtop-cli
 MVTOP := .venv/bin/mvtop-cli
 WHEELS := target/wheels
 export PYTHONPATH := training
+# ONNX Runtime for what cargo builds: nothing is looked for in the current folder.
+RUNTIME = ORT_DYLIB_PATH="$$(ls -d $(CURDIR)/.venv/lib/python*/site-packages/onnxruntime/capi/libonnxruntime.[s1]*)"
 export CARGO_TERM_PROGRESS_WHEN ?= auto
 # Property tests draw the same cases in every run; set another seed to search for new ones.
 export PROPTEST_RNG_SEED ?= 1
@@ -26,13 +28,13 @@ MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
 .PHONY: help demo test built-tests test-rust test-python lint fixtures eval tables pictures bench \
-  wheel release-wheel test-wheel stubs test-ray
+  wheel release-wheel test-wheel stubs licences test-ray
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
 
 demo: .venv/run.done $(CLI)  ## poses of the shipped two-view example, with overlay pictures
-	$(CLI) infer --rig examples/mvball/rig.json examples/mvball/*.png \
+	$(RUNTIME) $(CLI) infer --rig examples/mvball/rig.json examples/mvball/*.png \
 	  --truth examples/mvball/truth.json --overlay out/demo --force
 
 test:  ## every test, format and lint check
@@ -43,7 +45,7 @@ built-tests:
 	cargo test --release --workspace --no-run
 
 test-rust: .venv/run.done
-	cargo test --release --workspace
+	$(RUNTIME) cargo test --release --workspace
 
 test-python: .venv/test.done $(MVTOP)
 	scripts/need-gl.sh
@@ -54,6 +56,7 @@ lint: .venv/test.done
 	cargo fmt --all --check
 	rustfmt --check --edition 2024 crates/mvtop-core/src/camera/*.rs # declared by a macro, which cargo fmt does not read
 	cargo clippy --release --workspace --all-targets -- -D warnings
+	scripts/licences.py --check crates/mvtop-py/THIRD-PARTY-LICENCES.txt
 	$(PY) -m ruff check training crates/mvtop-py
 	$(PY) -m ruff check --config crates/mvtop-py/pyproject.toml examples benches
 	$(PY) -m ruff format --check training crates/mvtop-py
@@ -81,6 +84,9 @@ stubs: .venv/data.done  ## write the types of the Python module's compiled part 
 	$(PY) -m maturin generate-stubs --profile release --locked -m crates/mvtop-py/Cargo.toml \
 	  --out crates/mvtop-py/python
 
+licences:  ## gather the licences of the crates that the wheel is built of anew
+	scripts/licences.py --out crates/mvtop-py/THIRD-PARTY-LICENCES.txt
+
 test-ray: test-wheel .venv/ray.done  ## a whole BOP data set on a local Ray cluster, a worker killed
 	$(PY) -m pytest -q examples
 
@@ -102,7 +108,7 @@ pictures: tables  ## poses from one and from two views, drawn beside each other:
 	  --samples out/eval/$(SPLIT)-seed$(SEED)-views$(MOST_$(SPLIT))-$(PAIRS) --out $(TABLES)/pairs-$(SPLIT).png
 
 bench: .venv/run.done  ## criterion benches
-	cargo bench -p mvtop-benches
+	$(RUNTIME) cargo bench -p mvtop-benches
 
 # Always asked: cargo knows best what is stale.
 .PHONY: $(CLI)

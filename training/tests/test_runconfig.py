@@ -1,11 +1,13 @@
 """What a run's config file may say, and the sentence when it says something else."""
 
+import os
 from pathlib import Path
 
 import pytest
 
 from mvtop_train import run
 from mvtop_train.errors import UserError
+from mvtop_train.files import read_json
 from mvtop_train.network import config as configs
 from mvtop_train.network import losses
 from mvtop_train.training import runconfig
@@ -83,6 +85,15 @@ def test_a_kept_config_with_only_the_keys_that_were_given_is_the_same_run(tmp_pa
         ("network.los_encoding=x", "expected 'direction', 'origin_direction', 'plucker' or"),
         ("augmentation.zoom=[1, 'a']", "key 'augmentation.zoom': expected a number, got 'a'"),
         ("network.closeup=x", "fix: for example network.closeup = 160"),
+        ("network.heads=3", "key 'network.heads': expected a divisor of d_model, got 3"),
+        ("network.heads=0", "key 'network.heads': expected at least 1, got 0"),
+        ("network.width=-1", "key 'network.width': expected at least 1, got -1"),
+        ("network.strides=[16, 8]", "key 'network.strides': expected rising numbers of which"),
+        ("network.closeup_strides=[7]", "key 'network.closeup_strides': expected rising numbers"),
+        (
+            "network.std=[0, 1, 1]",
+            "key 'network.std': expected numbers above 0, got (0.0, 1.0, 1.0)",
+        ),
         ("lr", "--set lr: expected key=value, got no '='"),
     ],
 )
@@ -94,10 +105,10 @@ def test_what_cannot_be_is_one_clear_sentence(path, change, error):
     assert message.startswith(("--set", f"{path}: "))
 
 
-@pytest.mark.parametrize("content", [b"steps = ", b"\xff\xfe"])
+@pytest.mark.parametrize("content", [b"steps = ", b"\xff\xfe", b"a = " + b"[" * 100_000])
 def test_a_file_that_is_no_config_is_named(path, content):
     path.write_bytes(content)
-    with pytest.raises(UserError, match=f"{path}: expected TOML, got: .*; fix: "):
+    with pytest.raises(UserError, match=f"{path}: expected (TOML|text in UTF-8), got: .*; fix: "):
         runconfig.load(path)
     with pytest.raises(UserError, match="no such file"):
         runconfig.load(path.parent / "nowhere.toml")
@@ -126,3 +137,27 @@ def test_what_meshes_need_is_asked_for(monkeypatch, option):
     monkeypatch.setattr("sys.argv", ["run", *given[:at], *given[at + 2 :]])
     with pytest.raises(SystemExit, match=f"{option}: expected with --mesh, got none"):
         run.main()
+
+
+def test_values_that_are_nested_without_end_are_no_traceback(path):
+    with pytest.raises(UserError, match="key 'lr': expected a number"):
+        runconfig.load(path, ["lr=" + "[" * 100_000])
+
+
+def test_config_that_may_not_end_is_refused_and_a_byte_order_mark_is_not(path):
+    os.mkfifo(path.parent / "pipe.toml")
+    for endless in (path.parent / "pipe.toml", Path("/dev/zero")):
+        with pytest.raises(UserError, match="it is a pipe or device; fix: "):
+            runconfig.load(endless)
+    large = path.parent / "large.toml"
+    large.write_bytes(b"#" * (1 << 20) + b"\n")
+    with pytest.raises(UserError, match="expected 1048576 bytes at most"):
+        runconfig.load(large)
+    path.write_bytes("\ufeffsteps = 7\n".encode())
+    assert runconfig.load(path).steps == 7
+
+
+def test_json_with_a_key_twice_is_refused(path):
+    path.write_text('{"pairs": [], "pairs": [[1, 2, 3]]}')
+    with pytest.raises(UserError, match="the key 'pairs' twice in one object; fix: again"):
+        read_json(path, "again")

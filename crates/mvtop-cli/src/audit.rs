@@ -54,14 +54,14 @@ pub fn run(command: &Audit) -> Result<()> {
     if let Some(folder) = folder {
         write::folder(folder)?;
         for (name, text) in data.into_iter().zip([&json, &report::csv(&result)?]) {
-            write::whole(&folder.join(name), text)?;
+            write::whole(&folder.join(name), text.as_bytes())?;
         }
     }
     if let Some(folder) = &args.report {
         let histogram = page::histogram(&result)?;
         let html = page::page(&result, &histogram)?;
         for (name, text) in page.into_iter().zip([&html, &histogram]) {
-            write::whole(&folder.join(name), text)?;
+            write::whole(&folder.join(name), text.as_bytes())?;
         }
     }
     if args.json {

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use mvtop_core::error::printable;
+
 pub type Result<T> = std::result::Result<T, Failure>;
 
 /// One sentence for the user.
@@ -11,7 +13,7 @@ pub struct Failure(pub String);
 impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // One line whatever the cause, for scripts that read the last one.
-        f.write_str(&self.0.split_whitespace().collect::<Vec<_>>().join(" "))
+        f.write_str(&printable(&self.0))
     }
 }
 

@@ -1,8 +1,10 @@
 //! `infer`: the poses in one set of images.
 
 use std::collections::BTreeSet;
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
+use image::ImageFormat;
 use mvtop_core::annotations::TruePose;
 use mvtop_core::report::Report;
 use mvtop_core::{Estimator, PredictOptions, Prediction, Rig, ViewImage, annotations, overlay};
@@ -27,7 +29,15 @@ pub fn run(args: &Infer) -> Result<()> {
     let truth = args.truth.as_deref().map(annotations::load_truth);
     let truth = truth.transpose()?;
     let pictures = args.overlay.as_ref();
-    let pictures = pictures.map(|dir| Pictures::plan(dir, &rig, &files, args.force));
+    let inputs: Vec<&Path> = files
+        .iter()
+        .map(|(_, path)| path)
+        .chain([&args.rig])
+        .chain(args.boxes.iter().chain(&args.truth))
+        .map(PathBuf::as_path)
+        .collect();
+    let cameras: Vec<usize> = files.iter().map(|(camera, _)| *camera).collect();
+    let pictures = pictures.map(|dir| Pictures::plan(dir, &rig, &cameras, &inputs, args.force));
     let pictures = pictures.transpose()?;
     let mut images = Vec::new();
     for (camera, path) in files {
@@ -37,6 +47,7 @@ pub fn run(args: &Infer) -> Result<()> {
     let estimator = args.network.load(&args.network.bundle()?)?;
 
     let prediction = estimator.predict(&rig, &images, &options)?;
+    write::warn(&prediction, None);
 
     if let Some(pictures) = &pictures {
         let truth = truth.as_deref().unwrap_or_default();
@@ -103,10 +114,19 @@ struct Pictures {
 
 impl Pictures {
     /// Refuses before any work is done what would fail after it.
-    fn plan(dir: &Path, rig: &Rig, images: &[(usize, PathBuf)], force: bool) -> Result<Self> {
+    ///
+    /// - `cameras`: those of the images
+    /// - `inputs`: files that no picture may replace
+    fn plan(
+        dir: &Path,
+        rig: &Rig,
+        cameras: &[usize],
+        inputs: &[&Path],
+        force: bool,
+    ) -> Result<Self> {
         let mut taken = BTreeSet::from([SHEET.to_owned()]);
         let mut files = Vec::new();
-        for (camera, _) in images {
+        for camera in cameras {
             let mut name = file_name(rig.cameras()[*camera].id());
             if !taken.insert(name.clone()) {
                 name = format!("{camera}_{name}");
@@ -117,13 +137,11 @@ impl Pictures {
         files.push(dir.join(SHEET));
         for path in &files {
             may_write(path, force)?;
-            // `None` of a file that is not there, as of most pictures.
-            let file = path.canonicalize().ok();
-            let same = |(_, image): &(usize, PathBuf)| image.canonicalize().ok() == file;
-            if file.is_some() && images.iter().any(same) {
-                let path = path.display();
+            if let Some(input) = inputs.iter().find(|input| write::same_file(input, path)) {
                 return Err(Failure(format!(
-                    "{path} is one of the images; give --overlay another folder"
+                    "{} is one of the files that are read, {}; give --overlay another folder",
+                    path.display(),
+                    input.display()
                 )));
             }
         }
@@ -155,8 +173,10 @@ impl Pictures {
         }
         drawn.push(overlay::contact_sheet(&drawn));
         for (path, picture) in self.files.iter().zip(&drawn) {
-            let saved = picture.save(path);
-            saved.map_err(|cause| Failure(format!("cannot write {}: {cause}", path.display())))?;
+            let mut png = Cursor::new(Vec::new());
+            let drawn = picture.write_to(&mut png, ImageFormat::Png);
+            drawn.map_err(|cause| Failure(format!("cannot write {}: {cause}", path.display())))?;
+            write::whole(path, png.get_ref())?;
         }
         Ok(())
     }

@@ -29,7 +29,9 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
         Ok(cli) => cli,
         Err(answer) => {
             if let Some(today) = old_spelling::today(&args).filter(|_| answer.use_stderr()) {
-                eprintln!("error: this was an earlier spelling; today, type: {today}");
+                write::complain(&format!(
+                    "error: this was an earlier spelling; today, type: {today}"
+                ));
                 return 2;
             }
             // Help and version come here as well. There is nowhere left to say that printing failed.
@@ -46,7 +48,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
     match done {
         Ok(()) => 0,
         Err(failure) => {
-            eprintln!("error: {failure}");
+            write::complain(&format!("error: {failure}"));
             2
         }
     }

@@ -89,6 +89,7 @@ mod tests {
             objects: predicted.to_vec(),
             timings: Timings::default(),
             provider: String::new(),
+            warnings: Vec::new(),
         };
         let places = |matched: &[Option<&ObjectPose>]| -> Vec<Option<f64>> {
             let x = |found: &ObjectPose| found.world_from_obj.translation.x;

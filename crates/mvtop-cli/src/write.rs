@@ -1,9 +1,11 @@
 //! Writing: files that appear when they are whole, and stdout.
 
-use std::fs::{create_dir_all, rename, write};
+use std::fs::create_dir_all;
 use std::io::{Error, ErrorKind, Write};
 use std::path::Path;
 
+use mvtop_core::Prediction;
+use mvtop_core::error::printable;
 use serde::Serialize;
 
 use crate::failure::{Failure, Result};
@@ -16,6 +18,24 @@ pub fn print(text: &str) -> Result<()> {
             Err(Failure(format!("cannot write to stdout: {cause}")))
         }
         _ => Ok(()),
+    }
+}
+
+/// Writes a line to stderr. There is nowhere left to say that this failed.
+pub fn complain(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// Writes what makes a prediction doubtful to stderr.
+///
+/// - `of`: what was predicted, where there are several
+pub fn warn(prediction: &Prediction, of: Option<&str>) {
+    for warning in &prediction.warnings {
+        let of = of.map_or(String::new(), |of| format!("{of}: "));
+        complain(&format!(
+            "warning: {}",
+            printable(&format!("{of}{}", warning.message))
+        ));
     }
 }
 
@@ -39,10 +59,19 @@ fn json_error(cause: serde_json::Error) -> Failure {
     Failure(format!("cannot write JSON: {cause}"))
 }
 
-/// Refuses to overwrite a file unless `force`.
+/// Refuses to overwrite a file unless `force`, and what is no file in any case. A link is there,
+/// wherever it leads.
 pub fn may_write(path: &Path, force: bool) -> Result<()> {
-    if path.exists() && !force {
-        let path = path.display();
+    let Ok(about) = path.symlink_metadata() else {
+        return Ok(());
+    };
+    let path = path.display();
+    if !about.is_file() && !about.is_symlink() {
+        return Err(Failure(format!(
+            "{path} is a folder or a device, expected a file; name another one"
+        )));
+    }
+    if !force {
         return Err(Failure(format!(
             "{path} exists already; give --force to overwrite it"
         )));
@@ -50,22 +79,79 @@ pub fn may_write(path: &Path, force: bool) -> Result<()> {
     Ok(())
 }
 
+/// Whether two names are of one file.
+pub fn same_file(a: &Path, b: &Path) -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        let number = |path: &Path| path.metadata().ok().map(|about| (about.dev(), about.ino()));
+        number(a).is_some() && number(a) == number(b)
+    }
+    #[cfg(not(unix))]
+    {
+        let place = |path: &Path| path.canonicalize().ok();
+        place(a).is_some() && place(a) == place(b)
+    }
+}
+
 /// Makes a folder and those above it, where they are not there.
 pub fn folder(path: &Path) -> Result<()> {
     create_dir_all(path).map_err(failed("create", path))
 }
 
-/// The file appears when it is whole: who finds it need not ask whether it is.
-pub fn whole(path: &Path, text: &str) -> Result<()> {
-    let mut partial = path.as_os_str().to_owned();
-    partial.push(".partial");
-    write(&partial, text)
-        .and_then(|()| rename(&partial, path))
-        .map_err(failed("write", path))
+/// The file appears when it is whole: who finds it need not ask whether it is. What cannot be written
+/// leaves nothing, and a link is replaced, not followed.
+pub fn whole(path: &Path, contents: &[u8]) -> Result<()> {
+    let written = || {
+        let folder = path.parent().filter(|dir| !dir.as_os_str().is_empty());
+        let mut options = tempfile::Builder::new();
+        options.prefix(".mvtop-").suffix(".partial");
+        #[cfg(unix)]
+        options.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the umask
+        let mut file = options.tempfile_in(folder.unwrap_or(Path::new(".")))?;
+        file.write_all(contents)?;
+        file.persist(path)?;
+        Ok(())
+    };
+    written().map_err(failed("write", path))
 }
 
 /// - `what`: what could not be done with the file, `write`
 pub fn failed(what: &str, path: &Path) -> impl Fn(Error) -> Failure {
     let (what, path) = (what.to_owned(), path.display().to_string());
     move |cause| Failure(format!("cannot {what} {path}: {cause}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_cannot_be_written_leaves_nothing_and_spares_what_is_there() {
+        let dir = tempfile::tempdir().unwrap();
+        let taken = dir.path().join("taken");
+        std::fs::create_dir(&taken).unwrap();
+        std::fs::write(dir.path().join("a.jsonl.partial"), "theirs").unwrap();
+        let error = whole(&taken, b"text").unwrap_err().to_string();
+        assert!(
+            error.contains("cannot write") && error.contains("taken"),
+            "{error}"
+        );
+        whole(&dir.path().join("a.jsonl"), b"text").unwrap();
+        let mut names: Vec<_> = std::fs::read_dir(dir.path())
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name())
+            .collect();
+        names.sort();
+        assert_eq!(names, ["a.jsonl", "a.jsonl.partial", "taken"]);
+        let theirs = std::fs::read(dir.path().join("a.jsonl.partial")).unwrap();
+        assert_eq!(theirs, b"theirs");
+    }
+
+    #[test]
+    fn devices_and_folders_are_never_replaced() {
+        let dir = tempfile::tempdir().unwrap();
+        assert!(may_write(dir.path(), true).is_err());
+        assert!(may_write(Path::new("/dev/null"), true).is_err() || cfg!(not(unix)));
+    }
 }

@@ -1,5 +1,6 @@
 //! A model bundle: a folder with `model.json`, the networks and the points of the objects.
 
+mod external;
 mod manifest;
 
 use std::path::{Path, PathBuf};
@@ -9,11 +10,14 @@ use serde::Deserialize;
 use self::manifest::{Header, Manifest, ManifestClass, read_points};
 use crate::rays::LosEncoding;
 use crate::symmetry::Symmetry;
-use crate::{Error, Result};
+use crate::{Error, Result, file, json};
 
 /// The name and version in `model.json` that this crate reads.
 const FORMAT: &str = "mvtop-model";
 const VERSION: u32 = 1;
+
+/// Largest graph, bytes: what ONNX's format can hold.
+const MAX_GRAPH_BYTES: u64 = 1 << 31;
 
 /// Turn between neighbours on a spiral that covers a sphere evenly, radians.
 const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
@@ -122,6 +126,14 @@ pub struct Detector {
     pub nms_iou: f32,
 }
 
+impl Detector {
+    /// Least score of a box that may be an object.
+    pub(crate) fn faintest(&self) -> f32 {
+        let agree = self.agree_threshold.unwrap_or(self.score_threshold);
+        agree.min(self.score_threshold)
+    }
+}
+
 impl Class {
     /// Least and greatest half width of the object over all directions, metres: no box around it
     /// shows less or more, however it is turned.
@@ -160,9 +172,9 @@ impl Bundle {
             path: path.clone(),
             problem,
         };
-        let unreadable = |e| format!("cannot be read ({e}), expected a model bundle there");
-        let text = std::fs::read_to_string(&path).map_err(|e| refuse(unreadable(e)))?;
-        let header: Header = serde_json::from_str(&text)
+        let unreadable = |e| format!("{e}, expected a model bundle there");
+        let text = manifest::read_text(&path).map_err(|e| refuse(unreadable(e)))?;
+        let header: Header = json::from_str(&text)
             .map_err(|e| refuse(format!("is not the description of a model bundle: {e}")))?;
         if header.format != FORMAT || header.version != VERSION {
             return Err(refuse(format!(
@@ -172,16 +184,30 @@ impl Bundle {
             )));
         }
         let manifest: Manifest =
-            serde_json::from_str(&text).map_err(|e| refuse(format!("is not valid: {e}")))?;
+            json::from_str(&text).map_err(|e| refuse(format!("is not valid: {e}")))?;
         manifest.check().map_err(refuse)?;
         let poses = manifest.poses(dir).map_err(refuse)?;
         for (name, record) in &manifest.files {
-            record.check(&dir.join(name))?;
+            record.check(dir, name)?;
+        }
+        for graph in manifest.graphs.files() {
+            let path = dir.join(graph);
+            if external::reads_other_files(&file::read(&path, MAX_GRAPH_BYTES)?) {
+                return Err(Error::Bundle {
+                    path,
+                    problem:
+                        "has weights in other files, which no checksum covers; export it with \
+                              its weights inside"
+                            .into(),
+                });
+            }
         }
         let class = |class: ManifestClass| {
+            let points = read_points(&dir.join(&class.points))?;
+            class.check_points(&points).map_err(refuse)?;
             Ok(Class {
                 symmetry: class.symmetry().map_err(refuse)?,
-                points: read_points(&dir.join(&class.points))?,
+                points,
                 id: class.id,
                 name: class.name,
                 diameter_m: class.diameter_m,

@@ -245,6 +245,28 @@ impl Error {
     }
 }
 
+/// A sentence that is safe to print: one line, whatever the names of files and objects in it hold.
+///
+/// Control characters, by which a terminal can be made to show something else, are written as Rust
+/// writes them, likewise those that turn the direction of writing.
+///
+/// ```
+/// let name = "a\u{1b}[31m\u{7}.json";
+/// assert_eq!(mvtop_core::error::printable(&format!("{name}:\n  none")), r"a\u{1b}[31m\u{7}.json: none");
+/// ```
+pub fn printable(sentence: &str) -> String {
+    let turns = |c: char| matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    let words: Vec<&str> = sentence.split_whitespace().collect();
+    let mut text = String::new();
+    for c in words.join(" ").chars() {
+        match c.is_control() || turns(c) {
+            true => text.extend(c.escape_default()),
+            false => text.push(c),
+        }
+    }
+    text
+}
+
 fn too_few_images(expected: usize, got: usize) -> String {
     match got {
         0 => "no image given: expected at least one".into(),

@@ -151,7 +151,8 @@ impl Estimator {
                 (network.detect(images.view())?, Shown::CloseUps(closeups))
             }
         };
-        maps.check(views.len(), self.bundle.classes.len())?;
+        let faintest = self.bundle.detector.faintest();
+        maps.check(views.len(), self.bundle.classes.len(), faintest)?;
         let features = clock.lap();
 
         let objects = match &options.boxes {
@@ -183,6 +184,8 @@ impl Estimator {
         if let (Some(closeups), None) = (closeups, &options.boxes) {
             found = self.completed(closeups, &views, found)?;
         }
+        let seen = |(_, pose): &(Sighting, DecodedPose)| pose.check_in_front(&views);
+        found.iter().try_for_each(seen)?;
         let decode = clock.lap();
 
         let ref_from_world = rig.cameras()[reference].world_from_cam().inverse();
@@ -201,6 +204,7 @@ impl Estimator {
                 total: clock.total(),
             },
             provider: self.network.provider().to_owned(),
+            warnings: view::warnings(&views),
         })
     }
 

@@ -1,23 +1,17 @@
 //! Images: from file to the network's input.
 
-use std::fs::File;
-use std::io::{Cursor, Read};
-use std::path::Path;
+mod jpeg;
+mod load;
 
 use fast_image_resize as fir;
-use image::metadata::Orientation;
-use image::{DynamicImage, ImageDecoder, ImageReader, Limits, RgbImage};
+use image::RgbImage;
 use ndarray::{Array3, s};
 
-use crate::camera::Camera;
 use crate::{BBox, Error, Result};
+pub use load::{load, size};
 
-/// Largest image file that is read.
-const MAX_FILE_BYTES: u64 = 1 << 29;
-/// Decoded bytes per pixel at most: RGBA of 16 bits.
-const MAX_PIXEL_BYTES: u64 = 8;
-/// What a decoder may need beside the pixels.
-const DECODER_BYTES: u64 = 1 << 26;
+/// Images whose values differ by no more than this, of 255, in any channel show nothing.
+const ONE_COLOR: u8 = 8;
 
 /// What one camera of a rig saw.
 #[derive(Debug, Clone)]
@@ -28,65 +22,20 @@ pub struct ViewImage {
     pub image: RgbImage,
 }
 
-/// Reads a PNG, JPEG, TIFF or BMP file taken by `camera`, as 8-bit RGB.
-///
-/// Grey images are spread over the three channels, alpha is dropped, 16 bits are scaled to 8. The
-/// size is checked against the camera's before anything is decoded, which bounds the memory.
-///
-/// # Errors
-/// [`Error::Read`] where the file cannot be read; [`Error::Image`] where it is none of these, is
-/// broken, has another size than the camera's, or is marked as rotated, in which case its pixels
-/// may not be those that the camera was calibrated with.
-pub fn load(path: &Path, camera: &Camera) -> Result<RgbImage> {
-    let refuse = |problem: String| Error::Image {
-        camera: camera.id().to_owned(),
-        path: path.to_owned(),
-        problem,
-    };
-    let broken = |cause: image::ImageError| refuse(format!("cannot be decoded: {cause}"));
-
-    let mut bytes = Vec::new();
-    File::open(path)
-        .and_then(|file| file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes))
-        .map_err(Error::read(path))?;
-    if bytes.len() as u64 > MAX_FILE_BYTES {
-        let most = MAX_FILE_BYTES >> 20;
-        return Err(refuse(format!("is larger than {most} MiB")));
-    }
-    let mut reader = ImageReader::new(Cursor::new(bytes))
-        .with_guessed_format()
-        .map_err(Error::read(path))?;
-    let usable = |format: image::ImageFormat| format.reading_enabled();
-    if !reader.format().is_some_and(usable) {
-        return Err(refuse(
-            "is none of PNG, JPEG, TIFF and BMP; convert it to one of them".into(),
-        ));
-    }
-    let pixels = u64::from(camera.width()) * u64::from(camera.height());
-    let mut limits = Limits::no_limits();
-    limits.max_alloc = Some(pixels * MAX_PIXEL_BYTES + DECODER_BYTES);
-    reader.limits(limits);
-
-    let mut decoder = reader.into_decoder().map_err(broken)?;
-    let (width, height) = decoder.dimensions();
-    if (width, height) != (camera.width(), camera.height()) {
-        return Err(refuse(format!(
-            "expected {}x{} px as in the rig, got {width}x{height}; give the image as calibrated \
-             or change the camera's size, focal lengths and principal point in the rig",
-            camera.width(),
-            camera.height()
-        )));
-    }
-    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
-    if orientation != Orientation::NoTransforms {
-        return Err(refuse(format!(
-            "is marked as rotated or mirrored (EXIF orientation {}); save it upright, as \
-             calibrated, without the mark",
-            orientation.to_exif()
-        )));
-    }
-    let decoded = DynamicImage::from_decoder(decoder).map_err(broken)?;
-    Ok(decoded.into_rgb8())
+/// Whether an image is of one color, up to noise: of a covered, dead or blinded camera.
+pub(crate) fn is_one_color(image: &RgbImage) -> bool {
+    let (mut least, mut most) = ([u8::MAX; 3], [0; 3]);
+    // Row by row, as most images are decided by their first ones.
+    let row = image.width().max(1) as usize * 3;
+    image.as_raw().chunks(row).all(|row| {
+        for pixel in row.chunks_exact(3) {
+            for channel in 0..3 {
+                least[channel] = least[channel].min(pixel[channel]);
+                most[channel] = most[channel].max(pixel[channel]);
+            }
+        }
+        (0..3).all(|channel| most[channel].saturating_sub(least[channel]) <= ONE_COLOR)
+    })
 }
 
 /// How an image lies in the network's input: scaled to fit, at the top left, the rest padded.

@@ -63,10 +63,14 @@ pub mod report;
 /// Pictures of a prediction.
 pub mod overlay;
 
+/// Files, read whole and bounded.
+pub mod file;
+
 /// Files of JSON.
 pub mod json;
 
-mod error;
+/// One error for the whole crate, and how to print it.
+pub mod error;
 
 pub use bbox::BBox;
 pub use camera::{Camera, Intrinsics, Projection};

@@ -4,7 +4,7 @@
 use ndarray::{Array1, Array2, Array3, Array4, ArrayView3, ArrayView4};
 
 use crate::bundle::{Bundle, PoseInput};
-use crate::onnx::{Outputs, Runtime, Session, SessionOptions};
+use crate::onnx::{Outputs, Port, Runtime, Session, SessionOptions};
 use crate::{Error, Result};
 
 /// What runs the network. [`crate::Estimator`] needs no more of it than this.
@@ -122,12 +122,34 @@ impl DetectorMaps {
         })
     }
 
-    /// Refuses maps that belong to other views or classes.
-    pub(crate) fn check(&self, views: usize, classes: usize) -> Result<()> {
+    /// Refuses maps that belong to other views or classes, scores that are none, and boxes of objects
+    /// that are none: an empty answer of a broken network is no empty scene.
+    ///
+    /// - `threshold`: least score of an object
+    pub(crate) fn check(&self, views: usize, classes: usize, threshold: f32) -> Result<()> {
         let (scores, boxes) = (self.scores.shape(), self.boxes.shape());
         let cells = &scores[2..];
         expect("det_scores", scores, &[views, classes, cells[0], cells[1]])?;
-        expect("det_boxes", boxes, &[views, 4, cells[0], cells[1]])
+        expect("det_boxes", boxes, &[views, 4, cells[0], cells[1]])?;
+        let share = |score: &&f32| !(0.0..=1.0).contains(*score);
+        if let Some(wrong) = self.scores.iter().find(share) {
+            return Err(Error::Pose(format!(
+                "detector: expected scores from 0 to 1, got {wrong}"
+            )));
+        }
+        for ((view, _, row, column), _) in
+            self.scores.indexed_iter().filter(|(_, s)| **s >= threshold)
+        {
+            let sides = [0, 1, 2, 3].map(|side| self.boxes[(view, side, row, column)]);
+            let [x0, y0, x1, y1] = sides;
+            if !(sides.iter().all(|side| side.is_finite()) && x0 <= x1 && y0 <= y1) {
+                return Err(Error::Pose(format!(
+                    "detector: expected boxes [x0, y0, x1, y1] with x0 <= x1 and y0 <= y1, got \
+                     {sides:?}"
+                )));
+            }
+        }
+        Ok(())
     }
 }
 
@@ -164,9 +186,9 @@ pub(crate) struct OnnxNetwork {
 
 impl OnnxNetwork {
     /// # Errors
-    /// Those of [`Runtime::session`].
+    /// Those of [`Runtime::session`], and [`Error::Network`] where a graph does not fit the bundle.
     pub fn load(runtime: &Runtime, bundle: &Bundle, options: &SessionOptions) -> Result<Self> {
-        Ok(Self {
+        let network = Self {
             features: runtime.session(&bundle.features, options)?,
             closeup: match &bundle.poses {
                 PoseInput::WholeImages { .. } => None,
@@ -175,7 +197,62 @@ impl OnnxNetwork {
             coordinates: bundle.has_coordinates(),
             decoder: runtime.session(&bundle.decoder, options)?,
             provider: options.provider.to_string(),
-        })
+        };
+        network.check(bundle)?;
+        Ok(network)
+    }
+
+    /// Refuses graphs with other inputs and outputs than the bundle says.
+    fn check(&self, bundle: &Bundle) -> Result<()> {
+        let any = None;
+        let (width, height) = (bundle.input.width as usize, bundle.input.height as usize);
+        let images = [any, Some(3), Some(height), Some(width)];
+        let rays = [any, any, Some(3)];
+        let scores = [any, Some(bundle.classes.len()), any, any];
+        let boxes = [any, Some(4), any, any];
+        let memory = [any; 3];
+        let encoded = [any, any, Some(bundle.los_encoding.width())];
+        let port = |name, shape: &[Option<usize>]| Port {
+            name,
+            shape: shape.to_vec(),
+            whole: false,
+        };
+        let pictures =
+            |shape: &[Option<usize>]| [port("images", shape), port("camera_rays", &rays)];
+        let maps = || [port("det_scores", &scores), port("det_boxes", &boxes)];
+        match (&bundle.poses, &self.closeup) {
+            (PoseInput::CloseUps(closeups), Some(graph)) => {
+                self.features.check(&pictures(&images)[..1], &maps())?;
+                let side = Some(closeups.size as usize);
+                let shape = [any, Some(3), side, side];
+                graph.check(&pictures(&shape), &[port("memory", &memory)])?;
+            }
+            _ => {
+                let [scores, boxes] = maps();
+                let outputs = [scores, boxes, port("memory", &memory)];
+                self.features.check(&pictures(&images), &outputs)?;
+            }
+        }
+        let [pair, dozen] = [2, 12].map(|length| [any, any, Some(length)]);
+        let inputs = [
+            port("memory", &memory),
+            port("rays", &encoded),
+            port("centers", &pair),
+            port("half_sizes", &pair),
+            port("box_rays", &dozen),
+            port("valid", &[any, any]),
+            Port {
+                name: "class_index",
+                shape: vec![any],
+                whole: true,
+            },
+        ];
+        let outputs = [
+            port("rotation_6d", &[any, Some(6)]),
+            port("translation", &[any, Some(3)]),
+            port("sigma", &[any, Some(2)]),
+        ];
+        self.decoder.check(&inputs, &outputs)
     }
 }
 

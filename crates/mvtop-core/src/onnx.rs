@@ -16,6 +16,7 @@ mod locate;
 mod operator;
 mod provider;
 mod runtime;
+mod trust;
 
 pub use provider::Provider;
 pub use runtime::Runtime;
@@ -67,6 +68,15 @@ impl Tensor<'_> {
     }
 }
 
+/// An input or output that a graph is expected to have.
+pub(crate) struct Port {
+    pub name: &'static str,
+    /// `None` for any length.
+    pub shape: Vec<Option<usize>>,
+    /// Whether its numbers are 64-bit integers; 32-bit floats otherwise.
+    pub whole: bool,
+}
+
 /// One loaded graph.
 #[derive(Debug)]
 pub struct Session {
@@ -98,6 +108,72 @@ impl Session {
     /// Names of the outputs that the graph declares.
     pub fn outputs(&self) -> &[String] {
         &self.outputs
+    }
+
+    /// Refuses a graph that is none of mvtop's, before it is run: an input that nobody gives, an
+    /// output that is missing, and one of another type or shape.
+    ///
+    /// - `inputs`, `outputs`: name, type and shape; `None` for any length. A graph may have fewer
+    ///   inputs
+    ///
+    /// # Errors
+    /// [`Error::Network`].
+    pub(crate) fn check(&self, inputs: &[Port], outputs: &[Port]) -> Result<()> {
+        let session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        for outlet in session.inputs() {
+            let Some(port) = inputs.iter().find(|port| port.name == outlet.name()) else {
+                let known: Vec<&str> = inputs.iter().map(|port| port.name).collect();
+                return Err(self.error(format!(
+                    "input `{}`: expected one of {}; export the bundle again",
+                    outlet.name(),
+                    known.join(", ")
+                )));
+            };
+            self.fits("input", port, outlet)?;
+        }
+        for port in outputs {
+            let Some(outlet) = session.outputs().iter().find(|o| o.name() == port.name) else {
+                return Err(self.error(format!(
+                    "expected an output `{}`, got none; export the bundle again",
+                    port.name
+                )));
+            };
+            self.fits("output", port, outlet)?;
+        }
+        Ok(())
+    }
+
+    /// - `role`: `input` or `output`
+    fn fits(&self, role: &str, port: &Port, outlet: &ort::value::Outlet) -> Result<()> {
+        use ort::value::{TensorElementType, ValueType};
+        let expected = match port.whole {
+            true => TensorElementType::Int64,
+            false => TensorElementType::Float32,
+        };
+        let fits = match outlet.dtype() {
+            ValueType::Tensor { ty, shape, .. } => {
+                // Below 0 where the graph leaves a length open; none at all where it is not known.
+                let axis = |(got, expected): (&i64, &Option<usize>)| {
+                    *got < 0 || expected.is_none_or(|length| length as i64 == *got)
+                };
+                let axes =
+                    shape.len() == port.shape.len() && shape.iter().zip(&port.shape).all(axis);
+                *ty == expected && (axes || shape.is_empty())
+            }
+            _ => false,
+        };
+        if fits {
+            return Ok(());
+        }
+        let axis =
+            |length: &Option<usize>| length.map_or("any".into(), |length| length.to_string());
+        let shape: Vec<String> = port.shape.iter().map(axis).collect();
+        Err(self.error(format!(
+            "{role} `{}`: expected {expected} of shape [{}], got {}; export the bundle again",
+            port.name,
+            shape.join(", "),
+            outlet.dtype()
+        )))
     }
 
     /// Runs the graph; concurrent calls run one after the other.

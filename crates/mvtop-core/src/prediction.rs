@@ -17,6 +17,28 @@ pub struct Prediction {
     pub timings: Timings,
     /// What executed the dense layers, for example `cpu`.
     pub provider: String,
+    /// What makes the poses doubtful; empty where nothing does.
+    pub warnings: Vec<Warning>,
+}
+
+/// What makes poses doubtful, though it is no error.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Warning {
+    /// What it is, for programs.
+    pub code: WarningCode,
+    /// Index in the rig of the camera that it is about.
+    pub camera: usize,
+    /// One sentence: what was seen, and what to do.
+    pub message: String,
+}
+
+/// Kinds of [`Warning`]; the names in JSON stay as they are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum WarningCode {
+    /// An image is of one color, up to noise: its camera is covered, dead or blinded.
+    OneColor,
 }
 
 /// One object.

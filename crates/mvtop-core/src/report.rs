@@ -4,7 +4,7 @@ use nalgebra::Isometry3;
 use serde::Serialize;
 
 use crate::pose::wxyz;
-use crate::prediction::{CameraPose, ObjectPose, Prediction, Sigma, Timings};
+use crate::prediction::{CameraPose, ObjectPose, Prediction, Sigma, Timings, Warning, WarningCode};
 use crate::symmetry::{Axis, Symmetry};
 use crate::{BBox, Camera, Rig};
 
@@ -24,6 +24,19 @@ pub struct Report {
     pub timings_ms: Timings,
     /// What executed the dense layers.
     pub provider: String,
+    /// What makes the poses doubtful; empty where nothing does.
+    pub warnings: Vec<ReportedWarning>,
+}
+
+/// A [`crate::prediction::Warning`].
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ReportedWarning {
+    /// What it is, for programs.
+    pub code: WarningCode,
+    /// Id of the camera that it is about.
+    pub camera: String,
+    /// One sentence: what was seen, and what to do.
+    pub message: String,
 }
 
 /// One object.
@@ -93,12 +106,18 @@ impl Report {
     pub fn new(prediction: &Prediction, rig: &Rig) -> Self {
         let id = |camera| rig.cameras().get(camera).map_or("", Camera::id).to_owned();
         let objects = prediction.objects.iter();
+        let warning = |warning: &Warning| ReportedWarning {
+            code: warning.code,
+            camera: id(warning.camera),
+            message: warning.message.clone(),
+        };
         Self {
             schema_version: SCHEMA_VERSION,
             reference: id(prediction.reference),
             objects: objects.map(|object| Object::new(object, id)).collect(),
             timings_ms: prediction.timings,
             provider: prediction.provider.clone(),
+            warnings: prediction.warnings.iter().map(warning).collect(),
         }
     }
 }
@@ -176,6 +195,11 @@ mod tests {
                 ..Timings::default()
             },
             provider: "cpu".into(),
+            warnings: vec![Warning {
+                code: WarningCode::OneColor,
+                camera: 1,
+                message: "dark".into(),
+            }],
         };
         let json = serde_json::to_value(Report::new(&prediction, &rig)).unwrap();
 
@@ -183,6 +207,10 @@ mod tests {
         assert_eq!(json["reference"], "right");
         assert_eq!(json["timings_ms"]["total"], 7.0);
         assert_eq!(json["provider"], "cpu");
+        assert_eq!(
+            json["warnings"],
+            serde_json::json!([{"code": "one_color", "camera": "right", "message": "dark"}])
+        );
         let object = &json["objects"][0];
         assert_eq!(object["class"], "mvball");
         assert_eq!(

@@ -6,15 +6,13 @@ pub(crate) mod transform;
 mod unit;
 
 use std::collections::HashSet;
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 use nalgebra::Isometry3;
 use serde_json::{Value, json};
 
 use crate::camera::Camera;
-use crate::{Error, Result, pose};
+use crate::{Error, Result, file, pose};
 
 const FORMAT: &str = "mvtop-rig";
 const VERSION: u64 = 1;
@@ -92,19 +90,8 @@ impl Rig {
     /// # Ok::<(), mvtop_core::Error>(())
     /// ```
     pub fn load(path: &Path) -> Result<Self> {
-        let mut text = String::new();
-        File::open(path)
-            .and_then(|file| file.take(MAX_FILE_BYTES + 1).read_to_string(&mut text))
-            .map_err(Error::read(path))?;
-        let origin = path.display().to_string();
-        if text.len() as u64 > MAX_FILE_BYTES {
-            return Err(Error::Rig {
-                origin,
-                problem: format!("larger than {} MiB, so no rig", MAX_FILE_BYTES >> 20),
-                cause: None,
-            });
-        }
-        parse::rig(&origin, &text)
+        let text = file::read_text(path, MAX_FILE_BYTES)?;
+        parse::rig(&path.display().to_string(), &text)
     }
 
     /// Reads the text of a rig file.

@@ -52,6 +52,7 @@ fn model(points: &[Point3<f64>], diameter: f64) -> Model {
         diameter_m: diameter * 1e-3,
         symmetries: Symmetries::default(),
         surface: Surface::new(&points).unwrap(),
+        path: "obj_000001.ply".into(),
         mesh: Mesh::new(points, vec![]).unwrap(),
     }
 }

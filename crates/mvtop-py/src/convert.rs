@@ -3,19 +3,20 @@
 use std::collections::BTreeMap;
 
 use image::RgbImage;
-use mvtop_core::{Intrinsics, report, transform};
+use mvtop_core::{Camera, Error, Intrinsics, report, transform};
 use nalgebra::{Isometry3, Matrix3, Rotation3};
 use ndarray::{Array, Array1, ArrayD, ArrayViewD, Dimension, arr2};
 use numpy::{
-    AllowTypeChange, Element, PyArray, PyArrayDyn, PyArrayLikeDyn, PyArrayMethods, PyReadonlyArray,
-    PyReadonlyArray3, PyReadwriteArray, PyUntypedArray, PyUntypedArrayMethods, ToPyArray,
+    AllowTypeChange, Element, PyArray, PyArrayDescrMethods, PyArrayDyn, PyArrayLikeDyn,
+    PyArrayMethods, PyReadonlyArray, PyReadonlyArray3, PyReadwriteArray, PyUntypedArray,
+    PyUntypedArrayMethods, ToPyArray,
 };
 use pyo3::inspect::PyStaticExpr;
 use pyo3::prelude::*;
 use pyo3::{Borrowed, IntoPyObjectExt, type_hint_identifier, type_hint_subscript};
 use serde_json::{Map, Value};
 
-use crate::error::value;
+use crate::error::{python, value};
 
 /// Anything that numpy makes an array of numbers from.
 pub struct ArrayLike<'py>(Bound<'py, PyAny>);
@@ -67,6 +68,7 @@ impl ArrayLike<'_> {
             axes.extend(last.iter().map(|axis| length(axis).unwrap_or_else(any)));
             format!("numbers of shape ({})", axes.join(", "))
         };
+        self.refuse_other_kinds(name, &expected)?;
         let array: PyArrayLikeDyn<T, AllowTypeChange> = self.0.extract().map_err(|_| {
             let got = self.0.get_type();
             value(format!("{name}: expected {}, got {got}", expected()))
@@ -87,6 +89,23 @@ impl ArrayLike<'_> {
                 )))
             }
         }
+    }
+
+    /// Refuses arrays of which numpy would make real numbers by leaving something out: imaginary
+    /// parts, units of time, masks.
+    fn refuse_other_kinds(&self, name: &str, expected: &dyn Fn() -> String) -> PyResult<()> {
+        let Ok(array) = self.0.cast::<PyUntypedArray>() else {
+            return Ok(());
+        };
+        let masked = array.hasattr("mask")?;
+        if !masked && b"biuf".contains(&array.dtype().kind()) {
+            return Ok(());
+        }
+        let what = if masked { "a masked array of " } else { "" };
+        let (expected, dtype) = (expected(), array.dtype());
+        Err(value(format!(
+            "{name}: expected {expected}, got {what}{dtype}"
+        )))
     }
 
     /// The numbers of an array with one axis.
@@ -296,7 +315,10 @@ pub fn shaped<T>(shape: &[usize], numbers: Vec<T>) -> PyResult<ArrayD<T>> {
 }
 
 /// An 8-bit RGB image of numpy's; `None` for what is no array of numpy's at all.
-pub fn image(name: &str, any: &Bound<PyAny>) -> PyResult<Option<RgbImage>> {
+///
+/// Of another size than the camera's it is refused before it is copied: what numpy has broadcast may
+/// be larger than the memory.
+pub fn image(name: &str, any: &Bound<PyAny>, camera: &Camera) -> PyResult<Option<RgbImage>> {
     let Ok(array) = any.cast::<PyUntypedArray>() else {
         return Ok(None);
     };
@@ -312,6 +334,14 @@ pub fn image(name: &str, any: &Bound<PyAny>) -> PyResult<Option<RgbImage>> {
     let (Ok(width), Ok(height), 3) = (u32::try_from(width), u32::try_from(height), channels) else {
         return Err(refuse());
     };
+    let expected = [camera.width(), camera.height()];
+    if expected != [width, height] {
+        return Err(python(Error::ImageSize {
+            camera: camera.id().to_owned(),
+            expected,
+            got: [width, height],
+        }));
+    }
     let bytes = match array.as_slice() {
         Some(bytes) => bytes.to_vec(),
         None => array.iter().copied().collect(),

@@ -2,6 +2,7 @@
 
 use std::io;
 
+use mvtop_core::error::printable;
 use mvtop_core::{Error, ErrorKind};
 use pyo3::PyErr;
 use pyo3::exceptions::{PyFileNotFoundError, PyValueError};
@@ -13,7 +14,7 @@ mod imported {
 /// `ValueError` for values and shapes, `OSError` for files that cannot be read, `mvtop.Error` for
 /// the rest: what is wrong with ONNX Runtime or a model bundle.
 pub fn python(error: Error) -> PyErr {
-    let sentence = error.to_string();
+    let sentence = printable(&error.to_string());
     match error {
         // Of the cause's kind, so that a missing file is a `FileNotFoundError`.
         Error::Read { cause, .. } => io::Error::new(cause.kind(), sentence).into(),
@@ -31,5 +32,5 @@ pub fn python(error: Error) -> PyErr {
 }
 
 pub fn value(sentence: String) -> PyErr {
-    PyValueError::new_err(sentence)
+    PyValueError::new_err(printable(&sentence))
 }

@@ -173,7 +173,7 @@ fn load(
             return Err(value(format!("image {index}: the rig has no such camera")));
         };
         let name = format!("image of camera `{}`", camera.id());
-        let picture = match convert::image(&name, &any)? {
+        let picture = match convert::image(&name, &any, camera)? {
             Some(picture) => picture,
             None => {
                 let path: PathBuf = any.extract().map_err(|_| {

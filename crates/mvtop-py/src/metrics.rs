@@ -3,7 +3,9 @@
 use mvtop_eval::metrics;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use ndarray::{ArrayD, ArrayView2, Ix2};
+use pyo3::inspect::PyStaticExpr;
 use pyo3::prelude::*;
+use pyo3::{Borrowed, type_hint_identifier};
 use rayon::prelude::*;
 
 use crate::convert::{ArrayLike, F32, F64, axes, pose_or_rotation, shaped};
@@ -273,32 +275,64 @@ pub fn translation_error(
 /// Share of errors below a threshold; of ADD at 0.1 diameters, the usual "ADD recall". None
 /// without errors; an object that was not found counts as infinity.
 #[pyfunction]
-pub fn recall(errors: Vec<f64>, threshold: f64) -> Option<f64> {
-    metrics::recall(&errors, threshold)
+pub fn recall(errors: Errors, threshold: f64) -> PyResult<Option<f64>> {
+    Ok(metrics::recall(&errors.0, above_0("threshold", threshold)?))
 }
 
 /// Mean of the recalls at several thresholds: BOP's average recall for one kind of error.
 #[pyfunction]
-pub fn average_recall(errors: Vec<f64>, thresholds: Vec<f64>) -> Option<f64> {
-    metrics::average_recall(&errors, &thresholds)
+pub fn average_recall(errors: Errors, thresholds: Vec<f64>) -> PyResult<Option<f64>> {
+    for &threshold in &thresholds {
+        above_0("thresholds", threshold)?;
+    }
+    Ok(metrics::average_recall(&errors.0, &thresholds))
 }
 
 /// Exact area under the recall curve from 0 to `max`, over `max`.
 #[pyfunction]
-pub fn auc_exact(errors: Vec<f64>, max: f64) -> Option<f64> {
-    metrics::auc_exact(&errors, max)
+pub fn auc_exact(errors: Errors, max: f64) -> PyResult<Option<f64>> {
+    Ok(metrics::auc_exact(&errors.0, above_0("max", max)?))
 }
 
 /// The area of PoseCNN's and CosyPose's evaluations, `max` there being 0.1 m.
 #[pyfunction]
-pub fn auc_posecnn(errors: Vec<f64>, max: f64) -> Option<f64> {
-    metrics::auc_posecnn(&errors, max)
+pub fn auc_posecnn(errors: Errors, max: f64) -> PyResult<Option<f64>> {
+    Ok(metrics::auc_posecnn(&errors.0, above_0("max", max)?))
 }
 
 /// The area of PoET's evaluation, `max` there being 0.1 m.
 #[pyfunction]
-pub fn auc_poet(errors: Vec<f64>, max: f64) -> Option<f64> {
-    metrics::auc_poet(&errors, max)
+pub fn auc_poet(errors: Errors, max: f64) -> PyResult<Option<f64>> {
+    Ok(metrics::auc_poet(&errors.0, above_0("max", max)?))
+}
+
+/// Errors of poses: 0 or more, infinite where an object was not found.
+pub struct Errors(Vec<f64>);
+
+impl<'py> FromPyObject<'_, 'py> for Errors {
+    type Error = PyErr;
+    const INPUT_TYPE: PyStaticExpr = type_hint_identifier!("numpy.typing", "ArrayLike");
+
+    fn extract(any: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        let array = any.extract::<ArrayLike>()?;
+        let errors = array.any_number::<f64>("errors", Some(0), &[0])?;
+        // NaN is not 0 or more either.
+        match errors.iter().find(|&&error| !(error >= 0.0)) {
+            None => Ok(Self(errors.into_iter().collect())),
+            Some(wrong) => Err(value(format!(
+                "errors: expected 0 or more, infinity for what was not found, got {wrong}"
+            ))),
+        }
+    }
+}
+
+fn above_0(name: &str, number: f64) -> PyResult<f64> {
+    match number.is_finite() && number > 0.0 {
+        true => Ok(number),
+        false => Err(value(format!(
+            "{name}: expected a number above 0, got {number}"
+        ))),
+    }
 }
 
 fn or_none(symmetries: Option<PyRef<Symmetries>>) -> metrics::Symmetries {

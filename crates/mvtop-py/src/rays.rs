@@ -10,6 +10,9 @@ use crate::error::value;
 use crate::process::compute;
 use crate::rig::Camera;
 
+/// Most lines of sight at a time: 600 times those of a network, and 0.2 GB.
+const MOST_CELLS: u64 = 1 << 24;
+
 /// Direction in which each cell of the network's feature maps looks, in the camera's own frame.
 ///
 /// - strides: of the levels, network pixels per cell
@@ -30,6 +33,17 @@ pub fn camera_rays(
     if strides.contains(&0) || width == 0 || height == 0 {
         return Err(value(format!(
             "strides and net_size: expected numbers above 0, got {strides:?} and {width}x{height}"
+        )));
+    }
+    let cells = |&stride: &usize| {
+        let along = |side: u32| (side as u64).div_ceil(stride as u64);
+        along(width) * along(height)
+    };
+    let cells = strides.iter().map(cells).fold(0_u64, u64::saturating_add);
+    if cells > MOST_CELLS {
+        return Err(value(format!(
+            "strides and net_size: expected {MOST_CELLS} cells at most, got {cells} of strides \
+             {strides:?} in {width}x{height} px"
         )));
     }
     let letterbox = Letterbox::new(camera.width(), camera.height(), width, height);

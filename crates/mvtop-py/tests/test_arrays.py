@@ -164,6 +164,20 @@ MILLIMETRES[1, 0, 3] = 800
         (lambda: mvtop.encode_rays([[0, 0, 1]], EYE, "cartesian"), "encoding: expected"),
         (lambda: mvtop.encode_rays([[0, 0, 1]], EYE[:3]), "ref_from_cam: expected"),
         (lambda: mvtop.camera_rays(mvtop.Camera(K, (640, 480)), [0]), "strides"),
+        (
+            lambda: mvtop.camera_rays(
+                mvtop.Camera(K, (640, 480)), [1], net_size=(2**32 - 1, 2**32 - 1)
+            ),
+            "expected 16777216 cells at most",
+        ),
+        (
+            lambda: mvtop.camera_rays(
+                mvtop.Camera(K, (640, 480)), [8], net_size=(100_000, 100_000)
+            ),
+            "expected 16777216 cells at most, got 156250000",
+        ),
+        (lambda: mvtop.Camera(K.astype(complex), (640, 480)), "K: expected numbers of shape (3"),
+        (lambda: mvtop.Camera(np.ma.masked_array(K), (640, 480)), "got a masked array of float64"),
         (lambda: mvtop.metrics.Surface([[0, 0, 0]]).add(2 * EYE, EYE), "last row"),
         (lambda: mvtop.metrics.Surface(np.zeros((0, 3))), "expected at least one point"),
         (
@@ -385,6 +399,41 @@ def test_recalls_by_hand():
     assert mvtop.metrics.average_recall(errors, [0.02, 0.1]) == 0.5
     assert mvtop.metrics.auc_exact(errors, 0.1) == pytest.approx((0.9 + 0.7 + 0.5) / 4)
     assert mvtop.metrics.recall([], 1) is None
+
+
+ERRORS = np.array([0.01, 0.03])
+
+
+@pytest.mark.parametrize(
+    "errors, sentence",
+    [
+        ([0.1, np.nan], "errors: expected 0 or more, infinity for what was not found, got NaN"),
+        ([0.1, -0.1], "errors: expected 0 or more, infinity for what was not found, got -0.1"),
+        ([-np.inf], "errors: expected 0 or more"),
+        (ERRORS + 1j, "errors: expected numbers of shape (any), got complex128"),
+        (ERRORS.astype("timedelta64[s]"), "got timedelta64"),
+        (np.ma.masked_array(ERRORS, [True, False]), "got a masked array of float64"),
+        (ERRORS[None], "errors: expected numbers of shape (any), got shape [1, 2]"),
+    ],
+)
+def test_errors_that_are_none_are_refused_by_every_summary(errors, sentence):
+    metrics = mvtop.metrics
+    summaries = [metrics.recall, metrics.auc_exact, metrics.auc_posecnn, metrics.auc_poet]
+    summaries.append(lambda errors, limit: metrics.average_recall(errors, [limit]))
+    for summary in summaries:
+        with pytest.raises(ValueError) as refused:
+            summary(errors, 0.1)
+        assert sentence in str(refused.value)
+        for limit in (0, -1, np.nan, np.inf):
+            with pytest.raises(ValueError, match="expected a number above 0"):
+                summary(ERRORS, limit)
+
+
+def test_vsd_refuses_tolerances_and_diameters_that_are_none():
+    depth, camera = np.ones((480, 640)), mvtop.Camera(K, (640, 480))
+    for wrong in ({"diameter": -1.0}, {"taus": [0.0]}, {"delta": -1.0}, {"delta": np.nan}):
+        with pytest.raises(ValueError, match="delta of 0 or more, taus and diameter above 0"):
+            mvtop.metrics.vsd(depth, depth, depth, camera, **{"delta": 0.015, **wrong})
 
 
 def test_statistics_by_hand():

@@ -233,3 +233,19 @@ def test_unknown_providers_and_missing_libraries_are_named(estimator, tmp_path):
         mvtop.Estimator.load(estimator._path, provider="cuda")
     with pytest.raises(mvtop.Error, match="already loaded"):
         mvtop.Estimator.load(estimator._path, ort_lib=tmp_path / "other.so")
+
+
+def test_array_that_is_larger_than_the_memory_is_refused_before_it_is_copied(
+    estimator, rig, arrays
+):
+    huge = np.broadcast_to(np.zeros((1, 1, 3), np.uint8), (10**6, 10**6, 3))
+    with pytest.raises(ValueError, match="expected an image of 160x120 px .* got 1000000x1000000"):
+        estimator.predict([huge, *arrays[1:]], rig)
+
+
+def test_covered_camera_is_warned_of(estimator, rig, arrays):
+    assert estimator.predict(arrays, rig).warnings == []
+    dark = [np.zeros_like(arrays[0]), *arrays[1:]]
+    (warning,) = estimator.predict(dark, rig).warnings
+    assert (warning.code, warning.camera) == ("one_color", rig.cameras[0].id)
+    assert "is of one color" in warning.message

@@ -6,10 +6,10 @@ shows the other hemisphere (paper, section 3), so that a pair determines the pos
 does; of other objects it is the scene's next image.
 """
 
-import json
 from pathlib import Path
 
 from ..errors import UserError
+from ..files import read_json
 from . import bop
 
 FILE = "pairs.json"
@@ -54,4 +54,11 @@ def read(folder: Path) -> list[tuple[int, int, int]]:
         raise UserError(
             f"{path}: no such file; fix: python -m mvtop_train.generate writes it at its end"
         )
-    return [tuple(pair) for pair in json.loads(path.read_text())["pairs"]]
+    fix = "python -m mvtop_train.generate writes it anew"
+    try:
+        return [(int(a), int(b), int(c)) for a, b, c in read_json(path, fix)["pairs"]]
+    except (KeyError, TypeError, ValueError) as error:
+        expected = '{"pairs": [[scene, image, image], ...]}'
+        raise UserError(
+            f"{path}: expected {expected}, got what gives {error!r}; fix: {fix}"
+        ) from None

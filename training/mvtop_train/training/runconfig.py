@@ -1,7 +1,9 @@
 """The one file that describes a training run (TOML); `training/runs/` has those of the docs."""
 
 import argparse
+import dataclasses
 import difflib
+import functools
 import json
 import tomllib
 from collections.abc import Callable
@@ -15,9 +17,12 @@ from pydantic_core import PydanticCustomError
 from ..data import objects
 from ..data.crops import Augmentation
 from ..errors import UserError
+from ..files import read_text
 from ..network import config as configs
 from ..network import losses
 from .checkpoint import PRETRAINED
+
+MAX_FILE_BYTES = 1 << 20
 
 
 class Table(pydantic.BaseModel):
@@ -89,6 +94,28 @@ class SecondStage(Table):
     warmup: NonNegativeInt = 50
 
 
+def _network_rules(config: configs.Config) -> list[tuple[bool, str, str]]:
+    """What a network cannot be built with: whether it is so, the key, and what was expected."""
+    rules = [
+        (getattr(config, field.name) < 1, field.name, "at least 1")
+        for field in dataclasses.fields(config)
+        if field.type in (int, "int") and field.name != "closeup"
+    ]
+    rising = ("strides", config.strides, config.width), ("strides", config.strides, config.height)
+    if config.closeup:
+        rising += (("closeup_strides", config.closeup_strides, config.closeup),)
+    for name, strides, side in rising:
+        fit = all(stride > 0 for stride in strides) and list(strides) == sorted(set(strides))
+        fit = bool(strides) and fit and side % strides[0] == 0
+        rules.append((not fit, name, f"rising numbers of which the first divides {side}"))
+    rules += [
+        (config.closeup < 0, "closeup", "0 or more"),
+        (config.d_model % max(config.heads, 1) != 0, "heads", "a divisor of d_model"),
+        (min(config.std) <= 0, "std", "numbers above 0"),
+    ]
+    return [(wrong, f"network.{name}", expected) for wrong, name, expected in rules]
+
+
 class RunConfig(Table):
     """All keys of a run's config file, with what holds where the file says nothing.
 
@@ -134,6 +161,7 @@ class RunConfig(Table):
     @pydantic.model_validator(mode="after")
     def _fits_together(self):
         for wrong, key, expected in (
+            *_network_rules(self.network_config(())),
             (self.backbone and not self.closeup, "backbone", "none for networks without close-ups"),
             (
                 self.backbone == PRETRAINED and not self.pretrained,
@@ -144,7 +172,8 @@ class RunConfig(Table):
             (not (self.steps or self.minutes), "steps", "a bound: steps or minutes over 0"),
         ):
             if wrong:
-                context = {"key": key, "value": getattr(self, key)}
+                value = functools.reduce(getattr, key.split("."), self)
+                context = {"key": key, "value": value}
                 raise PydanticCustomError("together", expected, context)
         return self
 
@@ -191,7 +220,8 @@ EXPECTED = {
 def _sentence(error: dict) -> str:
     """One of pydantic's errors as what was expected, what came, and the fix."""
     context = error.get("ctx", {})
-    path = error["loc"] or (context["key"],)  # nowhere: a rule about several keys
+    # Nowhere: a rule about several keys.
+    path = error["loc"] or tuple(context["key"].split("."))
     *tables, name = [part for part in path if isinstance(part, str)]
     key, fields = ".".join([*tables, name]), RunConfig.model_fields
     for table in tables:
@@ -215,7 +245,7 @@ def _change(fields: dict, change: str):
         raise UserError(f"--set {change}: expected key=value, got no '='; fix: --set {change}=...")
     try:
         value = tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError):
         pass  # text without quotes
     table, dot, name = key.strip().rpartition(".")
     if dot:
@@ -227,11 +257,10 @@ def _change(fields: dict, change: str):
 
 def load(path: Path, changes: list[str] = ()) -> RunConfig:
     """The config file `path` with `changes` ("key=value", "table.key=value") on top."""
+    text = read_text(path, "see training/runs/", MAX_FILE_BYTES)
     try:
-        fields = tomllib.loads(Path(path).read_text())
-    except OSError as error:
-        raise UserError(f"{path}: {error.strerror.lower()}; fix: see training/runs/") from None
-    except ValueError as error:
+        fields = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
         raise UserError(f"{path}: expected TOML, got: {error}; fix: the file") from None
     return _validated(path, fields, changes)
 

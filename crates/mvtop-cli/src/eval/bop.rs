@@ -3,22 +3,22 @@
 mod journal;
 mod page;
 mod plan;
+mod provenance;
 mod results;
 mod score;
 
 use std::collections::HashSet;
-use std::path::Path;
 use std::time::Instant;
 
+use indicatif::ProgressBar;
+use mvtop_core::Estimator;
 use mvtop_core::annotations::TruePose;
 use mvtop_core::prediction::ObjectPose;
-use mvtop_core::{Error, Estimator};
 use mvtop_eval::bop::{Estimate, FrameId, Group, RESULTS_HEADER, load_depth};
-use serde_json::{Value, json};
-use sha2::{Digest, Sha256};
 
 use self::journal::{Journal, Line};
 use self::plan::{Plan, name};
+use self::provenance::{about, folder_name};
 use self::results::Results;
 use self::score::Scored;
 use super::args::BopArgs;
@@ -36,8 +36,11 @@ pub fn run(args: &BopArgs) -> Result<()> {
     let bundle = args.trial.network.bundle()?;
     let estimator = args.trial.network.load(&bundle)?;
     let plan = Plan::new(args, &estimator)?;
-    let about = about(args, &bundle)?;
-    let (mut journal, mut lines) = Journal::open(folder, &about, args.force)?;
+    let about = about(args, &bundle, &plan)?;
+    let split = &args.split;
+    let poses = format!("mvtop_{}-{}.csv", folder_name(&split.dataset), split.split);
+    let files = [poses.as_str(), "summary.json", "report.html"];
+    let (mut journal, mut lines) = Journal::open(folder, &about, &files, args.force)?;
 
     let done: HashSet<String> = lines.iter().map(|line| line.group.clone()).collect();
     let bar = progress::bar(plan.groups.len() as u64, "{pos}/{len} groups");
@@ -47,7 +50,7 @@ pub fn run(args: &BopArgs) -> Result<()> {
         if done.contains(&name(group)) {
             continue;
         }
-        let line = evaluate(&plan, group, args, &estimator)?;
+        let line = evaluate(&plan, group, args, &estimator, &bar)?;
         journal.append(&line)?;
         lines.push(line);
         bar.inc(1);
@@ -56,62 +59,42 @@ pub fn run(args: &BopArgs) -> Result<()> {
 
     let results = Results::new(&lines, args.trial.bounds());
     let summary = write::json(&results)?;
-    let split = &args.split;
-    let poses = format!("mvtop_{}-{}.csv", folder_name(&split.dataset), split.split);
-    write::whole(&folder.join(&poses), &csv(&lines))?;
-    write::whole(&folder.join("summary.json"), &format!("{summary}\n"))?;
+    write::whole(&folder.join(&poses), csv(&lines).as_bytes())?;
+    write::whole(
+        &folder.join("summary.json"),
+        format!("{summary}\n").as_bytes(),
+    )?;
     if page {
         let html = page::page(&about, &results, &lines, &plan)?;
-        write::whole(&folder.join("report.html"), &html)?;
+        write::whole(&folder.join("report.html"), html.as_bytes())?;
     }
     if args.json {
         return write::print(&summary);
     }
-    let files = [&poses, "summary.json", "groups.jsonl", "report.html"];
+    let files = [
+        poses.as_str(),
+        "summary.json",
+        "groups.jsonl",
+        "report.html",
+    ];
     let written = &files[..if page { 4 } else { 3 }];
     let (table, folder) = (results.text(&plan.classes), folder.display());
     write::print(&format!("{table}\n\nin {folder}: {}", written.join(", ")))
 }
 
-/// What results depend on. Where files lie is no part of it, but for the names of the data set.
-fn about(args: &BopArgs, bundle: &Path) -> Result<Value> {
-    let hash = |path: &Path| {
-        let bytes = std::fs::read(path).map_err(Error::read(path))?;
-        Ok::<_, Error>(format!("{:x}", Sha256::digest(bytes)))
-    };
-    let (split, trial) = (&args.split, &args.trial);
-    Ok(json!({
-        "dataset": folder_name(&split.dataset),
-        "split": split.split,
-        "grouping": split.grouping.to_string(),
-        "sensor": split.sensor,
-        "views": trial.views,
-        "objects": split.objects,
-        "targets_sha256": split.targets.as_deref().map(hash).transpose()?,
-        // It holds the hashes of all other files of the bundle.
-        "model_sha256": hash(&bundle.join("model.json"))?,
-        "true_boxes": trial.true_boxes,
-        "min_views": trial.detection.min_views,
-        "box_noise": trial.noise.boxes,
-        "rig_noise_deg": trial.noise.rig_deg,
-        "rig_noise_mm": trial.noise.rig_mm,
-        "noise_seed": trial.noise.seed,
-        "vsd_delta_mm": args.vsd_delta_mm,
-    }))
-}
-
-fn folder_name(path: &Path) -> String {
-    let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    let name = path.file_name().unwrap_or_default();
-    name.to_string_lossy().into_owned()
-}
-
 /// What a group gives.
-fn evaluate(plan: &Plan, group: &Group, args: &BopArgs, estimator: &Estimator) -> Result<Line> {
+fn evaluate(
+    plan: &Plan,
+    group: &Group,
+    args: &BopArgs,
+    estimator: &Estimator,
+    bar: &ProgressBar,
+) -> Result<Line> {
     let sample = plan.load(group)?;
     let start = Instant::now();
     let mut prediction = sample.predict(estimator, &args.trial)?;
     let time_s = start.elapsed().as_secs_f64();
+    bar.suspend(|| write::warn(&prediction, Some(&sample.name)));
     // Objects that are not asked for are neither right nor wrong.
     let wanted = |class: &str| plan.object(class).is_some_and(|id| plan.wanted(group, id));
     prediction.objects.retain(|found| wanted(&found.class));

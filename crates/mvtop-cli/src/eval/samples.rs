@@ -37,6 +37,7 @@ pub fn run(args: &SamplesArgs) -> Result<()> {
             )));
         }
         let prediction = sample.predict(&estimator, trial)?;
+        bar.suspend(|| write::warn(&prediction, Some(&sample.name)));
         let matched = matches(
             &sample.truth,
             &prediction,
@@ -53,7 +54,7 @@ pub fn run(args: &SamplesArgs) -> Result<()> {
 
     if let Some(out) = &args.out {
         let lines: Result<Vec<String>> = outcomes.iter().map(write::json).collect();
-        write::whole(out, &(lines?.join("\n") + "\n"))?;
+        write::whole(out, (lines?.join("\n") + "\n").as_bytes())?;
     }
     let views = views.unwrap_or(0);
     let summary = Summary::new(views, folders.len(), extra, &outcomes, trial.bounds());

@@ -1,6 +1,8 @@
 //! `doctor`.
 
-use crate::{mvtop, refusal, stdout};
+use std::process::Command;
+
+use crate::{mvtop, refusal, root, stdout};
 
 #[test]
 fn doctor_says_what_was_found_or_what_to_do() {
@@ -13,4 +15,28 @@ fn doctor_says_what_was_found_or_what_to_do() {
     assert!(String::from_utf8_lossy(&output.stdout).contains("checksums  match"));
     let error = refusal(&mvtop(&["doctor", "--model", "none"]));
     assert!(error.contains("none"), "{error}");
+}
+
+#[test]
+fn library_of_the_current_folder_or_one_above_is_never_looked_at() {
+    let folder = tempfile::tempdir().unwrap();
+    let capi = ".venv/lib/python3.11/site-packages/onnxruntime/capi";
+    let within = folder.path().join("data/set");
+    for dir in [folder.path().join(capi), within.join(capi)] {
+        std::fs::create_dir_all(&dir).unwrap();
+        std::fs::write(dir.join("libonnxruntime.so.9.9.9"), "not to be loaded").unwrap();
+    }
+    let output = Command::new(env!("CARGO_BIN_EXE_mvtop-cli"))
+        .arg("doctor")
+        .current_dir(&within)
+        .env("MVTOP_MODEL", root().join("fixtures/tiny"))
+        .env("PATH", "")
+        .env_remove("ORT_DYLIB_PATH")
+        .env_remove("VIRTUAL_ENV")
+        .env_remove("CONDA_PREFIX")
+        .output()
+        .unwrap();
+    let all = [output.stdout, output.stderr].concat();
+    let all = String::from_utf8_lossy(&all);
+    assert!(!all.contains("9.9.9"), "{all}");
 }

@@ -294,6 +294,176 @@ fn what_was_cut_short_goes_on_and_nothing_is_doubled() {
 }
 
 #[test]
+fn results_of_data_that_have_changed_are_not_gone_on_with() {
+    let dir = TempDir::new().unwrap();
+    let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
+    write_dataset(&dataset, false);
+    let views = ["--views", "2"];
+    summary(&eval(&dataset, &report, &views));
+    let (gt, image) = ("test/000001/scene_gt.json", "test/000001/rgb/000002.png");
+    let models = ["models/models_info.json", "models/obj_000001.ply"];
+    for (file, what) in [
+        (gt, "annotations_sha256"),
+        (image, "images_sha256"),
+        (models[0], "annotations_sha256"),
+        (models[1], "meshes_sha256"),
+    ] {
+        let path = dataset.join(file);
+        let (bytes, time) = (
+            fs::read(&path).unwrap(),
+            path.metadata().unwrap().modified().unwrap(),
+        );
+        // White space at the end changes nothing but the file.
+        fs::write(&path, [&bytes[..], b"\n"].concat()).unwrap();
+        let error = refusal(&eval(&dataset, &report, &views));
+        assert!(error.contains(what) && error.contains("--force"), "{error}");
+        fs::write(&path, bytes).unwrap();
+        fs::File::options()
+            .write(true)
+            .open(&path)
+            .unwrap()
+            .set_modified(time)
+            .unwrap();
+    }
+    summary(&eval(&dataset, &report, &views));
+}
+
+#[test]
+fn group_that_stands_twice_is_refused() {
+    let dir = TempDir::new().unwrap();
+    let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
+    write_dataset(&dataset, false);
+    summary(&eval(&dataset, &report, &["--views", "2"]));
+    let journal = report.join("groups.jsonl");
+    let text = fs::read_to_string(&journal).unwrap();
+    let first = text.lines().next().unwrap();
+    fs::write(&journal, format!("{text}{first}\n")).unwrap();
+    let error = refusal(&eval(&dataset, &report, &["--views", "2"]));
+    assert!(error.contains("stands twice"), "{error}");
+}
+
+#[test]
+fn second_evaluation_into_a_folder_is_refused_as_long_as_the_first_runs() {
+    let dir = TempDir::new().unwrap();
+    let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
+    write_dataset(&dataset, false);
+    let whole = summary(&eval(&dataset, &report, &["--views", "2"]));
+    let journal = fs::File::open(report.join("groups.jsonl")).unwrap();
+    journal.lock().unwrap();
+    for more in [&["--views", "2"][..], &["--views", "2", "--force"]] {
+        let error = refusal(&eval(&dataset, &report, more));
+        assert!(error.contains("another evaluation is writing"), "{error}");
+    }
+    // As when the process that held it has ended.
+    drop(journal);
+    assert_eq!(summary(&eval(&dataset, &report, &["--views", "2"])), whole);
+}
+
+#[test]
+fn files_of_others_are_never_replaced() {
+    let dir = TempDir::new().unwrap();
+    let dataset = dir.path().join("balls");
+    write_dataset(&dataset, false);
+    let files = [
+        "report.html",
+        "summary.json",
+        "mvtop_balls-test.csv",
+        "run.json",
+        "groups.jsonl",
+    ];
+    for (i, name) in files.into_iter().enumerate() {
+        let report = dir.path().join(i.to_string());
+        fs::create_dir(&report).unwrap();
+        fs::write(report.join(name), "{\"theirs\": true}").unwrap();
+        for more in [&[][..], &["--force"]] {
+            let error = refusal(&eval(&dataset, &report, more));
+            assert!(
+                error.contains(name) && error.contains("another folder"),
+                "{error}"
+            );
+        }
+        assert_eq!(
+            fs::read_to_string(report.join(name)).unwrap(),
+            "{\"theirs\": true}"
+        );
+        assert_eq!(fs::read_dir(&report).unwrap().count(), 1);
+    }
+}
+
+#[test]
+fn image_too_large_for_any_camera_is_refused_before_it_is_decoded() {
+    let dir = TempDir::new().unwrap();
+    let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
+    write_dataset(&dataset, false);
+    let image = dataset.join("test/000001/rgb/000000.png");
+    let mut png = fs::read(&image).unwrap();
+    // Only the header says so; its checksum is made to agree.
+    png[16..24].copy_from_slice(&[0, 0, 0x4E, 0x20, 0, 0, 0x4E, 0x20]);
+    let crc = png[12..29].iter().fold(!0u32, |crc, &byte| {
+        (0..8).fold(crc ^ u32::from(byte), |crc, _| {
+            (crc >> 1) ^ (0xEDB8_8320 & (crc & 1).wrapping_neg())
+        })
+    });
+    png[29..33].copy_from_slice(&(!crc).to_be_bytes());
+    fs::write(&image, png).unwrap();
+    change(&dataset.join("test/000001/scene_camera.json"), |cameras| {
+        cameras["0"]["cam_K"] = json!([9000, 0, 9999.5, 0, 9000, 9999.5, 0, 0, 1]);
+    });
+    let error = refusal(&eval(&dataset, &report, &["--views", "2"]));
+    assert!(
+        error.contains("268435456 px at most, got 20000x20000"),
+        "{error}"
+    );
+}
+
+fn change(path: &Path, change: impl FnOnce(&mut Value)) {
+    let mut content: Value = serde_json::from_slice(&fs::read(path).unwrap()).unwrap();
+    change(&mut content);
+    fs::write(path, content.to_string()).unwrap();
+}
+
+#[test]
+fn numbers_that_look_like_a_mistake_are_refused() {
+    type Mistake = (&'static str, fn(&mut Value), &'static str);
+    let mistakes: [Mistake; 5] = [
+        // Metres, where BOP has millimetres: within the ball.
+        (
+            "test/000001/scene_gt.json",
+            |gt| gt["0"][0]["cam_t_m2c"] = json!([0.01, 0.02, 0.9]),
+            "expected millimetres",
+        ),
+        (
+            "test/000001/scene_camera.json",
+            |cameras| cameras["0"]["depth_scale"] = json!(0.0),
+            "depth_scale above 0",
+        ),
+        (
+            "test/000001/scene_camera.json",
+            |cameras| cameras["0"]["cam_K"] = json!([1.5, 0, 80, 0, 1.5, 60, 0, 0, 1]),
+            "too short",
+        ),
+        (
+            "models/models_info.json",
+            |info| info["1"]["diameter"] = json!(0.1308),
+            "obj_000001.ply",
+        ),
+        (
+            "models/models_info.json",
+            |info| info["1"]["diameter"] = json!(130_800),
+            "obj_000001.ply",
+        ),
+    ];
+    for (file, mistake, part) in mistakes {
+        let dir = TempDir::new().unwrap();
+        let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
+        write_dataset(&dataset, false);
+        change(&dataset.join(file), mistake);
+        let error = refusal(&eval(&dataset, &report, &["--views", "2"]));
+        assert!(error.contains(part), "{file}: {error}");
+    }
+}
+
+#[test]
 fn data_sets_that_do_not_fit_are_refused() {
     let dir = TempDir::new().unwrap();
     let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));

@@ -102,6 +102,8 @@ fn files_that_are_missing_or_wrong_are_named() {
     assert!(error.contains("cannot read none.json"), "{error}");
     let error = with("--reference", "top");
     assert!(error.contains("no camera `top`"), "{error}");
+    let error = with("--threads", "1000000000");
+    assert!(error.contains("threads: expected 0 to 1024"), "{error}");
     let error = with("--provider", "cuda");
     assert!(error.contains("`cuda`"), "{error}");
 }
@@ -243,11 +245,119 @@ fn overlays_are_drawn_and_never_replace_files_unasked() {
         folder.path().display().to_string(),
     );
     let onto = ["infer", "--rig", &rig, &image, "--overlay", &dir, "--force"];
-    assert!(refusal(&mvtop(&onto)).contains("is one of the images"));
+    assert!(refusal(&mvtop(&onto)).contains("is one of the files that are read"));
     assert_eq!(
         std::fs::read(&copy).unwrap(),
         std::fs::read(sample("cam0.png")).unwrap()
     );
+}
+
+#[cfg(unix)]
+#[test]
+fn overlays_do_not_write_through_links_nor_onto_inputs_by_another_name() {
+    use std::os::unix::fs::symlink;
+    let (rig, folder) = (sample("rig.json"), tempfile::tempdir().unwrap());
+    let out = folder.path().join("out");
+    std::fs::create_dir(&out).unwrap();
+    let dir = out.display().to_string();
+    let input = folder.path().join("input.png");
+    std::fs::copy(sample("cam0.png"), &input).unwrap();
+    let image = format!("cam0={}", input.display());
+    let draw = |more: &[&str]| {
+        let args = ["infer", "--rig", &rig, &image, "--overlay", &dir];
+        mvtop(&[&args[..], more].concat())
+    };
+    // A link that leads nowhere is there all the same; with --force it is replaced, not followed.
+    let elsewhere = folder.path().join("elsewhere.png");
+    symlink(&elsewhere, out.join("cam0.png")).unwrap();
+    assert!(refusal(&draw(&[])).contains("exists already"));
+    stdout(&draw(&["--force"]));
+    assert!(!elsewhere.exists());
+    assert!(out.join("cam0.png").symlink_metadata().unwrap().is_file());
+    // An input by another name.
+    let picture = out.join("cam0.png");
+    for link in [symlink::<&Path, &Path>, std::fs::hard_link] {
+        std::fs::remove_file(&picture).unwrap();
+        link(&input, &picture).unwrap();
+        let error = refusal(&draw(&["--force"]));
+        assert!(
+            error.contains("is one of the files that are read"),
+            "{error}"
+        );
+    }
+    let plain = std::fs::read(sample("cam0.png")).unwrap();
+    assert_eq!(std::fs::read(&input).unwrap(), plain);
+}
+
+#[cfg(unix)]
+#[test]
+fn files_that_do_not_end_or_lie_are_refused() {
+    let (rig, image, folder) = (
+        sample("rig.json"),
+        image_of("cam0"),
+        tempfile::tempdir().unwrap(),
+    );
+    let pipe = folder.path().join("pipe");
+    let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+    assert!(made.unwrap().success());
+    for endless in [pipe.to_str().unwrap(), "/dev/zero"] {
+        let of_camera = format!("cam0={endless}");
+        for args in [
+            &["--rig", endless, &image][..],
+            &["--rig", &rig, &of_camera],
+            &["--rig", &rig, &image, "--boxes", endless],
+            &["--rig", &rig, &image, "--truth", endless],
+        ] {
+            let error = refusal(&mvtop(&[&["infer"], args].concat()));
+            assert!(error.contains("pipe or device"), "{error}");
+        }
+    }
+    let name = folder.path().join("a\u{1b}[2J.json").display().to_string();
+    let error = refusal(&mvtop(&["infer", "--rig", &name, &image]));
+    assert!(
+        !error.contains('\u{1b}') && error.contains(r"\u{1b}[2J"),
+        "{error}"
+    );
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn stderr_that_is_full_is_no_panic() {
+    let full = std::fs::File::options()
+        .write(true)
+        .open("/dev/full")
+        .unwrap();
+    let status = std::process::Command::new(env!("CARGO_BIN_EXE_mvtop-cli"))
+        .args(["infer", "--rig", "none.json", "a.png"])
+        .stderr(full)
+        .status()
+        .unwrap();
+    assert_eq!(status.code(), Some(2));
+}
+
+#[test]
+fn image_of_one_color_is_warned_of_on_stderr_and_in_the_json() {
+    let folder = tempfile::tempdir().unwrap();
+    let dark = folder.path().join("dark.png");
+    image::RgbImage::new(160, 120).save(&dark).unwrap();
+    let images = [image_of("cam0"), format!("cam1={}", dark.display())];
+    let output = mvtop(&[
+        "infer",
+        "--rig",
+        &sample("rig.json"),
+        &images[0],
+        &images[1],
+        "--json",
+    ]);
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        stderr.starts_with("warning: image of camera `cam1` is of one color"),
+        "{stderr}"
+    );
+    let json: Value = serde_json::from_str(&stdout(&output)).unwrap();
+    assert_eq!(json["warnings"][0]["code"], "one_color");
+    assert_eq!(json["warnings"][0]["camera"], "cam1");
+    assert_eq!(json["warnings"].as_array().unwrap().len(), 1);
 }
 
 #[test]

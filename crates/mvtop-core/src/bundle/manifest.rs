@@ -12,11 +12,17 @@ use super::{CloseUps, Detector, Input, PoseInput, SurfacePoint};
 use crate::rays::LosEncoding;
 use crate::symmetry::{Axis, Symmetry};
 use crate::transform::from_matrix;
-use crate::{Error, Result};
+use crate::{Error, Result, file, json};
 
 /// Largest side of the network input and largest stride, px: a bundle cannot ask for more memory
 /// than a machine has.
 const MAX_SIDE: u32 = 16_384;
+
+/// Most pixels of the network's input or of a close-up: 16 times those of any network so far, and low
+/// enough that a picture of them fits into memory.
+const MAX_PIXELS: u32 = 1 << 24;
+/// Largest text of a bundle that is read, bytes.
+const MAX_TEXT_BYTES: u64 = 1 << 28;
 
 /// `model.json` as written.
 #[derive(Deserialize)]
@@ -65,6 +71,33 @@ pub(super) struct ManifestAxis {
 }
 
 impl ManifestClass {
+    /// Refuses points that are farther apart than the diameter, or all within a quarter of it; the
+    /// text is the problem.
+    pub fn check_points(&self, points: &[SurfacePoint]) -> Result<(), String> {
+        let size = [0, 1, 2].map(|axis| {
+            let along = points.iter().map(|point| point.position[axis]);
+            let (low, high) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
+                (low.min(x), high.max(x))
+            });
+            high - low
+        });
+        let (side, diagonal) = (Vector3::from(size).amax(), Vector3::from(size).norm());
+        // A few points show nothing of the size.
+        let least = if points.len() > 3 {
+            self.diameter_m / 4.0
+        } else {
+            0.0
+        };
+        if side <= 1.05 * self.diameter_m && diagonal >= least {
+            return Ok(());
+        }
+        Err(format!(
+            "class `{}` has the diameter {} m, but points in a box of {size:?} m, expected both of \
+             one object, in metres",
+            self.name, self.diameter_m
+        ))
+    }
+
     /// The text is the problem. Of several axes, as a ball has, the first counts.
     pub fn symmetry(&self) -> Result<Symmetry, String> {
         let problem = |what: String| format!("class `{}`: {what}", self.name);
@@ -106,6 +139,14 @@ pub(super) struct Graphs {
     pub decoder: String,
 }
 
+impl Graphs {
+    pub fn files(&self) -> impl Iterator<Item = &String> {
+        [&self.features, &self.decoder]
+            .into_iter()
+            .chain(&self.closeup)
+    }
+}
+
 #[derive(Deserialize)]
 pub(super) struct FileRecord {
     pub sha256: String,
@@ -126,6 +167,11 @@ impl Manifest {
         if !(1..=MAX_SIDE).contains(&width) || !(1..=MAX_SIDE).contains(&height) {
             return Err(format!(
                 "input is {width} x {height} px, expected 1 to {MAX_SIDE} a side"
+            ));
+        }
+        if width * height > MAX_PIXELS {
+            return Err(format!(
+                "input is {width} x {height} px, expected {MAX_PIXELS} px at most"
             ));
         }
         if !mean.iter().all(|m| m.is_finite()) || !std.iter().all(|s| s.is_finite() && *s > 0.0) {
@@ -184,9 +230,8 @@ impl Manifest {
                 return Err(format!("file `{name}` lies outside the bundle"));
             }
         }
-        let graphs = [&self.graphs.features, &self.graphs.decoder].into_iter();
         let points = self.classes.iter().map(|class| &class.points);
-        let mut used = graphs.chain(&self.graphs.closeup).chain(points);
+        let mut used = self.graphs.files().chain(points);
         if let Some(name) = used.find(|name| !self.files.contains_key(*name)) {
             return Err(format!("file `{name}` is used but not listed in `files`"));
         }
@@ -208,6 +253,7 @@ impl Manifest {
         };
         let fits = |&stride: &u32| stride > 0 && size.is_multiple_of(stride);
         if !(1..=MAX_SIDE).contains(&size)
+            || size * size > MAX_PIXELS
             || strides.is_empty()
             || !strides.is_sorted_by(|a, b| a < b)
             || !strides.iter().all(fits)
@@ -226,18 +272,33 @@ impl Manifest {
 }
 
 impl FileRecord {
-    pub fn check(&self, path: &Path) -> Result<()> {
+    /// Refuses a file that is not the one that was listed; what is plain from its name and size,
+    /// before its bytes are read.
+    ///
+    /// - `dir`: the bundle's folder
+    pub fn check(&self, dir: &Path, name: &str) -> Result<()> {
+        let path = &dir.join(name);
         let refuse = |problem: String| Error::Bundle {
-            path: path.to_owned(),
+            path: path.clone(),
             problem,
         };
-        let (bytes, sha256) = digest(path).map_err(|e| refuse(format!("cannot be read: {e}")))?;
+        let unreadable = |cause: std::io::Error| refuse(format!("cannot be read: {cause}"));
+        let about = path.metadata().map_err(unreadable)?;
+        let own = dir.canonicalize().map_err(unreadable)?.join(name);
+        if !about.is_file() || path.canonicalize().map_err(unreadable)? != own {
+            return Err(refuse(
+                "is a link, a folder or a device, expected a file of the bundle's own; copy it there"
+                    .into(),
+            ));
+        }
+        let bytes = about.len();
         if bytes != self.bytes {
             return Err(refuse(format!(
                 "has {bytes} bytes, expected {}; the bundle is incomplete or changed, get it again",
                 self.bytes
             )));
         }
+        let sha256 = File::open(path).and_then(digest).map_err(unreadable)?;
         if !sha256.eq_ignore_ascii_case(&self.sha256) {
             return Err(refuse(format!(
                 "has sha256 {sha256}, expected {}; the bundle was changed, get it again",
@@ -248,11 +309,19 @@ impl FileRecord {
     }
 }
 
-/// Length and SHA-256 of a file, in hexadecimal.
-pub(super) fn digest(path: &Path) -> std::io::Result<(u64, String)> {
+/// Text of the bundle; the error is the problem.
+pub(super) fn read_text(path: &Path) -> Result<String, String> {
+    file::read_text(path, MAX_TEXT_BYTES).map_err(|error| match error {
+        Error::Read { cause, .. } => format!("cannot be read: {cause}"),
+        other => other.to_string(),
+    })
+}
+
+/// SHA-256 of a file, in hexadecimal.
+pub(super) fn digest(mut file: File) -> std::io::Result<String> {
     let mut hash = Sha256::new();
-    let bytes = std::io::copy(&mut File::open(path)?, &mut hash)?;
-    Ok((bytes, format!("{:x}", hash.finalize())))
+    std::io::copy(&mut file, &mut hash)?;
+    Ok(format!("{:x}", hash.finalize()))
 }
 
 pub(super) fn read_points(path: &Path) -> Result<Vec<SurfacePoint>> {
@@ -260,9 +329,9 @@ pub(super) fn read_points(path: &Path) -> Result<Vec<SurfacePoint>> {
         path: path.to_owned(),
         problem,
     };
-    let text = std::fs::read_to_string(path).map_err(|e| refuse(format!("cannot be read: {e}")))?;
+    let text = read_text(path).map_err(refuse)?;
     let file: PointsFile =
-        serde_json::from_str(&text).map_err(|e| refuse(format!("is not a points file: {e}")))?;
+        json::from_str(&text).map_err(|e| refuse(format!("is not a points file: {e}")))?;
     if file.unit != "m" {
         let unit = file.unit;
         return Err(refuse(format!("is in `{unit}`, expected metres (`m`)")));

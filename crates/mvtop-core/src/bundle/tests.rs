@@ -1,6 +1,9 @@
+use std::fs::File;
+
 use super::manifest::digest;
 use super::*;
 use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
 
 /// A bundle whose graphs are any bytes, with `change` made to its description.
 fn bundle(change: impl FnOnce(&mut Value)) -> tempfile::TempDir {
@@ -13,8 +16,8 @@ fn bundle(change: impl FnOnce(&mut Value)) -> tempfile::TempDir {
         ("p.json", points),
     ] {
         std::fs::write(dir.path().join(name), text).unwrap();
-        let (bytes, sha256) = digest(&dir.path().join(name)).unwrap();
-        files[name] = json!({ "bytes": bytes, "sha256": sha256 });
+        let file = File::open(dir.path().join(name)).unwrap();
+        files[name] = json!({ "bytes": text.len(), "sha256": digest(file).unwrap() });
     }
     let mut model = json!({
         "format": "mvtop-model",
@@ -44,10 +47,8 @@ fn the_sha256_is_that_of_the_standard() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("abc"), "abc").unwrap();
     let expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
-    assert_eq!(
-        digest(&dir.path().join("abc")).unwrap(),
-        (3, expected.to_owned())
-    );
+    let file = File::open(dir.path().join("abc")).unwrap();
+    assert_eq!(digest(file).unwrap(), expected);
 }
 
 #[test]
@@ -202,6 +203,64 @@ fn a_changed_a_cut_and_a_missing_file_are_refused_by_name() {
 }
 
 #[test]
+fn a_file_of_another_length_is_refused_before_it_is_hashed() {
+    let dir = bundle(|_| ());
+    // Of a terabyte that takes no space, hashing would not come to an end.
+    let file = File::create(dir.path().join("f.onnx")).unwrap();
+    file.set_len(1 << 40).unwrap();
+    let error = Bundle::load(dir.path()).unwrap_err().to_string();
+    assert!(error.contains("1099511627776 bytes, expected 8"), "{error}");
+}
+
+#[test]
+fn graph_with_weights_in_other_files_is_refused() {
+    // A graph with a tensor whose data_location is EXTERNAL; as long as `features`.
+    let graph = [7 << 3 | 2, 6, 5 << 3 | 2, 4, 14 << 3, 1, 8, 1];
+    let dir = bundle(|m| {
+        m["files"]["f.onnx"]["sha256"] = format!("{:x}", Sha256::digest(graph)).into();
+    });
+    std::fs::write(dir.path().join("f.onnx"), graph).unwrap();
+    let error = Bundle::load(dir.path()).unwrap_err().to_string();
+    assert!(
+        error.contains("f.onnx") && error.contains("weights in other files"),
+        "{error}"
+    );
+}
+
+#[cfg(unix)]
+#[test]
+fn links_and_devices_in_a_bundle_are_refused() {
+    use std::os::unix::fs::symlink;
+    let elsewhere = tempfile::tempdir().unwrap();
+    std::fs::write(elsewhere.path().join("f.onnx"), "features").unwrap();
+    for target in [elsewhere.path().join("f.onnx"), "/dev/zero".into()] {
+        let dir = bundle(|_| ());
+        std::fs::remove_file(dir.path().join("f.onnx")).unwrap();
+        symlink(&target, dir.path().join("f.onnx")).unwrap();
+        let error = Bundle::load(dir.path()).unwrap_err().to_string();
+        assert!(
+            error.contains("f.onnx is a link") || error.contains("f.onnx: is a link"),
+            "{error}"
+        );
+    }
+    // The folder itself may be reached by a link.
+    let dir = bundle(|_| ());
+    let link = elsewhere.path().join("bundle");
+    symlink(dir.path(), &link).unwrap();
+    Bundle::load(&link).unwrap();
+}
+
+#[test]
+fn a_key_that_comes_twice_is_refused() {
+    let dir = bundle(|_| ());
+    let path = dir.path().join("model.json");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replacen('{', "{\"preset\": \"other\",", 1)).unwrap();
+    let error = Bundle::load(dir.path()).unwrap_err().to_string();
+    assert!(error.contains("`preset` comes twice"), "{error}");
+}
+
+#[test]
 fn a_file_that_no_checksum_covers_is_refused() {
     for name in ["f.onnx", "d.onnx", "p.json"] {
         let error = refusal(|m| {
@@ -224,9 +283,14 @@ fn paths_that_leave_the_folder_are_refused() {
 
 #[test]
 fn impossible_numbers_are_refused() {
-    let cases: [(&str, Value, &str); 12] = [
+    let cases: [(&str, Value, &str); 13] = [
         ("/input/width", json!(0), "input is 0 x 480"),
         ("/input/height", json!(4_000_000), "input is 640 x 4000000"),
+        (
+            "/input",
+            json!({"width": 16384, "height": 16384, "mean": [0, 0, 0], "std": [1, 1, 1]}),
+            "16777216 px at most",
+        ),
         ("/input/std", json!([0.2, 0.0, 0.2]), "std"),
         ("/strides", json!([]), "strides"),
         ("/strides", json!([16, 8]), "strides"),
@@ -251,6 +315,27 @@ fn impossible_numbers_are_refused() {
         m["classes"].as_array_mut().unwrap().push(class);
     });
     assert!(twice.contains("comes twice"), "{twice}");
+}
+
+#[test]
+fn points_of_another_size_than_the_diameter_are_refused() {
+    // 0.2 m apart, as if the diameter of 0.138 m were another object's; and a tenth of it.
+    for (reach, part) in [(0.2, "[0.2, "), (0.01, "[0.01, ")] {
+        let points = json!({"unit": "m", "points": [
+            [0, 0, 0, 9, 9, 9], [reach, 0, 0, 9, 9, 9], [0, reach, 0, 9, 9, 9], [0, 0, reach, 9, 9, 9],
+        ]});
+        let points = points.to_string();
+        let dir = bundle(|m| {
+            let sha256 = format!("{:x}", Sha256::digest(&points));
+            m["files"]["p.json"] = json!({"bytes": points.len(), "sha256": sha256});
+        });
+        std::fs::write(dir.path().join("p.json"), &points).unwrap();
+        let error = Bundle::load(dir.path()).unwrap_err().to_string();
+        assert!(
+            error.contains("diameter 0.138 m") && error.contains(part),
+            "{error}"
+        );
+    }
 }
 
 #[test]

@@ -1,8 +1,9 @@
 //! Poses as the decoder gives them, and their mean.
 
-use nalgebra::{Isometry3, Matrix4, Quaternion, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix4, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use ndarray::Array2;
 
+use super::view::View;
 use crate::bundle::Class;
 use crate::network::Decoded;
 use crate::pose::rotation_from_6d;
@@ -33,6 +34,11 @@ impl DecodedPose {
                 "decoder: expected a finite pose, got translation {t:?} and {sigma:?}"
             )));
         }
+        if sigma.rot_deg < 0.0 || sigma.t_m < 0.0 {
+            return Err(Error::Pose(format!(
+                "decoder: expected errors of 0 or more, got {sigma:?}"
+            )));
+        }
         let rotation =
             rotation_from_6d([0, 1, 2, 3, 4, 5].map(|i| number(&decoded.rotation_6d, i)))?;
         let rotation = UnitQuaternion::from_rotation_matrix(&rotation);
@@ -41,6 +47,28 @@ impl DecodedPose {
             world_from_obj: world_from_anchor * anchor_from_obj,
             sigma,
         })
+    }
+}
+
+impl DecodedPose {
+    /// Refuses a pose behind all cameras that gave an image; a fisheye may see what is behind it.
+    pub fn check_in_front(&self, views: &[View]) -> Result<()> {
+        let origin = Point3::from(self.world_from_obj.translation.vector);
+        let behind = |view: &View| {
+            let in_cam = view
+                .camera
+                .world_from_cam()
+                .inverse_transform_point(&origin);
+            let family = view.camera.intrinsics().projection().family();
+            family == "pinhole" && in_cam.z <= 0.0
+        };
+        match views.iter().all(behind) {
+            false => Ok(()),
+            true => Err(Error::Pose(format!(
+                "decoder: expected objects in front of a camera, got one behind all {} of them",
+                views.len()
+            ))),
+        }
     }
 }
 

@@ -43,11 +43,11 @@ pub fn detected(
 ) -> Vec<Sighting> {
     let Detector {
         score_threshold,
-        agree_threshold,
         nms_iou,
+        ..
     } = bundle.detector;
     let threshold = f64::from(score_threshold);
-    let faintest = f64::from(agree_threshold.unwrap_or(score_threshold)).min(threshold);
+    let faintest = f64::from(bundle.detector.faintest());
     let mut detections: Vec<Vec<Detection>> = Vec::new();
     let mut lines_of_sight = Vec::new();
     for (v, view) in views.iter().enumerate() {

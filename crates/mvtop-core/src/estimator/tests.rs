@@ -101,6 +101,8 @@ struct Geometry {
     in_cameras: Vec<Vector3<f64>>,
     /// What a network in disorder does to its answer.
     disorder: fn(&mut Decoded),
+    /// Likewise, to the detector's.
+    detector_disorder: fn(&mut DetectorMaps),
 }
 
 impl Geometry {
@@ -120,6 +122,7 @@ impl Geometry {
             letterboxes: cameras().map(letterbox).collect(),
             in_cameras: in_cameras.collect(),
             disorder: |_| (),
+            detector_disorder: |_| (),
         }
     }
 }
@@ -141,10 +144,12 @@ impl Network for Geometry {
                 }
             }
         }
-        Ok(DetectorMaps {
+        let mut maps = DetectorMaps {
             scores,
             boxes: maps,
-        })
+        };
+        (self.detector_disorder)(&mut maps);
+        Ok(maps)
     }
 
     /// The memory is the cells' rays, so that the decoder can tell whose they are.
@@ -217,7 +222,12 @@ impl Network for Geometry {
 fn images(rig: &Rig, cameras: &[usize]) -> Vec<ViewImage> {
     let image = |&i: &usize| ViewImage {
         camera: i,
-        image: RgbImage::new(rig.cameras()[i].width(), rig.cameras()[i].height()),
+        // Not of one color, of which is warned.
+        image: RgbImage::from_fn(
+            rig.cameras()[i].width(),
+            rig.cameras()[i].height(),
+            |x, _| image::Rgb([x as u8; 3]),
+        ),
     };
     cameras.iter().map(image).collect()
 }

@@ -5,7 +5,8 @@ use ndarray::Array4;
 
 use crate::bundle::{Bundle, Input};
 use crate::camera::Camera;
-use crate::image::{Letterbox, ViewImage, to_tensor};
+use crate::image::{Letterbox, ViewImage, is_one_color, to_tensor};
+use crate::prediction::{Warning, WarningCode};
 use crate::{BBox, Error, Result, Rig};
 
 /// A camera that gave an image.
@@ -55,6 +56,21 @@ pub fn gather<'a>(bundle: &Bundle, rig: &'a Rig, images: &'a [ViewImage]) -> Res
         )));
     }
     Ok(views)
+}
+
+/// What is wrong with the images, though poses can be predicted from them.
+pub fn warnings(views: &[View]) -> Vec<Warning> {
+    let dark = views.iter().filter(|view| is_one_color(view.image));
+    dark.map(|view| Warning {
+        code: WarningCode::OneColor,
+        camera: view.index,
+        message: format!(
+            "image of camera `{}` is of one color, so it shows nothing; check that the camera is \
+             neither covered nor dead, and its exposure",
+            view.camera.id()
+        ),
+    })
+    .collect()
 }
 
 /// The detector's input.

@@ -20,7 +20,6 @@ pub(super) struct Candidate {
 pub(super) struct Surroundings {
     pub variable: fn(&str) -> Option<OsString>,
     pub executable: Option<PathBuf>,
-    pub current_dir: Option<PathBuf>,
     /// The interpreter that is asked for its packages.
     pub python: &'static str,
 }
@@ -30,7 +29,6 @@ impl Surroundings {
         Self {
             variable: |name| std::env::var_os(name),
             executable: std::env::current_exe().ok(),
-            current_dir: std::env::current_dir().ok(),
             python: if cfg!(windows) { "python" } else { "python3" },
         }
     }
@@ -49,6 +47,9 @@ const SYSTEM_LIBRARY: &str = if cfg!(windows) {
 const PYTHON_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// The libraries to try, in order. Later places are not looked at until they are reached.
+///
+/// Only what was named or installed: the current folder is none of these, nor is any above it, as a
+/// library is code, and who unpacks a data set does not mean to run it.
 pub(super) fn candidates(
     explicit: Option<&Path>,
     around: Surroundings,
@@ -69,13 +70,15 @@ pub(super) fn candidates(
     let mut places: Vec<(String, Search)> = Vec::new();
     let executable = around.executable.as_deref();
     if let Some(dir) = executable.and_then(Path::parent).map(Path::to_owned) {
-        let search = Box::new(move || libraries_in(&dir));
+        let beside = dir.clone();
+        let search = Box::new(move || libraries_in(&beside));
         places.push(("the executable's folder".into(), search));
-    }
-    for dir in around.current_dir.iter().flat_map(|dir| dir.ancestors()) {
-        let venv = dir.join(".venv");
-        let name = venv.display().to_string();
-        places.push((name, Box::new(move || libraries_of(&venv))));
+        // Installed into an environment: its commands lie in this folder.
+        let commands = ["bin", "Scripts"].iter().any(|name| dir.ends_with(name));
+        if let Some(prefix) = dir.parent().filter(|_| commands).map(Path::to_owned) {
+            let search = Box::new(move || libraries_of(&prefix));
+            places.push(("the executable's environment".into(), search));
+        }
     }
     for name in ["VIRTUAL_ENV", "CONDA_PREFIX"] {
         if let Some(prefix) = variable(name).map(PathBuf::from) {
@@ -173,7 +176,6 @@ mod tests {
         Surroundings {
             variable: |_| None,
             executable: None,
-            current_dir: None,
             python: "no-such-interpreter",
         }
     }
@@ -232,30 +234,19 @@ mod tests {
     }
 
     #[test]
-    fn the_executable_comes_before_the_nearest_venv_and_that_before_those_above() {
+    fn the_executable_s_folder_comes_before_its_environment() {
         let root = tempfile::tempdir().unwrap();
-        let inner = root.path().join("project/src");
-        std::fs::create_dir_all(&inner).unwrap();
-        let far = wheel(
-            &root.path().join(".venv"),
-            "python3.12",
-            "libonnxruntime.so.1.30.0",
-        );
-        let near = wheel(
-            &root.path().join("project/.venv"),
-            "python3.11",
-            "libonnxruntime.so.1.31.1",
-        );
-        let beside = root.path().join("libonnxruntime.so");
+        let bin = root.path().join("bin");
+        std::fs::create_dir_all(&bin).unwrap();
+        let installed = wheel(root.path(), "python3.12", "libonnxruntime.so.1.31.1");
+        let beside = bin.join("libonnxruntime.so");
         std::fs::write(&beside, "").unwrap();
         let around = Surroundings {
-            executable: Some(root.path().join("mvtop")),
-            current_dir: Some(inner),
+            executable: Some(bin.join("mvtop-cli")),
             ..nowhere()
         };
         let all = paths(candidates(None, around));
-        assert_eq!(all[..3], [beside, near, far]);
-        assert_eq!(all.last().unwrap(), Path::new(SYSTEM_LIBRARY));
+        assert_eq!(all, [beside, installed, SYSTEM_LIBRARY.into()]);
     }
 
     #[cfg(unix)]

@@ -1,13 +1,16 @@
 //! The loaded ONNX Runtime library.
 
 use super::locate::{self, Candidate, Surroundings};
-use super::{Provider, Session, SessionOptions, operator};
+use super::{Provider, Session, SessionOptions, operator, trust};
 use crate::{Error, Result};
 use ort::environment::Environment;
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::{Mutex, OnceLock, PoisonError};
+
+/// More threads than any machine has cores for would only take its memory.
+const MOST_THREADS: usize = 1024;
 
 /// The library of this process. Never dropped: ONNX Runtime allows one environment per process and
 /// some versions crash when theirs is torn down during exit.
@@ -29,10 +32,11 @@ pub struct Runtime {
 impl Runtime {
     /// Finds and loads ONNX Runtime 1.20 or newer, or returns the one already loaded.
     ///
-    /// Looked for in this order: `explicit`, `$ORT_DYLIB_PATH`, beside the executable, `.venv` in
-    /// the current folder and those above, `$VIRTUAL_ENV`, `$CONDA_PREFIX`, the `onnxruntime`
-    /// package of `python3`, the system's libraries. The first two are binding: if they do not
-    /// load, nothing else is tried.
+    /// Looked for in this order: `explicit`, `$ORT_DYLIB_PATH`, beside the executable, the
+    /// environment that the executable is installed in, `$VIRTUAL_ENV`, `$CONDA_PREFIX`, the
+    /// `onnxruntime` package of `python3`, the system's libraries. The first two are binding: if
+    /// they do not load, nothing else is tried. A library that other users may change is never
+    /// loaded.
     ///
     /// # Errors
     /// [`Error::Runtime`] when a library that was asked for cannot be loaded, is too old, or
@@ -55,7 +59,8 @@ impl Runtime {
 
         let mut attempts = Vec::new();
         for candidate in locate::candidates(explicit, Surroundings::of_process()) {
-            match load(&candidate.path) {
+            let trusted = trust::check(&candidate.path);
+            match trusted.and_then(|()| load(&candidate.path)) {
                 Ok(environment) => {
                     let loaded = LOADED.get_or_init(|| Loaded {
                         environment,
@@ -115,10 +120,17 @@ impl Runtime {
     /// Loads the ONNX file at `path`, with mvtop's own operators at hand.
     ///
     /// # Errors
+    /// [`Error::Input`] for more than 1024 threads;
     /// [`Error::Provider`] when the library lacks the provider or it does not start;
     /// [`Error::Network`] when the file is missing or is no graph that can be run.
     pub fn session(&self, path: &Path, options: &SessionOptions) -> Result<Session> {
         let provider = options.provider;
+        if options.threads > MOST_THREADS {
+            return Err(Error::Input(format!(
+                "threads: expected 0 to {MOST_THREADS}, got {}",
+                options.threads
+            )));
+        }
         if !provider.is_built_in() {
             return Err(Error::Provider {
                 provider: provider.to_string(),

@@ -5,7 +5,7 @@ use serde_json::Value;
 use super::fields::{Checked, Fields, shorten, show};
 use super::{FORMAT, Rig, VERSION, transform, unit};
 use crate::camera::{self, Camera, Intrinsics, Projection};
-use crate::{Error, Result};
+use crate::{Error, Result, json};
 
 /// Reads a rig.
 ///
@@ -17,8 +17,7 @@ pub(super) fn rig(origin: &str, text: &str) -> Result<Rig> {
         cause,
     };
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let value =
-        serde_json::from_str(text).map_err(|error| refused(syntax(text, &error), Some(error)))?;
+    let value = json::from_str(text).map_err(|error| refused(syntax(text, &error), Some(error)))?;
     read(&value).map_err(|problem| refused(problem, None))
 }
 

@@ -57,15 +57,17 @@ fn every_kind_of_pixel_becomes_rgb8() {
     let rgb = RgbImage::from_pixel(3, 2, Rgb([1, 2, 3]));
     let (grey_tiff, rgb_bmp) = (grey.clone(), rgb.clone());
     let rgba = image::RgbaImage::from_pixel(3, 2, Rgba([1, 2, 3, 0]));
-    let deep = image::ImageBuffer::from_pixel(3, 2, Rgb([257u16, 514, 771]));
+    let deep = image::ImageBuffer::from_pixel(3, 2, Rgb([257u16, 514, 5140]));
+    let float = image::Rgb32FImage::from_pixel(3, 2, Rgb([0.0, 0.2, 1.0]));
     for (name, image, expected) in [
         ("grey.png", DynamicImage::from(grey), [7, 7, 7]),
         ("grey_alpha.png", grey_alpha.into(), [7, 7, 7]),
         ("rgb.png", rgb.into(), [1, 2, 3]),
         ("rgba.png", rgba.into(), [1, 2, 3]),
-        ("deep.png", deep.clone().into(), [1, 2, 3]),
+        ("deep.png", deep.clone().into(), [1, 2, 20]),
         ("grey.tif", grey_tiff.into(), [7, 7, 7]),
-        ("deep.tif", deep.into(), [1, 2, 3]),
+        ("deep.tif", deep.into(), [1, 2, 20]),
+        ("float.tif", float.into(), [0, 51, 255]),
         ("rgb.bmp", rgb_bmp.into(), [1, 2, 3]),
     ] {
         let loaded = load(&written(&folder, name, image), &camera).unwrap();
@@ -147,6 +149,56 @@ fn unusable_files_are_refused_in_one_sentence() {
         }
         let is_about_file = error.starts_with("cannot read");
         assert!(is_about_file || error.contains("camera `left`"), "{error}");
+    }
+}
+
+#[test]
+fn images_whose_values_cannot_be_what_was_seen_are_refused() {
+    let (folder, camera) = (folder(), left(64, 48));
+    let twelve_bits = image::ImageBuffer::from_fn(64, 48, |x, _| Luma([x as u16 * 65]));
+    let with_alpha = image::ImageBuffer::from_fn(64, 48, |x, _| LumaA([x as u16 * 65, u16::MAX]));
+    let float = |value| image::Rgb32FImage::from_pixel(64, 48, Rgb([0.5, value, 0.5]));
+    for (name, image, fact) in [
+        (
+            "12.png",
+            DynamicImage::from(twelve_bits),
+            "brightest value being 4095",
+        ),
+        ("alpha.png", with_alpha.into(), "brightest value being 4095"),
+        (
+            "bright.tif",
+            float(255.0).into(),
+            "floats from 0 to 1, got 255",
+        ),
+        (
+            "below.tif",
+            float(-0.1).into(),
+            "floats from 0 to 1, got -0.1",
+        ),
+        (
+            "nan.tif",
+            float(f32::NAN).into(),
+            "floats from 0 to 1, got NaN",
+        ),
+    ] {
+        let error = load(&written(&folder, name, image), &camera).unwrap_err();
+        assert!(error.to_string().contains(fact), "{error}");
+    }
+    // Black is no question of bits.
+    let black = image::ImageBuffer::from_pixel(64, 48, Luma([0u16]));
+    load(
+        &written(&folder, "black.png", DynamicImage::from(black)),
+        &camera,
+    )
+    .unwrap();
+
+    let ramp = RgbImage::from_fn(64, 48, |x, y| Rgb([4 * x as u8, 5 * y as u8, 99]));
+    let jpeg = fs::read(written(&folder, "whole.jpg", ramp)).unwrap();
+    for share in [3, 2] {
+        let path = folder.path().join("cut.jpg");
+        fs::write(&path, &jpeg[..jpeg.len() - jpeg.len() / (3 * share)]).unwrap();
+        let error = load(&path, &camera).unwrap_err().to_string();
+        assert!(error.contains("ends before its last pixels"), "{error}");
     }
 }
 

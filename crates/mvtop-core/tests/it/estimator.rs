@@ -13,6 +13,44 @@ fn estimator(bundle: &str) -> Estimator {
     Estimator::load(&fixture_path(bundle), &Options::default()).unwrap()
 }
 
+#[test]
+fn graphs_that_do_not_fit_the_bundle_are_refused_when_loaded() {
+    // Each graph in the place of another: the decoder where the detector belongs, and so on.
+    for (place, graph, part) in [
+        (
+            "features",
+            "decoder.onnx",
+            "input `memory`: expected one of images",
+        ),
+        ("closeup", "features.onnx", "`images`: expected"),
+        (
+            "decoder",
+            "closeup.onnx",
+            "input `images`: expected one of memory",
+        ),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let bundle = fixture_path("tiny");
+        for entry in std::fs::read_dir(&bundle).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_file() {
+                std::fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
+            }
+        }
+        let about = folder.path().join("model.json");
+        let text = std::fs::read_to_string(&about).unwrap();
+        let mut model: serde_json::Value = serde_json::from_str(&text).unwrap();
+        model["graphs"][place] = graph.into();
+        std::fs::write(&about, model.to_string()).unwrap();
+        let error = Estimator::load(folder.path(), &Options::default())
+            .err()
+            .unwrap();
+        let error = error.to_string();
+        let says = error.contains(part) && error.contains("export the bundle again");
+        assert!(says && error.contains(graph), "{error}");
+    }
+}
+
 /// The images of the given cameras of a rig.
 fn load(rig: &Rig, cameras: &[usize]) -> Vec<ViewImage> {
     let load = |&camera: &usize| ViewImage {

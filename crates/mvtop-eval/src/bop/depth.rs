@@ -1,6 +1,9 @@
 //! Measured depth images.
 
+use std::io::BufReader;
+
 use image::{DynamicImage, ImageReader};
+use mvtop_core::file;
 
 use super::json::MM;
 use super::scene::Frame;
@@ -16,9 +19,8 @@ pub fn load_depth(frame: &Frame) -> Result<Option<DepthImage>> {
     let Some(path) = &frame.depth else {
         return Ok(None);
     };
-    let reader = ImageReader::open(path)
-        .and_then(ImageReader::with_guessed_format)
-        .map_err(Error::read(path))?;
+    let reader = ImageReader::new(BufReader::new(file::open(path)?));
+    let reader = reader.with_guessed_format().map_err(Error::read(path))?;
     let refuse = |got: String| {
         Error::Data(format!(
             "depth image {}: expected PNG or TIFF with 16 bits of grey, got: {got}",

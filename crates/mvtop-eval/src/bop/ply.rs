@@ -7,6 +7,7 @@
 
 use std::path::Path;
 
+use mvtop_core::file;
 use nalgebra::Point3;
 
 use crate::metrics::Mesh;
@@ -58,12 +59,7 @@ pub(super) fn load_ply(path: &Path, unit: f64) -> Result<Mesh> {
             path.display()
         ))
     };
-    let unreadable = Error::read(path);
-    let size = std::fs::metadata(path).map_err(&unreadable)?.len();
-    if size > MAX_FILE_BYTES {
-        return Err(refuse(format!("{size} bytes, more than a model has")));
-    }
-    let bytes = std::fs::read(path).map_err(unreadable)?;
+    let bytes = file::read(path, MAX_FILE_BYTES)?;
     let (vertices, faces) = parse(&bytes).map_err(&refuse)?;
     let mut triangles = Vec::new();
     for (i, face) in faces.iter().enumerate() {

@@ -302,6 +302,12 @@ impl Camera {
             )));
         }
         let params = self.cam_dist.as_deref().unwrap_or_default();
+        if !(self.depth_scale.is_finite() && self.depth_scale > 0.0) {
+            return Err(Error::Data(format!(
+                "{place}: expected depth_scale above 0, got {}",
+                self.depth_scale
+            )));
+        }
         let projection = Projection::from_params("pinhole", None, params)
             .map_err(|error| Error::Data(format!("{place}: cam_dist: {error}")))?;
         Intrinsics::new(fx, fy, cx, cy, projection)

@@ -43,7 +43,8 @@ pub struct VsdOptions {
 /// - `intrinsics`: a pinhole; its distortion is not used
 ///
 /// # Errors
-/// [`Error::Input`] where the images' sizes differ.
+/// [`Error::Input`] where the images' sizes differ, `delta` is below 0, or a tolerance or the diameter
+/// is not above 0.
 ///
 /// Source: Hodaň, Michel et al., "BOP: Benchmark for 6D Object Pose Estimation", 2018; `vsd` of
 /// bop_toolkit.
@@ -62,6 +63,14 @@ pub fn vsd(
             size(estimate),
             size(truth),
             size(measured)
+        )));
+    }
+    let above_0 = |x: &f64| x.is_finite() && *x > 0.0;
+    let tolerated = options.delta >= 0.0 && options.taus.iter().all(above_0);
+    if !(tolerated && options.diameter.iter().all(above_0)) {
+        return Err(Error::Input(format!(
+            "VSD: expected delta of 0 or more, taus and diameter above 0, got {}, {:?} and {:?}",
+            options.delta, options.taus, options.diameter
         )));
     }
     let (mut union, mut both) = (0_usize, 0_usize);

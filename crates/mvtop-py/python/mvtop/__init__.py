@@ -24,7 +24,14 @@ if TYPE_CHECKING:
     from mvtop import bop, metrics, statistics
     from mvtop._error import Error
     from mvtop._estimator import Estimator
-    from mvtop._objects import CameraPose, ObjectClass, ObjectPose, Sigma, Undetermined
+    from mvtop._objects import (
+        CameraPose,
+        ObjectClass,
+        ObjectPose,
+        PredictionWarning,
+        Sigma,
+        Undetermined,
+    )
     from mvtop._prediction import Prediction
 
 __all__ = [
@@ -36,6 +43,7 @@ __all__ = [
     "ObjectClass",
     "ObjectPose",
     "Prediction",
+    "PredictionWarning",
     "Rig",
     "Sigma",
     "Undetermined",
@@ -60,6 +68,7 @@ _HOMES = {
     "CameraPose": "mvtop._objects",
     "ObjectPose": "mvtop._objects",
     "Prediction": "mvtop._prediction",
+    "PredictionWarning": "mvtop._objects",
     "Sigma": "mvtop._objects",
     "Undetermined": "mvtop._objects",
 }

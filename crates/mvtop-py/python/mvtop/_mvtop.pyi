@@ -372,17 +372,17 @@ class Symmetries:
         """
     def __repr__(self, /) -> str: ...
 
-def auc_exact(errors: SupportsGetItem[int, SupportsFloat | SupportsIndex], max: SupportsFloat | SupportsIndex) -> float | None:
+def auc_exact(errors: ArrayLike, max: SupportsFloat | SupportsIndex) -> float | None:
     """
     Exact area under the recall curve from 0 to `max`, over `max`.
     """
 
-def auc_poet(errors: SupportsGetItem[int, SupportsFloat | SupportsIndex], max: SupportsFloat | SupportsIndex) -> float | None:
+def auc_poet(errors: ArrayLike, max: SupportsFloat | SupportsIndex) -> float | None:
     """
     The area of PoET's evaluation, `max` there being 0.1 m.
     """
 
-def auc_posecnn(errors: SupportsGetItem[int, SupportsFloat | SupportsIndex], max: SupportsFloat | SupportsIndex) -> float | None:
+def auc_posecnn(errors: ArrayLike, max: SupportsFloat | SupportsIndex) -> float | None:
     """
     The area of PoseCNN's and CosyPose's evaluations, `max` there being 0.1 m.
     """
@@ -398,7 +398,7 @@ def auroc(scores: ArrayLike, labels: ArrayLike) -> float | None:
     - returns: 0 to 1; None where all labels are alike
     """
 
-def average_recall(errors: SupportsGetItem[int, SupportsFloat | SupportsIndex], thresholds: SupportsGetItem[int, SupportsFloat | SupportsIndex]) -> float | None:
+def average_recall(errors: ArrayLike, thresholds: SupportsGetItem[int, SupportsFloat | SupportsIndex]) -> float | None:
     """
     Mean of the recalls at several thresholds: BOP's average recall for one kind of error.
     """
@@ -515,7 +515,7 @@ def read_scene(folder: str | PathLike[str], *, whole: bool = False) -> list[Imag
     Raises OSError for a file that cannot be read, ValueError for one that is not BOP's.
     """
 
-def recall(errors: SupportsGetItem[int, SupportsFloat | SupportsIndex], threshold: SupportsFloat | SupportsIndex) -> float | None:
+def recall(errors: ArrayLike, threshold: SupportsFloat | SupportsIndex) -> float | None:
     """
     Share of errors below a threshold; of ADD at 0.1 diameters, the usual "ADD recall". None
     without errors; an object that was not found counts as infinity.

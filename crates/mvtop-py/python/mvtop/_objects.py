@@ -37,6 +37,18 @@ def object_classes(native: NativeEstimator) -> list[ObjectClass]:
 
 
 @dataclass(frozen=True)
+class PredictionWarning:
+    """What makes poses doubtful, though it is no error."""
+
+    code: str
+    """What it is, for programs: "one_color" for an image that shows nothing."""
+    camera: str
+    """Id of the camera that it is about."""
+    message: str
+    """One sentence: what was seen, and what to do."""
+
+
+@dataclass(frozen=True)
 class Sigma:
     """The error that the network expects of its own pose."""
 

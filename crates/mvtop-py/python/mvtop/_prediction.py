@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mvtop._mvtop import BOP_RESULTS_HEADER, bop_results_line
-from mvtop._objects import CameraPose, ObjectPose, Sigma, Undetermined, object_classes
+from mvtop._objects import (
+    CameraPose,
+    ObjectPose,
+    PredictionWarning,
+    Sigma,
+    Undetermined,
+    object_classes,
+)
 
 if TYPE_CHECKING:
     import rerun
@@ -41,6 +48,8 @@ class Prediction:
     """Wall time of each stage and their total, milliseconds."""
     provider: str
     """What executed the network."""
+    warnings: list[PredictionWarning]
+    """What makes the poses doubtful; empty where nothing does."""
     rig: Rig
     _json: str = field(repr=False)
     _source: Source | None = field(repr=False)
@@ -55,6 +64,7 @@ class Prediction:
             objects=[_object(found) for found in report["objects"]],
             timings_ms=report["timings_ms"],
             provider=report["provider"],
+            warnings=[PredictionWarning(**warning) for warning in report["warnings"]],
             rig=rig,
             _json=text,
             _source=source,

@@ -1,10 +1,12 @@
 //! Results on disk while they come: one line of JSON for each group, so that an evaluation that
 //! was cut short goes on where it stopped.
 
-use std::fs::{File, OpenOptions};
+use std::collections::HashSet;
+use std::fs::{File, OpenOptions, TryLockError, remove_file};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use mvtop_core::{file, json};
 use mvtop_eval::bop::Estimate;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -38,25 +40,60 @@ pub struct Journal {
     path: PathBuf,
 }
 
+const ABOUT: &str = "run.json";
+const GROUPS: &str = "groups.jsonl";
+/// Largest files of results that are read.
+const MAX_ABOUT_BYTES: u64 = 1 << 20;
+const MAX_GROUPS_BYTES: u64 = 1 << 34;
+
 impl Journal {
-    /// Opens a folder of results, new or to go on with, and gives the lines that are whole.
+    /// Opens a folder of results, new or to go on with, and gives the lines that are whole. Until it
+    /// is dropped, or its process ends in whatever way, no other can open it.
     ///
     /// - `run`: all that results depend on; what was begun with another one is refused
-    /// - `force`: begin anew
-    pub fn open(dir: &Path, run: &Value, force: bool) -> Result<(Self, Vec<Line>)> {
-        let (about, path) = (dir.join("run.json"), dir.join("groups.jsonl"));
+    /// - `results`: names of the files that will be written beside the journal
+    /// - `force`: begin anew, removing what an evaluation wrote; other files are refused all the same
+    pub fn open(
+        dir: &Path,
+        run: &Value,
+        results: &[&str],
+        force: bool,
+    ) -> Result<(Self, Vec<Line>)> {
+        let (about, path) = (dir.join(ABOUT), dir.join(GROUPS));
         write::folder(dir)?;
-        if force {
-            let results = ["summary.json", "report.html"].map(|name| dir.join(name));
-            for old in results.iter().chain([&path, &about]) {
-                if old.exists() {
-                    std::fs::remove_file(old).map_err(failed("remove", old))?;
+        let mut begun = begun(&about)?;
+        let mut names = results.iter().chain([&GROUPS]);
+        let there = |name: &&&str| dir.join(name).symlink_metadata().is_ok();
+        if let (None, Some(name)) = (&begun, names.find(there)) {
+            return Err(Failure(format!(
+                "{} holds {name}, but no {ABOUT} that says of which evaluation; name another \
+                 folder, or move the file",
+                dir.display()
+            )));
+        }
+        let file = OpenOptions::new().create(true).append(true).open(&path);
+        let file = file.map_err(failed("open", &path))?;
+        file.try_lock().map_err(|cause| match cause {
+            TryLockError::WouldBlock => Failure(format!(
+                "another evaluation is writing to {}; wait for it, or name another folder",
+                dir.display()
+            )),
+            TryLockError::Error(cause) => failed("lock", &path)(cause),
+        })?;
+        if force && begun.is_some() {
+            file.set_len(0).map_err(failed("empty", &path))?;
+            for old in results
+                .iter()
+                .map(|name| dir.join(name))
+                .chain([about.clone()])
+            {
+                if old.symlink_metadata().is_ok() {
+                    remove_file(&old).map_err(failed("remove", &old))?;
                 }
             }
+            begun = None;
         }
-        if about.exists() {
-            let text = std::fs::read_to_string(&about).map_err(failed("read", &about))?;
-            let begun: Value = serde_json::from_str(&text).unwrap_or_default();
+        if let Some(begun) = begun {
             if begun != *run {
                 return Err(Failure(format!(
                     "{} is of another evaluation ({}); name another folder, or begin anew with \
@@ -65,21 +102,10 @@ impl Journal {
                     difference(&begun, run)
                 )));
             }
-        } else if path.exists() {
-            return Err(Failure(format!(
-                "{} has results but no run.json to say of what; name another folder, or begin anew \
-                 with --force",
-                dir.display()
-            )));
         } else {
-            write::whole(&about, &format!("{run:#}\n"))?;
+            write::whole(&about, format!("{run:#}\n").as_bytes())?;
         }
         let lines = whole_lines(&path)?;
-        let file = OpenOptions::new()
-            .create(true)
-            .append(true)
-            .open(&path)
-            .map_err(failed("open", &path))?;
         Ok((Self { file, path }, lines))
     }
 
@@ -93,12 +119,26 @@ impl Journal {
     }
 }
 
+/// What a folder's evaluation was begun with; `None` where there is none. A file of that name which
+/// does not say that it is an evaluation's is refused.
+fn begun(about: &Path) -> Result<Option<Value>> {
+    if about.symlink_metadata().is_err() {
+        return Ok(None);
+    }
+    let text = file::read_text(about, MAX_ABOUT_BYTES)?;
+    let begun: Value = json::from_str(&text).unwrap_or_default();
+    match begun.get("model_sha256") {
+        Some(_) => Ok(Some(begun)),
+        None => Err(Failure(format!(
+            "{} is not one of mvtop-cli's; name another folder",
+            about.display()
+        ))),
+    }
+}
+
 /// The lines that end in a line break; what follows the last one is cut off.
 fn whole_lines(path: &Path) -> Result<Vec<Line>> {
-    if !path.exists() {
-        return Ok(Vec::new());
-    }
-    let text = std::fs::read(path).map_err(failed("read", path))?;
+    let text = file::read(path, MAX_GROUPS_BYTES)?;
     let end = text.iter().rposition(|&byte| byte == b'\n');
     let end = end.map_or(0, |last| last + 1);
     if end < text.len() {
@@ -116,7 +156,16 @@ fn whole_lines(path: &Path) -> Result<Vec<Line>> {
         })
     };
     let lines = whole.filter(|line| !line.is_empty()).enumerate();
-    lines.map(read).collect()
+    let lines: Vec<Line> = lines.map(read).collect::<Result<_>>()?;
+    let mut groups = HashSet::new();
+    match lines.iter().find(|line| !groups.insert(&line.group)) {
+        None => Ok(lines),
+        Some(twice) => Err(Failure(format!(
+            "{}: group {} stands twice, so it would count twice; begin anew with --force",
+            path.display(),
+            twice.group
+        ))),
+    }
 }
 
 /// Names and values of what differs.

@@ -136,12 +136,7 @@ impl Plan {
         let mut cameras = Vec::new();
         let mut images = Vec::new();
         for view in &views {
-            let (width, height) = image::image_dimensions(&view.path).map_err(|cause| {
-                Failure(format!(
-                    "image {}: expected PNG, JPEG, TIFF or BMP, got: {cause}",
-                    view.path.display()
-                ))
-            })?;
+            let size = mvtop_core::image::size(&view.path)?;
             let world_from_cam = match view.world_from_cam {
                 Some(pose) => pose,
                 // One view needs no world.
@@ -157,7 +152,7 @@ impl Plan {
                 }
             };
             let (id, intrinsics) = (view.id.camera_id(), view.intrinsics.clone());
-            let camera = Camera::new(id, [width, height], intrinsics, world_from_cam)?;
+            let camera = Camera::new(id, size, intrinsics, world_from_cam)?;
             images.push(ViewImage {
                 camera: cameras.len(),
                 image: mvtop_core::image::load(&view.path, &camera)?,
@@ -165,6 +160,9 @@ impl Plan {
             cameras.push(camera);
         }
         let rig = Rig::new(cameras, 0)?;
+        for (view, camera) in views.iter().zip(rig.cameras()) {
+            self.check(scene, view, camera)?;
+        }
         let world_from_ref = rig.reference_camera().world_from_cam();
         let known = |object: &Instance| {
             let world_from_obj = world_from_ref * object.cam_from_obj;
@@ -181,6 +179,33 @@ impl Plan {
             images,
             rig,
         })
+    }
+
+    /// Refuses numbers that look like a mistake.
+    fn check(&self, scene: &Scene, view: &Frame, camera: &Camera) -> Result<()> {
+        let place = format!("{}: image {}", scene.folder.display(), view.id);
+        let center = [camera.width(), camera.height()].map(|side| f64::from(side - 1) / 2.0);
+        if camera.intrinsics().unproject(&center.into()).is_none() {
+            return Err(Failure(format!(
+                "{place}: expected a lens that sees the image's center, got cam_K and cam_dist by \
+                 which no ray meets it"
+            )));
+        }
+        for object in &view.objects {
+            let Some(model) = self.models.get(&object.object) else {
+                continue;
+            };
+            let distance = object.cam_from_obj.translation.vector.norm();
+            if distance < model.diameter_m / 4.0 {
+                return Err(Failure(format!(
+                    "{place}: object {}: expected millimetres in cam_t_m2c, got {:.4} mm from the \
+                     camera, which would be within the object",
+                    object.object,
+                    1e3 * distance
+                )));
+            }
+        }
+        Ok(())
     }
 
     /// The annotated boxes of one object: annotations have no identity across views, but a place.

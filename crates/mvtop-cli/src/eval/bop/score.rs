@@ -237,6 +237,7 @@ mod tests {
             diameter_m: 0.1 * 8f64.sqrt(),
             symmetries: Symmetries::default(),
             surface: Surface::new(mesh.vertices()).unwrap(),
+            path: "plate.ply".into(),
             mesh,
         }
     }

@@ -1,6 +1,7 @@
 //! What is given beside the images, and what is refused.
 
 use super::*;
+use crate::prediction::WarningCode;
 
 #[test]
 fn given_boxes_replace_the_detector() {
@@ -27,6 +28,30 @@ fn given_boxes_replace_the_detector() {
     assert_eq!(prediction.objects[0].score, 1.0);
     assert_eq!(prediction.objects[0].cameras[0].bbox, None);
     assert_eq!(prediction.objects[1].cameras[0].bbox, Some(bbox(0, first)));
+}
+
+#[test]
+fn image_of_one_color_is_warned_of() {
+    let rig = rig();
+    let seen: [(usize, &[[f64; 3]]); 2] = [(0, &BALLS), (2, &[])];
+    let estimator = Estimator::new(bundle(), Box::new(Geometry::new(&rig, &seen)));
+    let mut images = images(&rig, &[0, 2]);
+    let options = PredictOptions::default();
+    let warned = |images: &[ViewImage]| estimator.predict(&rig, images, &options).unwrap().warnings;
+    assert_eq!(warned(&images), []);
+    // A covered camera: black, but for noise.
+    for (i, pixel) in images[1].image.pixels_mut().enumerate() {
+        pixel.0 = [(i % 7) as u8; 3];
+    }
+    let [warning] = &warned(&images)[..] else {
+        panic!("expected one warning");
+    };
+    assert_eq!((warning.code, warning.camera), (WarningCode::OneColor, 2));
+    assert!(
+        warning.message.contains("camera `right` is of one color"),
+        "{}",
+        warning.message
+    );
 }
 
 #[test]
@@ -124,6 +149,43 @@ fn arguments_that_do_not_fit_are_refused_in_one_sentence() {
 }
 
 #[test]
+fn broken_detector_is_no_empty_scene() {
+    let rig = rig();
+    let error = |detector_disorder: fn(&mut DetectorMaps)| {
+        let network = Geometry {
+            detector_disorder,
+            ..Geometry::new(&rig, &[(0, &BALLS)])
+        };
+        let estimator = Estimator::new(bundle(), Box::new(network));
+        let result = estimator.predict(&rig, &images(&rig, &[0]), &PredictOptions::default());
+        result.unwrap_err().to_string()
+    };
+    let cases: [(fn(&mut DetectorMaps), &str); 5] = [
+        (
+            |maps| maps.scores.fill(f32::NAN),
+            "scores from 0 to 1, got NaN",
+        ),
+        (
+            |maps| maps.scores[(0, 0, 3, 4)] = 1.5,
+            "scores from 0 to 1, got 1.5",
+        ),
+        (
+            |maps| maps.scores[(0, 0, 3, 4)] = -0.1,
+            "scores from 0 to 1, got -0.1",
+        ),
+        (|maps| maps.boxes.fill(f32::INFINITY), "boxes"),
+        (|maps| maps.boxes.mapv_inplace(|side| -side), "boxes"),
+    ];
+    for (disorder, part) in cases {
+        let error = error(disorder);
+        assert!(
+            error.contains(part) && error.contains("bundle is broken"),
+            "{error}"
+        );
+    }
+}
+
+#[test]
 fn network_in_disorder_is_an_error() {
     let rig = rig();
     let error = |disorder: fn(&mut Decoded)| {
@@ -144,6 +206,9 @@ fn network_in_disorder_is_an_error() {
         error(|d| d.sigma[(1, 1)] = f32::INFINITY),
         Error::Pose(_)
     ));
+    assert!(matches!(error(|d| d.sigma[(0, 0)] = -1.0), Error::Pose(_)));
+    let behind = error(|d| d.translation *= -1.0);
+    assert!(behind.to_string().contains("behind all 1"), "{behind}");
     assert!(matches!(
         error(|d| d.rotation_6d.fill(0.0)),
         Error::Rotation6d(_)

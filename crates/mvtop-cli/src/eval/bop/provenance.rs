@@ -1,0 +1,111 @@
+//! What results depend on, so that none are taken for those of other data, another model or tool.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::time::UNIX_EPOCH;
+
+use mvtop_core::{Error, file};
+use mvtop_eval::bop::FrameId;
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+
+use super::plan::Plan;
+use crate::eval::args::BopArgs;
+use crate::failure::Result;
+
+/// Largest file that results are said to depend on.
+const MAX_FILE_BYTES: u64 = 1 << 30;
+
+/// What results depend on, for `run.json`. Where files lie is no part of it, but for the names of the
+/// data set.
+pub fn about(args: &BopArgs, bundle: &Path, plan: &Plan) -> Result<Value> {
+    let (split, trial) = (&args.split, &args.trial);
+    let targets = split.targets.as_deref().map(|path| hash([path]));
+    Ok(json!({
+        "tool": concat!("mvtop-cli ", env!("CARGO_PKG_VERSION")),
+        "dataset": folder_name(&split.dataset),
+        "split": split.split,
+        "grouping": split.grouping.to_string(),
+        "sensor": split.sensor,
+        "views": trial.views,
+        "objects": split.objects,
+        "targets_sha256": targets.transpose()?,
+        "annotations_sha256": annotations(plan)?,
+        "images_sha256": images(plan)?,
+        "meshes_sha256": hash(plan.models.values().map(|model| model.path.as_path()))?,
+        // It holds the hashes of all other files of the bundle.
+        "model_sha256": hash([bundle.join("model.json").as_path()])?,
+        "true_boxes": trial.true_boxes,
+        "min_views": trial.detection.min_views,
+        "box_noise": trial.noise.boxes,
+        "rig_noise_deg": trial.noise.rig_deg,
+        "rig_noise_mm": trial.noise.rig_mm,
+        "noise_seed": trial.noise.seed,
+        "vsd_delta_mm": args.vsd_delta_mm,
+    }))
+}
+
+/// Name of a folder, however it was given.
+pub fn folder_name(path: &Path) -> String {
+    let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let name = path.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
+}
+
+/// Of the contents of the scenes' files, `scene_camera.json` and its like, and of
+/// `models_info.json`.
+fn annotations(plan: &Plan) -> Result<String> {
+    let mut files: Vec<PathBuf> = Vec::new();
+    for scene in plan.scenes.values() {
+        let entries = std::fs::read_dir(&scene.folder).map_err(Error::read(&scene.folder))?;
+        let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+        let listed = |path: &PathBuf| {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            name.starts_with("scene_") && name.ends_with(".json")
+        };
+        files.extend(paths.filter(listed));
+    }
+    files.sort();
+    let mesh = plan
+        .models
+        .values()
+        .next()
+        .map(|model| model.path.as_path());
+    let info = mesh.map(|mesh| mesh.with_file_name("models_info.json"));
+    hash(files.iter().chain(&info).map(PathBuf::as_path))
+}
+
+/// Of the sizes and times of all images that are looked at: to read them all would take as long as
+/// the evaluation of a large split.
+fn images(plan: &Plan) -> Result<String> {
+    let groups = plan.groups.iter();
+    let views = groups.flat_map(|group| group.views.iter().map(|view| (group.scene, view)));
+    let views: BTreeSet<(u32, &FrameId)> = views.collect();
+    let mut sum = Sha256::new();
+    for (scene, view) in views {
+        let frame = &plan.scenes[&scene].frames[view];
+        for path in [Some(&frame.path), frame.depth.as_ref()]
+            .into_iter()
+            .flatten()
+        {
+            let about = path.metadata().map_err(Error::read(path))?;
+            let time = about.modified().ok();
+            let time = time.and_then(|time| time.duration_since(UNIX_EPOCH).ok());
+            let (bytes, time) = (about.len(), time.unwrap_or_default().as_nanos());
+            sum.update(format!("{scene}/{view} {bytes} {time}\n"));
+        }
+    }
+    Ok(format!("{:x}", sum.finalize()))
+}
+
+/// Of the names and contents of some files.
+fn hash<'a>(paths: impl IntoIterator<Item = &'a Path>) -> Result<String> {
+    let mut sum = Sha256::new();
+    for path in paths {
+        let bytes = file::read(path, MAX_FILE_BYTES)?;
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        sum.update(format!("{name} {}\n", bytes.len()));
+        sum.update(bytes);
+    }
+    Ok(format!("{:x}", sum.finalize()))
+}

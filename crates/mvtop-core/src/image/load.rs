@@ -1,0 +1,145 @@
+//! Image files, and what of them is refused.
+
+use std::io::{BufReader, Cursor};
+use std::path::Path;
+
+use image::metadata::Orientation;
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, RgbImage};
+
+use super::jpeg;
+use crate::camera::Camera;
+use crate::{Error, Result, file};
+
+/// Largest image file that is read.
+const MAX_FILE_BYTES: u64 = 1 << 29;
+/// Most pixels of an image: more than any camera has, so that memory is bounded also where the
+/// camera's size is the image's own.
+const MAX_PIXELS: u64 = 1 << 28;
+/// Decoded bytes per pixel at most: RGBA of 16 bits.
+const MAX_PIXEL_BYTES: u64 = 8;
+/// What a decoder may need beside the pixels.
+const DECODER_BYTES: u64 = 1 << 26;
+/// Images of 16 bits that are no brighter anywhere have 12 bits or fewer.
+const TWELVE_BITS: u16 = (1 << 12) - 1;
+
+/// Reads a PNG, JPEG, TIFF or BMP file taken by `camera`, as 8-bit RGB.
+///
+/// Grey images are spread over the three channels, alpha is dropped, 16 bits are scaled to 8, and
+/// floats from 0..1 to 0..255. The size is checked against the camera's before anything is decoded,
+/// which bounds the memory.
+///
+/// # Errors
+/// [`Error::Read`] where the file cannot be read; [`Error::Image`] where it is none of these, is
+/// broken or cut short, has another size than the camera's or more than 268 million pixels, is marked
+/// as rotated, in which case its pixels may not be those that the camera was calibrated with, or has
+/// values that cannot be what was seen: 16 bits of which 12 are used, or floats that are not 0 to 1.
+pub fn load(path: &Path, camera: &Camera) -> Result<RgbImage> {
+    let refuse = |problem: String| Error::Image {
+        camera: camera.id().to_owned(),
+        path: path.to_owned(),
+        problem,
+    };
+    let broken = |cause: image::ImageError| refuse(format!("cannot be decoded: {cause}"));
+
+    let bytes = file::read(path, MAX_FILE_BYTES)?;
+    let mut reader = ImageReader::new(Cursor::new(&bytes))
+        .with_guessed_format()
+        .map_err(Error::read(path))?;
+    let usable = |format: ImageFormat| format.reading_enabled();
+    if !reader.format().is_some_and(usable) {
+        return Err(refuse(
+            "is none of PNG, JPEG, TIFF and BMP; convert it to one of them".into(),
+        ));
+    }
+    let is_jpeg = reader.format() == Some(ImageFormat::Jpeg);
+    let pixels = u64::from(camera.width()) * u64::from(camera.height());
+    let mut limits = Limits::no_limits();
+    limits.max_alloc = Some(pixels.min(MAX_PIXELS) * MAX_PIXEL_BYTES + DECODER_BYTES);
+    reader.limits(limits);
+
+    let mut decoder = reader.into_decoder().map_err(broken)?;
+    let (width, height) = decoder.dimensions();
+    if (width, height) != (camera.width(), camera.height()) {
+        return Err(refuse(format!(
+            "expected {}x{} px as in the rig, got {width}x{height}; give the image as calibrated \
+             or change the camera's size, focal lengths and principal point in the rig",
+            camera.width(),
+            camera.height()
+        )));
+    }
+    if pixels > MAX_PIXELS {
+        return Err(refuse(format!(
+            "expected {MAX_PIXELS} px at most, got {width}x{height}; give a smaller image"
+        )));
+    }
+    if is_jpeg && !jpeg::is_whole(&bytes) {
+        return Err(refuse(
+            "ends before its last pixels; copy or take it again".into(),
+        ));
+    }
+    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    if orientation != Orientation::NoTransforms {
+        return Err(refuse(format!(
+            "is marked as rotated or mirrored (EXIF orientation {}); save it upright, as \
+             calibrated, without the mark",
+            orientation.to_exif()
+        )));
+    }
+    let decoded = DynamicImage::from_decoder(decoder).map_err(broken)?;
+    if let Some(problem) = value_problem(&decoded) {
+        return Err(refuse(problem));
+    }
+    Ok(decoded.into_rgb8())
+}
+
+/// Width and height of an image file, px; no more than its header is read.
+///
+/// # Errors
+/// [`Error::Read`] where the file cannot be read, [`Error::Data`] where it is no PNG, JPEG, TIFF or
+/// BMP file.
+pub fn size(path: &Path) -> Result<[u32; 2]> {
+    let reader = ImageReader::new(BufReader::new(file::open(path)?));
+    let reader = reader.with_guessed_format().map_err(Error::read(path))?;
+    let (width, height) = reader.into_dimensions().map_err(|cause| {
+        let path = path.display();
+        Error::Data(format!(
+            "image {path}: expected PNG, JPEG, TIFF or BMP, got: {cause}"
+        ))
+    })?;
+    Ok([width, height])
+}
+
+/// What is wrong with the range of an image's values, if anything.
+fn value_problem(image: &DynamicImage) -> Option<String> {
+    match image {
+        DynamicImage::ImageLuma16(image) => depth_problem(image.as_raw(), 1, 1),
+        DynamicImage::ImageLumaA16(image) => depth_problem(image.as_raw(), 2, 1),
+        DynamicImage::ImageRgb16(image) => depth_problem(image.as_raw(), 3, 3),
+        DynamicImage::ImageRgba16(image) => depth_problem(image.as_raw(), 4, 3),
+        DynamicImage::ImageRgb32F(image) => range_problem(image.as_raw()),
+        DynamicImage::ImageRgba32F(image) => range_problem(image.as_raw()),
+        _ => None,
+    }
+}
+
+/// - `colors`: the first of each pixel's `channels`, without alpha
+fn depth_problem(values: &[u16], channels: usize, colors: usize) -> Option<String> {
+    let seen = values
+        .chunks(channels)
+        .flat_map(|pixel| pixel.iter().take(colors));
+    let brightest = seen.copied().max().unwrap_or(0);
+    // All black is not a question of bits.
+    (1..=TWELVE_BITS).contains(&brightest).then(|| {
+        format!(
+            "has 16 bits of which 12 at most are used, its brightest value being {brightest}; \
+             scale the values to 0 to 65535, or save 8 bits"
+        )
+    })
+}
+
+fn range_problem(values: &[f32]) -> Option<String> {
+    let wrong = values.iter().find(|value| !(0.0..=1.0).contains(*value))?;
+    Some(format!(
+        "expected floats from 0 to 1, got {wrong}; scale them, or save 8 or 16 bits"
+    ))
+}

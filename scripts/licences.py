@@ -1,0 +1,90 @@
+#!/usr/bin/env python3
+"""Licences of the crates that are linked into the wheel, as one text that goes along with it.
+
+    scripts/licences.py --out FILE     write it anew, after a change of Cargo.lock
+    scripts/licences.py --check FILE   whether it is of the crates that are linked now
+
+Refuses crates under licences that are not permissive. Nothing is fetched but what cargo needs to build.
+"""
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+PERMISSIVE = {
+    "0BSD", "Apache-2.0", "Apache-2.0 WITH LLVM-exception", "BSD-2-Clause", "BSD-3-Clause",
+    "BSL-1.0", "CC0-1.0", "ISC", "MIT", "MIT-0", "Unicode-3.0", "Unlicense", "Zlib",
+}  # fmt: skip
+TEXTS = re.compile(r"(licen[cs]e|copying|notice|unlicense)", re.IGNORECASE)
+
+
+def linked() -> list[dict]:
+    """The crates from registries that `mvtop-py` is built of, by name."""
+    command = ["cargo", "metadata", "--format-version", "1", "--locked"]
+    about = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+    packages = {package["id"]: package for package in about["packages"]}
+    nodes = {node["id"]: node for node in about["resolve"]["nodes"]}
+    found, open_ = set(), [i for i, p in packages.items() if p["name"] == "mvtop-py"]
+    while open_:
+        package = open_.pop()
+        if package in found:
+            continue
+        found.add(package)
+        for dependency in nodes[package]["deps"]:
+            # Neither what builds it nor what tests it is in it.
+            if any(kind["kind"] is None for kind in dependency["dep_kinds"]):
+                open_.append(dependency["pkg"])
+    crates = [packages[package] for package in found if packages[package]["source"]]
+    return sorted(crates, key=lambda crate: (crate["name"], crate["version"]))
+
+
+def permitted(expression: str) -> bool:
+    """Whether there is a way to use a crate under permissive licences alone."""
+    words = re.sub(r"[()]", " ", expression.replace("/", " OR "))
+    ways = [way.strip() for way in words.split(" OR ")]
+    return any(all(part.strip() in PERMISSIVE for part in way.split(" AND ")) for way in ways)
+
+
+def texts(crate: dict) -> list[Path]:
+    """The files of a crate's licences; of MIT or Apache-2.0, of which one is enough, MIT's."""
+    files = sorted(Path(crate["manifest_path"]).parent.iterdir())
+    files = [path for path in files if TEXTS.match(path.name) and path.is_file()]
+    mit = any("mit" in path.name.lower() for path in files)
+    return [path for path in files if not (mit and "apache" in path.name.lower())]
+
+
+def text(crates: list[dict]) -> str:
+    wrong = [f"{c['name']} ({c['license']})" for c in crates if not permitted(c["license"] or "")]
+    if wrong:
+        sys.exit(f"error: expected permissive licences, got {', '.join(wrong)}; fix: another crate")
+    of_text: dict[str, list[str]] = {}
+    lines = ["Crates that are linked into mvtop's wheel, and their licences.", ""]
+    for crate in crates:
+        name = f"{crate['name']} {crate['version']}"
+        lines.append(f"{name}: {crate['license']}")
+        for path in texts(crate):
+            licence = path.read_text(encoding="utf-8", errors="replace")
+            licence = "\n".join(line.rstrip() for line in licence.strip().splitlines())
+            of_text.setdefault(licence, []).append(name)
+    for licence, names in of_text.items():
+        lines += ["", "=" * 80, f"Of {', '.join(names)}:", "", licence]
+    return "\n".join(lines) + "\n"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, help="file to write")
+    parser.add_argument("--check", type=Path, help="file to compare")
+    args = parser.parse_args()
+    now = text(linked())
+    if args.out:
+        args.out.write_text(now, encoding="utf-8")
+    if args.check and args.check.read_text(encoding="utf-8") != now:
+        sys.exit(f"error: {args.check} is of other crates; fix: make licences")
+
+
+if __name__ == "__main__":
+    main()
