@@ -31,7 +31,7 @@ pub struct BrownConrady {
     /// Radius at which `g r` stops rising; beyond it the image would fold back.
     fold: f64,
     /// `None` for a sensor that is not tilted, as nearly all are.
-    tilt: Option<Tilt>,
+    tilt: Option<Box<Tilt>>,
 }
 
 /// Between the plane z = 1 and a tilted one.
@@ -55,7 +55,7 @@ impl ProjectionModel for BrownConrady {
         Self {
             params,
             fold: fold([k1, k2, k3], [k4, k5, k6]),
-            tilt: Tilt::new(tx, ty),
+            tilt: Tilt::new(tx, ty).map(Box::new),
         }
     }
 

@@ -37,7 +37,9 @@ fn lenses() -> Vec<Intrinsics> {
         ),
         (
             600.0, // a thin prism
-            brown_conrady(&[-0.2, 0.07, 1e-3, -6e-4, 0.0, 0.0, 0.0, 0.01, 4e-3, -1e-3, 2e-3, 3e-3]),
+            brown_conrady(&[
+                -0.2, 0.07, 1e-3, -6e-4, 0.0, 0.0, 0.0, 0.01, 4e-3, -1e-3, 2e-3, 3e-3,
+            ]),
         ),
         (
             600.0, // and a tilted sensor
