@@ -15,6 +15,9 @@ const STEPS: i32 = 60;
 /// Most pairs that are printed.
 const MOST_LINES: usize = 30;
 
+/// Another meaning of a pose; the second argument is half a turn about x.
+type Reading = fn(&Isometry3<f64>, &Isometry3<f64>) -> Isometry3<f64>;
+
 /// What two cameras see of the same.
 pub struct Shared {
     pub pair: [usize; 2],
@@ -180,7 +183,7 @@ impl Views {
             return None;
         }
         let flip = Isometry3::rotation(Vector3::x() * std::f64::consts::PI);
-        let ways: [(&str, fn(&Isometry3<f64>, &Isometry3<f64>) -> Isometry3<f64>); 3] = [
+        let ways: [(&str, Reading); 3] = [
             ("in OpenGL's axes (y up, z backward)", |pose, flip| {
                 pose * flip
             }),

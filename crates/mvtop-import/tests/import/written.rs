@@ -61,6 +61,7 @@ fn k([fx, fy, cx, cy]: [f64; 4]) -> Vec<f64> {
 
 /// Files of a format, and what they do not say.
 type Files = (Vec<(String, String)>, Options);
+type Writer = fn(&[Written]) -> Files;
 
 fn kalibr(cameras: &[Written]) -> Files {
     let mut text = String::new();
@@ -339,7 +340,7 @@ proptest! {
             with(|params| (params[2], params[3]) = (0.0, 0.0)),
             with(|params| *params = [0.0; 5]),
         );
-        let formats: [(&[Written], fn(&[Written]) -> Files); 9] = [
+        let formats: [(&[Written], Writer); 9] = [
             (&four, kalibr),
             (&cameras, opencv),
             (&cameras, colmap),
