@@ -10,6 +10,7 @@ use crate::audit::args::Audit;
 use crate::eval::args::Eval;
 use crate::failure::Result;
 use crate::model_dir;
+use crate::rig::args::Rig;
 
 /// 6-DoF poses of objects seen by several calibrated cameras.
 #[derive(Parser)]
@@ -29,6 +30,9 @@ pub enum Command {
     /// Check a data set
     #[command(subcommand)]
     Audit(Audit),
+    /// Make rig files from other programs' calibrations, and look at them
+    #[command(subcommand)]
+    Rig(Rig),
     /// Say what was found of ONNX Runtime and the model, and what to do
     Doctor(NetworkArgs),
 }

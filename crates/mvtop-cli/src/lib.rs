@@ -13,6 +13,7 @@ mod model_dir;
 mod old_spelling;
 mod plot;
 mod progress;
+mod rig;
 mod table;
 mod write;
 
@@ -43,6 +44,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Infer(args) => infer::run(&args),
         Command::Eval(args) => eval::run(&args),
         Command::Audit(args) => audit::run(&args),
+        Command::Rig(args) => rig::run(&args),
         Command::Doctor(args) => doctor::run(&args),
     };
     match done {

@@ -6,6 +6,7 @@ mod doctor;
 mod eval_bop;
 mod eval_samples;
 mod infer;
+mod rig;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -1,8 +1,9 @@
-//! Radial and tangential distortion of a pinhole camera (OpenCV's `projectPoints`).
+//! Radial, tangential and thin prism distortion of a pinhole camera, and a tilted sensor (OpenCV's
+//! `projectPoints`).
 //!
 //! Source: Brown, "Decentering distortion of lenses", 1966; the rational radial factor is OpenCV's.
 
-use nalgebra::{Matrix2, Point2, Point3, Vector3};
+use nalgebra::{Matrix2, Matrix3, Point2, Point3, Rotation3, Vector3};
 
 use super::projection::{ProjectionModel, on_plane, padded};
 use super::radial;
@@ -12,36 +13,60 @@ const WIDEST: f64 = 1e3;
 /// Largest remaining error of an undistorted point, in focal lengths: some 1e-9 px.
 const SETTLED: f64 = 1e-12;
 
-/// Brown-Conrady distortion with 0, 4, 5 or 8 coefficients.
+/// Brown-Conrady distortion with 0, 4, 5, 8, 12 or 14 coefficients.
 ///
 /// With `r² = x² + y²`, a point `(x, y)` on the plane z = 1 moves to
 ///
 /// ```text
 /// g  = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)
-/// x' = g x + 2 p1 x y + p2 (r² + 2 x²)
-/// y' = g y + p1 (r² + 2 y²) + 2 p2 x y
+/// x' = g x + 2 p1 x y + p2 (r² + 2 x²) + s1 r² + s2 r⁴
+/// y' = g y + p1 (r² + 2 y²) + 2 p2 x y + s3 r² + s4 r⁴
 /// ```
+///
+/// and from there onto the plane of a sensor that is tilted by `tx` and `ty` about its x and y axes,
+/// radians.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BrownConrady {
-    params: [f64; 8],
+    params: [f64; 14],
     /// Radius at which `g r` stops rising; beyond it the image would fold back.
     fold: f64,
+    /// `None` for a sensor that is not tilted, as nearly all are.
+    tilt: Option<Box<Tilt>>,
+}
+
+/// Between the plane z = 1 and a tilted one.
+#[derive(Debug, Clone, PartialEq)]
+struct Tilt {
+    tilted_from_plane: Matrix3<f64>,
+    plane_from_tilted: Matrix3<f64>,
 }
 
 impl ProjectionModel for BrownConrady {
     const FAMILY: &'static str = "pinhole";
     const NAME: &'static str = "brown_conrady";
-    const PARAMS: &'static [&'static str] = &["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"];
-    const COUNTS: &'static [usize] = &[0, 4, 5, 8];
+    const PARAMS: &'static [&'static str] = &[
+        "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tx", "ty",
+    ];
+    const COUNTS: &'static [usize] = &[0, 4, 5, 8, 12, 14];
 
     fn from_finite(params: &[f64]) -> Self {
-        let params = padded(params);
-        let fold = fold(&params);
-        Self { params, fold }
+        let params: [f64; 14] = padded(params);
+        let [k1, k2, _, _, k3, k4, k5, k6, _, _, _, _, tx, ty] = params;
+        Self {
+            params,
+            fold: fold([k1, k2, k3], [k4, k5, k6]),
+            tilt: Tilt::new(tx, ty).map(Box::new),
+        }
     }
 
+    /// The rare ones, of thin prisms and tilted sensors, are left out where they are 0.
     fn params(&self) -> &[f64] {
-        &self.params
+        let zero = |range: &[f64]| range.iter().all(|&p| p == 0.0);
+        match &self.params {
+            all if zero(&all[8..]) => &all[..8],
+            all if zero(&all[12..]) => &all[..12],
+            all => all,
+        }
     }
 
     fn project(&self, point: &Point3<f64>) -> Option<Point2<f64>> {
@@ -58,11 +83,19 @@ impl BrownConrady {
     /// `None` past the fold.
     pub fn distort(&self, point: &Point2<f64>) -> Option<Point2<f64>> {
         let (image, jacobian) = self.map(point);
-        self.in_range(point, &jacobian).then_some(image)
+        let image = self.in_range(point, &jacobian).then_some(image)?;
+        match &self.tilt {
+            None => Some(image),
+            Some(tilt) => along(&tilt.tilted_from_plane, &image),
+        }
     }
 
     /// The inverse of [`BrownConrady::distort`]; `None` where it does not settle.
     pub fn undistort(&self, image: &Point2<f64>) -> Option<Point2<f64>> {
+        let image = &match &self.tilt {
+            None => *image,
+            Some(tilt) => along(&tilt.plane_from_tilted, image)?,
+        };
         // The radial part alone has a safe inverse, and the tangential part moves it but little.
         let radius = image.coords.norm();
         let start =
@@ -94,7 +127,7 @@ impl BrownConrady {
 
     /// The radial factor `g` and its derivative by r².
     fn factor(&self, r2: f64) -> (f64, f64) {
-        let [k1, k2, _, _, k3, k4, k5, k6] = self.params;
+        let [k1, k2, _, _, k3, k4, k5, k6, ..] = self.params;
         let over = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
         let under = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6));
         let d_over = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
@@ -111,29 +144,67 @@ impl BrownConrady {
 
     /// The distorted point and the derivative of the distortion there.
     fn map(&self, point: &Point2<f64>) -> (Point2<f64>, Matrix2<f64>) {
-        let [_, _, p1, p2, ..] = self.params;
+        let [_, _, p1, p2, _, _, _, _, s1, s2, s3, s4, _, _] = self.params;
         let (x, y) = (point.x, point.y);
         let r2 = x * x + y * y;
         let (g, dg) = self.factor(r2);
         let image = Point2::new(
-            g * x + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-            g * y + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+            g * x + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x) + r2 * (s1 + r2 * s2),
+            g * y + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y + r2 * (s3 + r2 * s4),
         );
+        // Of the thin prism, by r².
+        let (prism_x, prism_y) = (s1 + 2.0 * r2 * s2, s3 + 2.0 * r2 * s4);
         let cross = 2.0 * (dg * x * y + p1 * x + p2 * y);
         let jacobian = Matrix2::new(
-            g + 2.0 * (dg * x * x + p1 * y + 3.0 * p2 * x),
-            cross,
-            cross,
-            g + 2.0 * (dg * y * y + 3.0 * p1 * y + p2 * x),
+            g + 2.0 * (dg * x * x + p1 * y + 3.0 * p2 * x + prism_x * x),
+            cross + 2.0 * prism_x * y,
+            cross + 2.0 * prism_y * x,
+            g + 2.0 * (dg * y * y + 3.0 * p1 * y + p2 * x + prism_y * y),
         );
         (image, jacobian)
     }
 }
 
+impl Tilt {
+    /// - `tx`, `ty`: about the sensor's x and y axes, radians
+    fn new(tx: f64, ty: f64) -> Option<Self> {
+        if [tx, ty] == [0.0, 0.0] {
+            return None;
+        }
+        // OpenCV's angles turn the other way.
+        let about = |axis, angle: f64| Rotation3::from_axis_angle(&axis, -angle);
+        let turn = (about(Vector3::y_axis(), ty) * about(Vector3::x_axis(), tx)).into_inner();
+        let flatten = Matrix3::new(
+            turn[(2, 2)],
+            0.0,
+            -turn[(0, 2)], // in rows
+            0.0,
+            turn[(2, 2)],
+            -turn[(1, 2)], //
+            0.0,
+            0.0,
+            1.0,
+        );
+        let tilted_from_plane = flatten * turn;
+        // A sensor seen edge-on has no image: zeros let no point through.
+        let plane_from_tilted = tilted_from_plane.try_inverse().unwrap_or_default();
+        Some(Self {
+            tilted_from_plane,
+            plane_from_tilted,
+        })
+    }
+}
+
+/// A point through a homography; `None` where it goes to infinity or past it.
+fn along(homography: &Matrix3<f64>, point: &Point2<f64>) -> Option<Point2<f64>> {
+    let moved = homography * point.coords.push(1.0);
+    on_plane(&Point3::from(moved))
+}
+
 /// The first radius at which `g r` stops rising or `g` has a pole, at most [`WIDEST`].
-fn fold([k1, k2, _, _, k3, k4, k5, k6]: &[f64; 8]) -> f64 {
-    let over = [1.0, *k1, *k2, *k3];
-    let under = [1.0, *k4, *k5, *k6];
+fn fold([k1, k2, k3]: [f64; 3], [k4, k5, k6]: [f64; 3]) -> f64 {
+    let over = [1.0, k1, k2, k3];
+    let under = [1.0, k4, k5, k6];
     // The sign of d(g r)/dr as a polynomial in s = r²: under (over + 2s over') - 2s over under'.
     let twice_s = |p: &[f64]| radial::product(&[0.0, 2.0], &radial::derivative(p));
     let plus = |a: &[f64], factor: f64, b: &[f64]| -> Vec<f64> {

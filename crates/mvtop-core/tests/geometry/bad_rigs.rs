@@ -72,7 +72,7 @@ pub const BAD: &[(&str, &str, &[&str])] = &[
     ("\"fisheye\"", "\"pinhole\"", &["camera `wide`", "kannala_brandt needs `model` \"fisheye\""]),
     ("\"pinhole\"", "\"fisheye\"", &["camera `left`", "brown_conrady needs `model` \"pinhole\""]),
     ("\"brown_conrady\"", "\"radtan\"", &["camera `left`", "brown_conrady", "got \"radtan\""]),
-    (", 0.00057, 0]", "]", &["camera `left`", "0, 4, 5 or 8 coefficients", "got 3"]),
+    (", 0.00057, 0]", "]", &["camera `left`", "0, 4, 5, 8, 12 or 14 coefficients", "got 3"]),
     (", 0.0155]", "]", &["camera `wide`", "4 coefficients", "got 3"]),
     ("0.0155", "null", &["camera `wide`, `distortion`", "`params` must be a list of finite"]),
     ("\"params\": [0.", "\"coeffs\": [0.", &["unknown key `coeffs`", "as `params`"]),

@@ -223,7 +223,7 @@ fn a_wrong_unit_is_found_in_numbers_as_in_files() {
 #[test]
 fn no_distortion_is_a_pinhole_whoever_builds_it() {
     use mvtop_core::camera::{BrownConrady, ProjectionModel};
-    for zeros in [0, 4, 5, 8] {
+    for zeros in [0, 4, 5, 8, 12, 14] {
         let params = vec![0.0; zeros];
         let by_name = Projection::from_params("pinhole", Some("brown_conrady"), &params);
         let by_family = Projection::from_params("pinhole", None, &params);
@@ -272,7 +272,7 @@ fn projections_of_unknown_names_are_refused() {
             "pinhole",
             None,
             &[0.1; 3],
-            "brown_conrady takes 0, 4, 5 or 8 coefficients (k1 k2 p1 p2 k3 k4 k5 k6), got 3",
+            "brown_conrady takes 0, 4, 5, 8, 12 or 14 coefficients (k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty), got 3",
         ),
         (
             "fisheye",

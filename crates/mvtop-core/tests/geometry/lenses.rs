@@ -49,6 +49,33 @@ fn brown_conrady_by_hand() {
 }
 
 #[test]
+fn thin_prism_and_tilt_by_hand() {
+    let eight = [0.0; 8];
+    let with = |more: &[f64]| unit(brown_conrady(&[&eight, more].concat()));
+    // r² = 0.25 + 0.0625 = 0.3125: x + s1 r² + s2 r⁴, y + s3 r² + s4 r⁴.
+    let prism = with(&[0.1, 0.2, -0.1, 0.4]);
+    assert_close(project(&prism, 0.5, 0.25, 1.0), [0.55078125, 0.2578125]);
+    // A sensor turned by 60° about its x axis: the plane's point in the sensor's frame, seen along its
+    // axis again.
+    let tilted = with(&[0.0, 0.0, 0.0, 0.0, 60f64.to_radians(), 0.0]);
+    let (cos, sin) = (0.5, 0.75f64.sqrt());
+    let (x, y, z) = (0.2, 0.1 * cos + sin, cos - 0.1 * sin);
+    assert_close(
+        project(&tilted, 0.2, 0.1, 1.0),
+        [cos * x / z, (cos * y - sin * z) / z],
+    );
+}
+
+#[test]
+fn coefficients_that_are_0_at_the_end_are_left_out() {
+    let projection = |params: &[f64]| brown_conrady(&[&[0.1; 8], params].concat());
+    assert_eq!(projection(&[0.0; 4]), brown_conrady(&[0.1; 8]));
+    assert_eq!(projection(&[0.0; 6]).params(), [0.1; 8]);
+    let prism = [0.1, 0.0, 0.0, 0.0, 0.0, 0.0];
+    assert_eq!(projection(&prism).params().len(), 12);
+}
+
+#[test]
 fn kannala_brandt_by_hand() {
     let lens = unit(kannala_brandt(&[0.1, 0.0, 0.0, 0.0]));
     let radius = FRAC_PI_4 * (1.0 + 0.1 * FRAC_PI_4 * FRAC_PI_4);
@@ -143,6 +170,8 @@ fn every_lens_agrees_with_opencv() {
         "pinhole_4",
         "pinhole_5",
         "pinhole_8",
+        "pinhole_12",
+        "pinhole_14",
         "fisheye",
     ] {
         let params = numbers(name, "params");

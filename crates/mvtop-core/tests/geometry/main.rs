@@ -35,6 +35,18 @@ fn lenses() -> Vec<Intrinsics> {
             500.0,
             brown_conrady(&[0.62, -2.41, 7e-4, -2.3e-4, 1.39, 0.49, -2.22, 1.31]),
         ),
+        (
+            600.0, // a thin prism
+            brown_conrady(&[
+                -0.2, 0.07, 1e-3, -6e-4, 0.0, 0.0, 0.0, 0.01, 4e-3, -1e-3, 2e-3, 3e-3,
+            ]),
+        ),
+        (
+            600.0, // and a tilted sensor
+            brown_conrady(&[
+                -0.2, 0.07, 1e-3, -6e-4, 0.0, 0.0, 0.0, 0.01, 4e-3, -1e-3, 2e-3, 3e-3, 0.03, -0.05,
+            ]),
+        ),
         (278.0, kannala_brandt(&[-0.006, 0.016, -0.024, 0.0155])),
         (150.0, kannala_brandt(&[0.0; 4])), // its corners look behind the camera
     ]

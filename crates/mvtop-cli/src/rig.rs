@@ -1,0 +1,60 @@
+//! `rig`: rig files, from other programs' files, and what they say.
+
+pub mod args;
+mod picture;
+mod views;
+
+use mvtop_core::Rig;
+
+use self::args::{Import, Rig as Command, Show};
+use self::views::Views;
+use crate::failure::{Failure, Result};
+use crate::write;
+
+pub fn run(command: &Command) -> Result<()> {
+    match command {
+        Command::Import(args) => import(args),
+        Command::Show(args) => show(args).map(|_| ()),
+        Command::Check(args) => match show(args)? {
+            Some(problem) => Err(Failure(format!("{}: {problem}", args.rig.display()))),
+            None => write::print("nothing speaks against this rig"),
+        },
+    }
+}
+
+fn import(args: &Import) -> Result<()> {
+    write::may_write(&args.out, args.force)?;
+    let imported = mvtop_import::import(&args.files, &args.options())?;
+    let text = imported.rig.to_json();
+    // What is written here must be read everywhere.
+    Rig::from_json(&text)?;
+    write::whole(&args.out, &text)?;
+    let cameras = imported.rig.cameras().len();
+    let (out, format) = (args.out.display(), imported.format);
+    let s = if cameras == 1 { "" } else { "s" };
+    write::print(&format!("{out}: {cameras} camera{s}, from {format}"))?;
+    for note in &imported.notes {
+        write::print(&format!("  {note}"))?;
+    }
+    write::print(&format!(
+        "look at it: mvtop-cli rig show {out} --picture rig.svg"
+    ))
+}
+
+/// What cannot be meant, if anything.
+fn show(args: &Show) -> Result<Option<String>> {
+    if let Some(path) = &args.picture {
+        write::may_write(path, args.force)?;
+    }
+    let rig = Rig::load(&args.rig)?;
+    let views = Views::of(&rig);
+    write::print(views.text(&rig).trim_end())?;
+    let problem = views.problem(&rig);
+    if let Some(problem) = &problem {
+        write::print(&format!("warning: {problem}"))?;
+    }
+    if let Some(path) = &args.picture {
+        write::whole(path, &picture::svg(&rig))?;
+    }
+    Ok(problem)
+}

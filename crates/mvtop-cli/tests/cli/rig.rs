@@ -1,0 +1,109 @@
+//! `rig`: import, show and check.
+
+use std::fs::{read_to_string, write};
+use std::path::Path;
+
+use tempfile::TempDir;
+
+use crate::{mvtop, refusal, stdout};
+
+/// Two cameras 0.4 m apart that look at the same point 1 m ahead of the middle, in OpenCV's terms.
+const PAIR: &str = r#"{"K1": [[500, 0, 319.5], [0, 500, 239.5], [0, 0, 1]], "D1": [0, 0, 0, 0, 0],
+    "K2": [[500, 0, 319.5], [0, 500, 239.5], [0, 0, 1]], "D2": [0, 0, 0, 0, 0], "image_size": [640, 480],
+    "R": [0, 0.4, 0], "T": [-0.38, 0, 0.1]}"#;
+
+fn path(folder: &TempDir, name: &str) -> String {
+    folder.path().join(name).display().to_string()
+}
+
+fn rig_file(folder: &TempDir, poses: &[&str]) -> String {
+    let cameras: Vec<String> = poses
+        .iter()
+        .enumerate()
+        .map(|(i, pose)| {
+            format!(
+                r#"{{"id": "c{i}", "width": 640, "height": 480, "fx": 500, "fy": 500, "cx": 319.5, "cy": 239.5,
+                    {pose}}}"#
+            )
+        })
+        .collect();
+    let text = format!(
+        r#"{{"format": "mvtop-rig", "version": 1, "unit": "m", "cameras": [{}]}}"#,
+        cameras.join(", ")
+    );
+    let file = path(folder, "made.json");
+    write(&file, text).unwrap();
+    file
+}
+
+#[test]
+fn import_asks_writes_once_and_is_read_back() {
+    let folder = TempDir::new().unwrap();
+    let (file, out) = (path(&folder, "pair.json"), path(&folder, "rig.json"));
+    write(&file, PAIR).unwrap();
+    let error = refusal(&mvtop(&["rig", "import", &file, "-o", &out]));
+    assert!(
+        error.contains("--scale") && !Path::new(&out).exists(),
+        "{error}"
+    );
+    let import = [
+        "rig", "import", "--from", "opencv", &file, "--unit", "m", "-o", &out,
+    ];
+    let text = stdout(&mvtop(&import));
+    assert!(text.contains("2 cameras, from opencv"), "{text}");
+    let written = read_to_string(&out).unwrap();
+    assert!(mvtop_core::Rig::from_json(&written).is_ok());
+    assert!(refusal(&mvtop(&import)).contains("--force"));
+    assert_eq!(read_to_string(&out).unwrap(), written);
+    stdout(&mvtop(&[&import[..], &["--force"]].concat()));
+    stdout(&mvtop(&["rig", "check", &out]));
+}
+
+#[test]
+fn show_says_and_draws_where_cameras_are() {
+    let folder = TempDir::new().unwrap();
+    let turned = |angle: f64, x: f64| {
+        let (s, c) = (angle / 2.0).sin_cos();
+        format!(r#""T_world_cam": {{"t": [{x}, 0, 0], "q_wxyz": [{c}, 0, {s}, 0]}}"#)
+    };
+    let angle = 0.2f64.atan2(1.0);
+    let file = rig_file(&folder, &[&turned(angle, -0.2), &turned(-angle, 0.2)]);
+    let picture = path(&folder, "rig.svg");
+    let text = stdout(&mvtop(&["rig", "check", &file, "--picture", &picture]));
+    for fact in [
+        "c0 - c1: 0.4000 m apart, 22.6 deg",
+        "in common: ",
+        "in front of 2 of 2",
+    ] {
+        assert!(text.contains(fact), "{fact} is missing in:\n{text}");
+    }
+    let svg = read_to_string(&picture).unwrap();
+    assert!(svg.starts_with("<svg") && svg.contains("0.400 m") && svg.contains(">c1<"));
+    assert!(refusal(&mvtop(&["rig", "show", &file, "--picture", &picture])).contains("--force"));
+}
+
+#[test]
+fn swapped_axes_and_directions_are_named() {
+    let folder = TempDir::new().unwrap();
+    // Two cameras opposite each other, 2 m apart, that look at the middle; in OpenGL's axes, away from it.
+    let facing = [
+        r#""T_world_cam": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -1], [0, 0, 0, 1]]"#,
+        r#""T_world_cam": [[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 1], [0, 0, 0, 1]]"#,
+    ];
+    stdout(&mvtop(&["rig", "check", &rig_file(&folder, &facing)]));
+    let away = [
+        r#""T_world_cam": [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, -1], [0, 0, 0, 1]]"#,
+        r#""T_world_cam": [[-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1]]"#,
+    ];
+    let away = rig_file(&folder, &away);
+    let error = refusal(&mvtop(&["rig", "check", &away]));
+    assert!(
+        error.contains("no view in common") || error.contains("any view in common"),
+        "{error}"
+    );
+    assert!(
+        error.contains("OpenGL") || error.contains("other direction"),
+        "{error}"
+    );
+    stdout(&mvtop(&["rig", "show", &away])); // says it, but does not fail
+}

@@ -1,0 +1,180 @@
+//! What a file says of its cameras, before what it leaves open is filled in and all is checked.
+
+use mvtop_core::{Camera, Rig, transform};
+use nalgebra::{Isometry3, Matrix3, Vector3};
+
+use crate::lens::{Lens, Plane};
+use crate::node::Rows4;
+use crate::{Checked, Direction, Options};
+
+/// A rig as a file has it.
+pub struct Draft {
+    pub cameras: Vec<DraftCamera>,
+    /// Metres per unit of the file's lengths, where the format says it.
+    pub metres: Option<f64>,
+    /// What to do about cameras without a pose.
+    pub posing: &'static str,
+    pub notes: Vec<String>,
+}
+
+/// A camera as a file has it.
+pub struct DraftCamera {
+    pub id: String,
+    pub size: Option<[u32; 2]>,
+    pub plane: Plane,
+    pub lens: Lens,
+    pub pose: Option<Pose>,
+}
+
+/// Where a camera is, in the file's unit.
+pub struct Pose {
+    pub transform: Isometry3<f64>,
+    /// `None` where the file does not say.
+    pub direction: Option<Direction>,
+}
+
+impl Pose {
+    pub fn world_from_cam(transform: Isometry3<f64>) -> Self {
+        Self {
+            transform,
+            direction: Some(Direction::WorldFromCam),
+        }
+    }
+
+    pub fn cam_from_world(transform: Isometry3<f64>) -> Self {
+        Self {
+            transform,
+            direction: Some(Direction::CamFromWorld),
+        }
+    }
+}
+
+impl Draft {
+    /// The rig.
+    pub fn finish(self, options: &Options) -> Checked<(Rig, Vec<String>)> {
+        let mut notes = self.notes;
+        let moved = |camera: &DraftCamera| {
+            let t = camera
+                .pose
+                .as_ref()
+                .map(|pose| pose.transform.translation.vector);
+            t.is_some_and(|t| t != Vector3::zeros())
+        };
+        let metres = match options.metres().or(self.metres) {
+            Some(metres) => metres,
+            None if self.cameras.iter().any(moved) => {
+                return Err(
+                    "the file does not say its unit of length; give `unit` (--unit m, cm or mm) or \
+                     `scale` (--scale METRES, metres per unit of the file)"
+                        .into(),
+                );
+            }
+            None => 1.0,
+        };
+        for id in options
+            .image_sizes
+            .iter()
+            .filter_map(|size| size.camera.as_ref())
+        {
+            if !self.cameras.iter().any(|camera| camera.id == *id) {
+                let ids: Vec<_> = self
+                    .cameras
+                    .iter()
+                    .map(|camera| camera.id.as_str())
+                    .collect();
+                let ids = ids.join(", ");
+                return Err(format!(
+                    "`image_size` (--image-size) names `{id}`, but the cameras are {ids}"
+                ));
+            }
+        }
+        let alone = self.cameras.len() == 1;
+        let mut cameras = Vec::new();
+        for camera in self.cameras {
+            let id = camera.id;
+            let of = |problem: String| format!("camera `{id}`: {problem}");
+            let size = image_size(&id, camera.size, options).map_err(of)?;
+            let (intrinsics, fitted) = camera.lens.intrinsics(&camera.plane, size).map_err(of)?;
+            notes.extend(fitted.map(of));
+            let mut world_from_cam = match camera.pose {
+                Some(pose) => directed(&pose, options).map_err(of)?,
+                None if alone => Isometry3::identity(),
+                None => return Err(of(format!("its place is missing; {}", self.posing))),
+            };
+            world_from_cam.translation.vector *= metres;
+            let camera = Camera::new(&id, size, intrinsics, world_from_cam);
+            cameras.push(camera.map_err(|error| error.to_string())?);
+        }
+        let rig = Rig::new(cameras, 0).map_err(|error| error.to_string())?;
+        rig.check_spread().map_err(|error| {
+            format!("{error}; check `unit` (--unit) or `scale` (--scale), {metres} m per unit here")
+        })?;
+        Ok((rig, notes))
+    }
+}
+
+fn image_size(id: &str, said: Option<[u32; 2]>, options: &Options) -> Checked<[u32; 2]> {
+    match (said, options.size_of(id)) {
+        (Some([w, h]), Some([width, height])) if [w, h] != [width, height] => Err(format!(
+            "the file says {w}x{h} px, `image_size` (--image-size) {width}x{height}; leave one out, \
+             and calibrate at the size of the images that are used"
+        )),
+        (Some(size), _) | (None, Some(size)) => Ok(size),
+        (None, None) => Err(
+            "the file does not say the size of its images; give `image_size` (--image-size WxH, or \
+             ID=WxH for each camera)"
+                .into(),
+        ),
+    }
+}
+
+fn directed(pose: &Pose, options: &Options) -> Checked<Isometry3<f64>> {
+    match (pose.direction, options.direction) {
+        (Some(said), Some(asked)) if said != asked => Err(
+            "the format says what its poses map to what, and it is not what `direction` \
+             (--direction) says; leave that out"
+                .into(),
+        ),
+        (None, None) => Err(
+            "the file does not say what its pose maps to what; give `direction` (--direction \
+             world_from_cam for the pose of the camera in the world, or cam_from_world for the \
+             inverse, OpenCV's R and t)"
+                .into(),
+        ),
+        (Some(direction), _) | (None, Some(direction)) => Ok(match direction {
+            Direction::WorldFromCam => pose.transform,
+            Direction::CamFromWorld => pose.transform.inverse(),
+        }),
+    }
+}
+
+/// An id that can be part of a file name.
+pub fn id(name: &str) -> String {
+    let usable = |c: char| c.is_alphanumeric() || "._-".contains(c);
+    let name: String = name
+        .chars()
+        .take(80)
+        .map(|c| if usable(c) { c } else { '_' })
+        .collect();
+    let name = name.trim_start_matches(['.', '-', '_']);
+    match name {
+        "" => "camera".into(),
+        name => name.to_owned(),
+    }
+}
+
+/// A rigid transform of a homogeneous matrix, in the file's unit.
+pub fn rigid(place: &str, rows: &Rows4) -> Checked<Isometry3<f64>> {
+    transform::from_matrix(rows).map_err(|error| format!("{place}: {error}"))
+}
+
+/// The same of a rotation, its rows one after the other, and a translation.
+pub fn rotation_and_translation(place: &str, r: &[f64; 9], t: [f64; 3]) -> Checked<Isometry3<f64>> {
+    let rows = std::array::from_fn(|row| std::array::from_fn(|column| r[3 * row + column]));
+    transform::from_rotation(&rows, t).map_err(|error| format!("{place}: {error}"))
+}
+
+/// Half a turn about x: from OpenGL's camera axes (y up, z backward) to OpenCV's (y down, z forward).
+pub fn opencv_from_opengl() -> Matrix3<f64> {
+    Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0))
+}

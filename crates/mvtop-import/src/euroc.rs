@@ -1,0 +1,55 @@
+//! EuRoC's `sensor.yaml`, one file per camera; the world frame is the body's.
+
+use crate::draft::{self, Draft, DraftCamera, Pose};
+use crate::lens::{Lens, Plane};
+use crate::node::Node;
+use crate::source::Source;
+use crate::{Checked, Options, yaml};
+
+pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
+    let cameras = sources.iter().map(camera).collect::<Checked<_>>()?;
+    Ok(Draft {
+        cameras,
+        metres: Some(1.0),
+        posing: "give its T_BS, the pose of the sensor in the body frame",
+        notes: vec!["the world frame is that of the body".into()],
+    })
+}
+
+fn camera(source: &Source) -> Checked<DraftCamera> {
+    let document = yaml::document(source)?;
+    let top = Node::new(&document, &source.name);
+    let of = |problem: String| format!("{}: {problem}", source.name);
+    if let Some(kind) = top
+        .find(&["sensor_type"])
+        .filter(|kind| kind.value != "camera")
+    {
+        return Err(kind.wrong("camera"));
+    }
+    let model = top.get(&["camera_model"])?;
+    if model.text()? != "pinhole" {
+        return Err(model.wrong("pinhole"));
+    }
+    let params = match top.find(&["distortion_coefficients"]) {
+        Some(params) => params.numbers()?,
+        None => Vec::new(),
+    };
+    let name = top.get(&["distortion_model"])?;
+    let body_from_sensor = top.get(&["T_BS"])?;
+    // mav0/cam0/sensor.yaml: the folder names the camera.
+    let folder = source.path.parent().and_then(|folder| folder.file_name());
+    let name_of_file = match (source.stem().as_str(), folder) {
+        ("sensor", Some(folder)) => folder.to_string_lossy().into_owned(),
+        (stem, _) => stem.to_owned(),
+    };
+    Ok(DraftCamera {
+        id: draft::id(&name_of_file),
+        size: Some(top.get(&["resolution"])?.size()?),
+        plane: Plane::new(top.get(&["intrinsics"])?.vector()?),
+        lens: Lens::named(name.text()?, &params).map_err(of)?,
+        pose: Some(Pose::world_from_cam(draft::rigid(
+            &body_from_sensor.place,
+            &body_from_sensor.matrix4()?,
+        )?)),
+    })
+}

@@ -1,0 +1,149 @@
+//! The formats, and how a file shows which one it is.
+
+use std::fmt;
+
+use serde_json::Value;
+
+use crate::source::Source;
+use crate::{Checked, yaml};
+
+/// A program's calibration files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Format {
+    /// OpenCV's FileStorage (YAML or JSON), and files with its names.
+    OpenCv,
+    /// ROS: `camera_info` and TF.
+    Ros,
+    /// Kalibr: a chain of cameras.
+    Kalibr,
+    /// COLMAP: cameras and images, text or binary.
+    Colmap,
+    /// BOP: `scene_camera.json`.
+    Bop,
+    /// NeRF: `transforms.json`.
+    Nerf,
+    /// DLR CalLab.
+    CalLab,
+    /// HALCON: camera parameters and poses.
+    Halcon,
+    /// EuRoC: `sensor.yaml`.
+    Euroc,
+}
+
+impl Format {
+    /// All of them.
+    pub const ALL: [Self; 9] = [
+        Self::OpenCv,
+        Self::Ros,
+        Self::Kalibr,
+        Self::Colmap,
+        Self::Bop,
+        Self::Nerf,
+        Self::CalLab,
+        Self::Halcon,
+        Self::Euroc,
+    ];
+
+    /// What it is called, in lower case.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::OpenCv => "opencv",
+            Self::Ros => "ros",
+            Self::Kalibr => "kalibr",
+            Self::Colmap => "colmap",
+            Self::Bop => "bop",
+            Self::Nerf => "nerf",
+            Self::CalLab => "callab",
+            Self::Halcon => "halcon",
+            Self::Euroc => "euroc",
+        }
+    }
+
+    /// By its name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|format| format.name() == name)
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// The one format that the files look like.
+pub fn recognise(sources: &[Source]) -> Checked<Format> {
+    let formats: Vec<Format> = sources.iter().filter_map(look).collect();
+    match formats.split_first() {
+        Some((first, others)) if others.iter().all(|other| other == first) => Ok(*first),
+        found => {
+            let found = match found {
+                None => "the format was not recognised".to_owned(),
+                Some(_) => {
+                    let names: Vec<_> = formats.iter().map(|format| format.name()).collect();
+                    format!("the files look like several formats ({})", names.join(", "))
+                }
+            };
+            let all = Format::ALL.map(Format::name).join(", ");
+            Err(format!(
+                "{found}; name it as `format` (--from), one of {all}"
+            ))
+        }
+    }
+}
+
+fn look(source: &Source) -> Option<Format> {
+    let name = source.file_name();
+    if ["cameras.bin", "images.bin"].contains(&name.as_str()) {
+        return Some(Format::Colmap);
+    }
+    let text = source.text().ok()?;
+    let lines = || text.lines().take(200).map(str::trim);
+    let has = |start: &str| lines().any(|line| line.starts_with(start));
+    if name.ends_with("cameras.txt") || name.ends_with("images.txt") || has("#   CAMERA_ID, MODEL")
+    {
+        return Some(Format::Colmap);
+    }
+    if has("ParGroup: Camera") || has("Focus:") || has("# 3D POSE PARAMETERS") {
+        return Some(Format::Halcon);
+    }
+    if lines().any(|line| line.starts_with("camera.") && line.contains('=')) {
+        return Some(Format::CalLab);
+    }
+    let documents = yaml::documents(source).ok()?;
+    let value = documents.first()?;
+    let has = |key: &str| value.get(key).is_some();
+    let any = |what: fn(&Value) -> bool| match value {
+        Value::Object(map) => map.values().any(what),
+        Value::Array(list) => list.iter().any(what),
+        _ => false,
+    };
+    let in_all = |key: &'static str| match value.as_object() {
+        Some(map) if !map.is_empty() => map.values().all(|value| value.get(key).is_some()),
+        _ => false,
+    };
+    if has("frames") || has("camera_angle_x") {
+        Some(Format::Nerf)
+    } else if in_all("cam_K") || in_all("cam_model") {
+        Some(Format::Bop)
+    } else if has("T_BS") {
+        Some(Format::Euroc)
+    } else if has("transforms")
+        || has("transform")
+        || any(|v| v.get("child_frame_id").is_some())
+        || (has("distortion_model") && (has("projection_matrix") || has("P") || has("p")))
+    {
+        Some(Format::Ros)
+    } else if any(|v| v.get("camera_model").is_some() && v.get("intrinsics").is_some()) {
+        Some(Format::Kalibr)
+    } else if text.starts_with("%YAML:1.0")
+        || any(|v| v.get("type_id").is_some())
+        || text.contains("opencv-matrix")
+        || crate::opencv::has_camera(value)
+    {
+        Some(Format::OpenCv)
+    } else {
+        None
+    }
+}

@@ -1,0 +1,141 @@
+//! Kalibr's chain of cameras, and files of OpenVINS, which state the inverse (`T_imu_cam`).
+
+use nalgebra::Isometry3;
+
+use crate::draft::{self, Draft, DraftCamera, Pose};
+use crate::lens::{Foreign, Lens, Plane};
+use crate::node::Node;
+use crate::source::Source;
+use crate::{Checked, Options, yaml};
+
+const CHAIN: &[&str] = &["T_cn_cnm1"];
+
+pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
+    let mut cameras = Vec::new();
+    let mut notes = Vec::new();
+    for source in sources {
+        let document = yaml::document(source)?;
+        let top = Node::new(&document, &source.name);
+        let mut found: Vec<_> = top.entries();
+        found.retain(|(_, node)| node.has("camera_model"));
+        // cam10 comes after cam9.
+        found.sort_by_key(|(name, _)| (name.len(), *name));
+        if found.is_empty() {
+            let name = &source.name;
+            return Err(format!(
+                "{name}: expected cam0 with `camera_model` and `intrinsics`, got none"
+            ));
+        }
+        let poses = poses(&found, &mut notes)?;
+        for ((name, node), pose) in found.iter().zip(poses) {
+            let (plane, lens) = optics(node)?;
+            cameras.push(DraftCamera {
+                id: draft::id(name),
+                size: Some(node.get(&["resolution"])?.size()?),
+                plane,
+                lens,
+                pose,
+            });
+        }
+    }
+    Ok(Draft {
+        cameras,
+        metres: Some(1.0),
+        posing: "give T_cn_cnm1 of each camera but the first, or T_cam_imu of all",
+        notes,
+    })
+}
+
+/// World is the first camera where there is a chain, else the IMU.
+fn poses(cameras: &[(&str, Node)], notes: &mut Vec<String>) -> Checked<Vec<Option<Pose>>> {
+    let chained = cameras.len() > 1
+        && cameras[1..]
+            .iter()
+            .all(|(_, node)| node.find(CHAIN).is_some());
+    let mut poses = Vec::new();
+    let mut cam_from_first = Isometry3::identity();
+    for (index, (_, node)) in cameras.iter().enumerate() {
+        let pose = if chained {
+            if let Some(node) = node.find(CHAIN).filter(|_| index > 0) {
+                cam_from_first = draft::rigid(&node.place, &node.matrix4()?)? * cam_from_first;
+            }
+            Some(Pose::cam_from_world(cam_from_first))
+        } else if let Some(node) = node.find(&["T_cam_imu"]) {
+            Some(Pose::cam_from_world(draft::rigid(
+                &node.place,
+                &node.matrix4()?,
+            )?))
+        } else if let Some(node) = node.find(&["T_imu_cam"]) {
+            Some(Pose::world_from_cam(draft::rigid(
+                &node.place,
+                &node.matrix4()?,
+            )?))
+        } else {
+            None
+        };
+        poses.push(pose);
+    }
+    if poses.iter().any(Option::is_some) {
+        let world = if chained {
+            "the first camera"
+        } else {
+            "the IMU"
+        };
+        notes.push(format!("the world frame is that of {world}"));
+    }
+    Ok(poses)
+}
+
+/// By the names of camera and distortion model, never by the number of coefficients.
+fn optics(node: &Node) -> Checked<(Plane, Lens)> {
+    let of = |problem: String| format!("{}: {problem}", node.place);
+    let intrinsics = node.get(&["intrinsics"])?;
+    let distortion = match node.find(&["distortion_model"]) {
+        Some(name) => name.text()?,
+        None => "none",
+    };
+    let params = match node.find(&["distortion_coeffs"]) {
+        Some(params) => params.numbers()?,
+        None => Vec::new(),
+    };
+    let bare = |foreign| match params.iter().all(|&p| p == 0.0) {
+        true => Ok(Lens::Foreign(foreign)),
+        false => Err(of(format!(
+            "{params:?} on top of its camera_model cannot be expressed"
+        ))),
+    };
+    match node.get(&["camera_model"])?.text()? {
+        "pinhole" => {
+            let lens = Lens::named(distortion, &params).map_err(of)?;
+            Ok((Plane::new(intrinsics.vector()?), lens))
+        }
+        "omni" => {
+            let [xi, plane @ ..] = intrinsics.vector::<5>()?;
+            let Lens::Native(projection) = Lens::named(distortion, &params).map_err(of)? else {
+                return Err(of(format!("omni with {distortion} cannot be expressed")));
+            };
+            if projection.family() != "pinhole" {
+                return Err(of(format!("omni with {distortion} cannot be expressed")));
+            }
+            let omni = Foreign::Omni {
+                xi,
+                distortion: projection,
+            };
+            Ok((Plane::new(plane), Lens::Foreign(omni)))
+        }
+        "ds" => {
+            let [xi, alpha, plane @ ..] = intrinsics.vector::<6>()?;
+            Ok((
+                Plane::new(plane),
+                bare(Foreign::DoubleSphere { xi, alpha })?,
+            ))
+        }
+        "eucm" => {
+            let [alpha, beta, plane @ ..] = intrinsics.vector::<6>()?;
+            Ok((Plane::new(plane), bare(Foreign::Eucm { alpha, beta })?))
+        }
+        other => Err(of(format!(
+            "the camera_model {other:?} is not known; expected pinhole, omni, ds or eucm"
+        ))),
+    }
+}

@@ -1,0 +1,95 @@
+//! Rigs from the calibration files of other programs: OpenCV, ROS, Kalibr, COLMAP, BOP, NeRF, DLR
+//! CalLab, HALCON and EuRoC.
+//!
+//! Files differ in axes, direction, unit, order of quaternions, half a pixel and names of lenses. What
+//! a file says decides; what it cannot say is asked for by name ([`Options`]); what a rig cannot
+//! express is refused, or fitted with the error of the fit in a note. Nothing is guessed.
+
+#![deny(missing_docs)]
+
+mod bop;
+mod callab;
+mod colmap;
+mod draft;
+mod euroc;
+mod format;
+mod halcon;
+mod kalibr;
+mod lens;
+mod nerf;
+mod node;
+mod opencv;
+mod options;
+mod ros;
+mod source;
+mod yaml;
+
+use std::path::PathBuf;
+
+pub use format::Format;
+pub use options::{Direction, ImageSize, Options, Unit};
+
+use mvtop_core::{Error, Result, Rig};
+
+/// A rig, and what there is to know of how it came about.
+#[derive(Debug)]
+pub struct Imported {
+    /// In metres.
+    pub rig: Rig,
+    /// The format that was read.
+    pub format: Format,
+    /// Sentences: what was taken for what, and the errors of lenses that were fitted.
+    pub notes: Vec<String>,
+}
+
+/// A sentence about what is wrong, without the file's name.
+type Checked<T> = std::result::Result<T, String>;
+
+/// Reads the calibration files of one rig.
+///
+/// - `paths`: in the order in which their cameras are wanted; of COLMAP the folder will do
+///
+/// # Errors
+/// [`Error::Read`] where a file cannot be read; [`Error::Rig`] for a file that is none of the format,
+/// that leaves open what `options` do not say, or whose cameras a rig cannot express.
+///
+/// ```no_run
+/// use mvtop_import::{Options, Unit, import};
+///
+/// let options = Options { unit: Some(Unit::Millimetre), ..Options::default() };
+/// let imported = import(&["intrinsics.yml".into(), "extrinsics.yml".into()], &options)?;
+/// println!("{}", imported.rig.to_json());
+/// # Ok::<(), mvtop_core::Error>(())
+/// ```
+pub fn import(paths: &[PathBuf], options: &Options) -> Result<Imported> {
+    let sources = source::read(paths)?;
+    let of = |origin: String| {
+        move |problem| Error::Rig {
+            origin,
+            problem,
+            cause: None,
+        }
+    };
+    let all = sources.iter().map(|s| s.name.as_str()).collect::<Vec<_>>();
+    let all = all.join(", ");
+    let format = match options.format {
+        Some(format) => format,
+        None => format::recognise(&sources).map_err(of(all.clone()))?,
+    };
+    options.check().map_err(of(all.clone()))?;
+    let read = match format {
+        Format::OpenCv => opencv::read,
+        Format::Ros => ros::read,
+        Format::Kalibr => kalibr::read,
+        Format::Colmap => colmap::read,
+        Format::Bop => bop::read,
+        Format::Nerf => nerf::read,
+        Format::CalLab => callab::read,
+        Format::Halcon => halcon::read,
+        Format::Euroc => euroc::read,
+    };
+    let (rig, notes) = read(&sources, options)
+        .and_then(|draft| draft.finish(options))
+        .map_err(of(all))?;
+    Ok(Imported { rig, format, notes })
+}

@@ -1,0 +1,348 @@
+//! OpenCV: FileStorage as YAML or JSON, of one camera, of a stereo pair, or of several cameras with
+//! `rvec` and `tvec` or `R` and `T` each; also other files with its names.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use serde_json::{Map, Value};
+
+use crate::draft::{self, Draft, DraftCamera, Pose};
+use crate::lens::{Lens, Plane};
+use crate::node::Node;
+use crate::source::Source;
+use crate::{Checked, Direction, Options, yaml};
+
+/// What programs call the same thing, without case and underscores.
+const NAMES: &[(&str, &[&str])] = &[
+    (
+        "K",
+        &[
+            "k",
+            "m",
+            "cameramatrix",
+            "mtx",
+            "intrinsicmatrix",
+            "intrinsics",
+            "intrinsic",
+            "cammatrix",
+        ],
+    ),
+    (
+        "D",
+        &[
+            "d",
+            "dist",
+            "distcoeffs",
+            "distcoeff",
+            "distortion",
+            "distortioncoefficients",
+            "distortioncoeffs",
+        ],
+    ),
+    ("R", &["r", "rmat", "rotation", "rotationmatrix"]),
+    ("T", &["t", "translation", "translationvector", "tvec"]),
+    ("rvec", &["rvec", "rotationvector", "om"]),
+    (
+        "size",
+        &["size", "imagesize", "resolution", "imgsize", "imgshape"],
+    ),
+    ("width", &["width", "imagewidth"]),
+    ("height", &["height", "imageheight"]),
+    (
+        "model",
+        &["model", "cameramodel", "distortionmodel", "lensmodel"],
+    ),
+    ("fisheye", &["fisheyemodel", "fisheye", "isfisheye"]),
+    (
+        "world_from_cam",
+        &[
+            "worldfromcam",
+            "tworldcam",
+            "camtoworld",
+            "cam2world",
+            "c2w",
+        ],
+    ),
+    (
+        "cam_from_world",
+        &[
+            "camfromworld",
+            "tcamworld",
+            "worldtocam",
+            "world2cam",
+            "w2c",
+        ],
+    ),
+    ("pose", &["pose", "extrinsic", "extrinsics", "transform"]),
+];
+
+/// What is said of one camera, by the names above.
+type Fields = Map<String, Value>;
+
+/// Which of the names a key is, and what it says of which camera: "1" of `M1`, "left" of `K_left`.
+fn split(key: &str) -> Option<(&'static str, String)> {
+    let plain: String = key.to_lowercase().chars().filter(|c| *c != '_').collect();
+    let endings = ["left", "right", "l", "r"];
+    let digits = plain.trim_end_matches(|c: char| c.is_ascii_digit());
+    let mut cuts = vec![plain.as_str()];
+    cuts.push(digits);
+    cuts.extend(endings.iter().filter_map(|end| plain.strip_suffix(end)));
+    cuts.into_iter().find_map(|base| {
+        let known = NAMES.iter().find(|(_, names)| names.contains(&base));
+        known.map(|(name, _)| (*name, plain[base.len()..].to_owned()))
+    })
+}
+
+/// Whether there is a camera in it, under whatever name.
+pub fn has_camera(value: &Value) -> bool {
+    let named =
+        |map: &Map<String, Value>| map.keys().any(|key| matches!(split(key), Some(("K", _))));
+    match value {
+        Value::Object(map) => named(map) || map.values().any(has_camera),
+        Value::Array(list) => list.iter().take(4).any(has_camera),
+        _ => false,
+    }
+}
+
+pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
+    let mut cameras: BTreeMap<String, Fields> = BTreeMap::new();
+    // R and T of no camera: of a pair.
+    let mut shared: Vec<(String, Fields)> = Vec::new();
+    for source in sources {
+        let document = yaml::document(source)?;
+        collect(&source.stem(), &document, &mut cameras, &mut shared)
+            .map_err(|problem| format!("{}: {problem}", source.name))?;
+    }
+    if cameras.is_empty() {
+        return Err("expected camera matrices (K, M1, camera_matrix, ...), got none".into());
+    }
+    let pair = match shared.as_slice() {
+        [] => None,
+        [(name, pair)] => {
+            let place = format!("{name}: R, T");
+            let pair = Node {
+                value: &Value::Object(pair.clone()),
+                place,
+            };
+            Some(transform(&pair)?)
+        }
+        [_, ..] => {
+            return Err("R and T are there several times; give one file of each pair".into());
+        }
+    };
+    if pair.is_some() && cameras.len() != 2 {
+        return Err(format!(
+            "R and T are those of a pair of cameras, got {} cameras; give rvec and tvec of each",
+            cameras.len()
+        ));
+    }
+    let mut draft = Vec::new();
+    let mut notes = Vec::new();
+    for (index, (id, fields)) in cameras.into_iter().enumerate() {
+        let value = Value::Object(fields);
+        let mut camera = camera(&id, &Node::new(&value, &id), options, &mut notes)?;
+        if let Some(second_from_first) = pair {
+            let cam_from_world = [Isometry3::identity(), second_from_first][index];
+            camera.pose = Some(Pose::cam_from_world(cam_from_world));
+        }
+        draft.push(camera);
+    }
+    if pair.is_some() {
+        notes.push(format!(
+            "R and T map `{}` to `{}` (stereoCalibrate), and the world frame is that of the first",
+            draft[0].id, draft[1].id
+        ));
+    }
+    Ok(Draft {
+        cameras: draft,
+        metres: None,
+        posing: "give R and T of the pair, or rvec and tvec of each camera",
+        notes,
+    })
+}
+
+/// Sorts what an object says by camera.
+fn collect(
+    name: &str,
+    value: &Value,
+    cameras: &mut BTreeMap<String, Fields>,
+    shared: &mut Vec<(String, Fields)>,
+) -> Checked<()> {
+    let mut found: BTreeMap<String, Fields> = BTreeMap::new();
+    let items: Vec<(String, &Value)> = match value {
+        Value::Object(map) => map
+            .iter()
+            .map(|(key, value)| (key.clone(), value))
+            .collect(),
+        Value::Array(list) => {
+            let key = |value: &Value, i: usize| {
+                let named = ["id", "name", "camera_id", "serial"]
+                    .iter()
+                    .find_map(|k| value.get(*k));
+                match named {
+                    Some(Value::String(name)) => name.clone(),
+                    Some(Value::Number(number)) => format!("cam{number}"),
+                    _ => format!("cam{i}"),
+                }
+            };
+            list.iter()
+                .enumerate()
+                .map(|(i, value)| (key(value, i), value))
+                .collect()
+        }
+        _ => return Err("expected an object or a list of cameras".into()),
+    };
+    let mut named: Fields = Fields::new();
+    for (key, value) in items {
+        match split(&key) {
+            Some((field, suffix)) => {
+                let fields = match suffix.is_empty() {
+                    true => &mut named,
+                    false => found.entry(suffix).or_default(),
+                };
+                if fields.insert(field.to_owned(), value.clone()).is_some() {
+                    return Err(format!("`{key}` is there twice, under different names"));
+                }
+            }
+            None if value.is_array() && key == "cameras" => collect(name, value, cameras, shared)?,
+            None if has_camera(value) => {
+                let inner = value.get("cameras").unwrap_or(value);
+                let flat = inner.as_object().is_some_and(|map| {
+                    map.keys().any(|key| {
+                        split(key).is_some_and(|(field, end)| field == "K" && end.is_empty())
+                    })
+                });
+                let id = key.rsplit('/').next().unwrap_or(&key);
+                collect(if flat { id } else { name }, inner, cameras, shared)?;
+            }
+            None => {}
+        }
+    }
+    // R1, R2, P1, P2 and Q are about rectified images, which these are not.
+    found.retain(|_, fields| fields.contains_key("K"));
+    let mut add = |id: String, fields: Fields| match cameras.insert(id.clone(), fields) {
+        None => Ok(()),
+        Some(_) => Err(format!(
+            "two cameras are called `{id}`; give each file its own name"
+        )),
+    };
+    if named.contains_key("K") {
+        add(draft::id(name), named)?;
+    } else {
+        let mut pair = Fields::new();
+        for key in ["R", "T", "rvec"] {
+            pair.extend(named.remove_entry(key));
+        }
+        if !pair.is_empty() {
+            shared.push((name.to_owned(), pair));
+        }
+        // What is left is of both cameras: the size of their images.
+        for fields in found.values_mut() {
+            fields.extend(named.clone());
+        }
+    }
+    for (suffix, fields) in found {
+        let id = match suffix.as_str() {
+            "l" => "left".to_owned(),
+            "r" => "right".to_owned(),
+            digits if digits.parse::<u32>().is_ok() => format!("cam{digits}"),
+            other => other.to_owned(),
+        };
+        add(id, fields)?;
+    }
+    Ok(())
+}
+
+fn camera(
+    id: &str,
+    node: &Node,
+    options: &Options,
+    notes: &mut Vec<String>,
+) -> Checked<DraftCamera> {
+    let of = |problem: String| format!("camera `{id}`: {problem}");
+    let plane = Plane::from_matrix(node.get(&["K"])?.vector()?).map_err(of)?;
+    let params = match node.find(&["D"]) {
+        Some(params) => params.numbers()?,
+        None => {
+            notes.push(of(
+                "no distortion coefficients were found, so none are assumed".into(),
+            ));
+            Vec::new()
+        }
+    };
+    let fisheye = node
+        .find(&["fisheye"])
+        .is_some_and(|node| match node.value {
+            Value::Bool(yes) => *yes,
+            value => value.as_f64().is_some_and(|number| number != 0.0),
+        });
+    let named = node.find(&["model"]).and_then(|model| model.value.as_str());
+    let lens = match (options.model.as_deref().or(named), params.len()) {
+        _ if fisheye => Lens::kannala_brandt(&params),
+        (Some(name), _) if !["pinhole", "perspective"].contains(&name) => Lens::named(name, &params),
+        // calibrateCamera gives 5 or more, but never 4 unless it is told to.
+        (None, 4) if params.iter().any(|&p| p != 0.0) => Err(
+            "4 coefficients are k1 k2 p1 p2 of a pinhole or k1 k2 k3 k4 of a fisheye, and the file does \
+             not say which; give `model` (--model pinhole or fisheye)"
+                .into(),
+        ),
+        _ => Lens::brown_conrady(&params),
+    };
+    let size = match (
+        node.find(&["size"]),
+        node.find(&["width"]),
+        node.find(&["height"]),
+    ) {
+        (Some(size), _, _) => Some(size.size()?),
+        (_, Some(width), Some(height)) => Some([width.pixels()?, height.pixels()?]),
+        _ => None,
+    };
+    Ok(DraftCamera {
+        id: draft::id(id),
+        size,
+        plane,
+        lens: lens.map_err(of)?,
+        pose: pose(node)?,
+    })
+}
+
+/// rvec and tvec are OpenCV's, from world to camera; what else there may be does not say.
+fn pose(node: &Node) -> Checked<Option<Pose>> {
+    let matrix = |key: &str| {
+        let found = node.find(&[key]);
+        found
+            .map(|node| draft::rigid(&node.place, &node.matrix4()?))
+            .transpose()
+    };
+    if let Some(pose) = matrix("world_from_cam")? {
+        return Ok(Some(Pose::world_from_cam(pose)));
+    }
+    if let Some(pose) = matrix("cam_from_world")? {
+        return Ok(Some(Pose::cam_from_world(pose)));
+    }
+    let (transform, direction) = if let Some(pose) = matrix("pose")? {
+        (pose, None)
+    } else if node.has("R") || node.has("rvec") || node.has("T") {
+        let direction = node.has("rvec").then_some(Direction::CamFromWorld);
+        (transform(node)?, direction)
+    } else {
+        return Ok(None);
+    };
+    Ok(Some(Pose {
+        transform,
+        direction,
+    }))
+}
+
+/// R, or a Rodrigues vector, with T.
+fn transform(node: &Node) -> Checked<Isometry3<f64>> {
+    let t: [f64; 3] = node.get(&["T"])?.vector()?;
+    let rotation = node.get(&["R", "rvec"])?;
+    match rotation.numbers()?.as_slice() {
+        &[x, y, z] => {
+            let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(x, y, z));
+            Ok(Isometry3::from_parts(Vector3::from(t).into(), rotation))
+        }
+        _ => draft::rotation_and_translation(&rotation.place, &rotation.vector()?, t),
+    }
+}

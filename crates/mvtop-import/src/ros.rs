@@ -1,0 +1,250 @@
+//! ROS: `camera_info` as `camera_calibration` writes it or as a message, and poses as TF (`/tf_static`).
+
+use std::collections::BTreeMap;
+
+use mvtop_core::transform;
+use nalgebra::Isometry3;
+
+use crate::draft::{self, Draft, DraftCamera, Pose};
+use crate::lens::{Lens, Plane};
+use crate::node::Node;
+use crate::source::Source;
+use crate::{Checked, Options, yaml};
+
+/// Parent of each frame, and parent_from_child.
+type Tree = BTreeMap<String, (String, Isometry3<f64>)>;
+
+struct Info {
+    /// Name of the camera, and of its frame where the file has it.
+    name: String,
+    frame: Option<String>,
+    camera: DraftCamera,
+    /// Rectified from raw camera frame.
+    rectification: Isometry3<f64>,
+    /// Of a rectified pair: x of its center in the frame of the left one, metres.
+    baseline: Option<f64>,
+}
+
+pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
+    let mut tree = Tree::new();
+    let mut infos = Vec::new();
+    for source in sources {
+        for document in yaml::documents(source)?
+            .iter()
+            .filter(|document| !document.is_null())
+        {
+            let top = Node::new(document, &source.name);
+            let of_camera = top.find(&["camera_matrix", "K", "k"]).is_some();
+            match of_camera {
+                true => infos.push(info(&top, source, options)?),
+                false => transforms(&top, &mut tree)?,
+            }
+        }
+    }
+    if infos.is_empty() {
+        return Err("expected a camera_info of each camera, got none".into());
+    }
+    name_apart(&mut infos);
+    let mut notes = vec![match options.rectified {
+        true => {
+            "the images are taken to be rectified (image_rect): P, without distortion".to_owned()
+        }
+        false => "the images are taken to be raw (image_raw): K and D; for image_rect give \
+                  `rectified` (--rectified)"
+            .to_owned(),
+    }];
+    let pair = tree.is_empty()
+        && infos
+            .iter()
+            .any(|info| info.baseline.is_some_and(|x| x != 0.0));
+    if pair {
+        notes.push(
+            "the cameras stand apart by the baseline in their P and turned by their R".into(),
+        );
+    }
+    let mut cameras = Vec::new();
+    for mut info in infos {
+        let pose = match (pair, info.baseline) {
+            (true, Some(x)) => Some(Isometry3::translation(x, 0.0, 0.0) * info.rectification),
+            _ if tree.is_empty() => None,
+            _ => Some(in_root(&info, &tree)?),
+        };
+        info.camera.pose = pose.map(|world_from_cam| {
+            Pose::world_from_cam(match options.rectified {
+                true => world_from_cam * info.rectification.inverse(),
+                false => world_from_cam,
+            })
+        });
+        cameras.push(info.camera);
+    }
+    Ok(Draft {
+        cameras,
+        metres: Some(1.0),
+        posing: "a camera_info has no pose, so give a file of transforms as well (ros2 topic echo \
+                 --once /tf_static)",
+        notes,
+    })
+}
+
+fn info(top: &Node, source: &Source, options: &Options) -> Checked<Info> {
+    let of = |problem: String| format!("{}: {problem}", top.place);
+    let header = top
+        .find(&["header"])
+        .and_then(|header| header.find(&["frame_id"]));
+    let frame = header.map(|id| id.text().map(str::to_owned)).transpose()?;
+    let name = match top.find(&["camera_name"]) {
+        Some(name) => name.text()?.to_owned(),
+        None => frame.clone().unwrap_or_else(|| source.stem()),
+    };
+    for key in ["binning_x", "binning_y"] {
+        if let Some(binning) = top.find(&[key]).filter(|b| b.number().unwrap_or(0.0) > 1.0) {
+            return Err(binning.wrong("0 or 1; calibrate with the binning that is used"));
+        }
+    }
+    if let Some(roi) = top.find(&["roi"]) {
+        let side = |key: &str| roi.find(&[key]).map_or(Ok(0.0), |node| node.number());
+        if side("x_offset")? != 0.0 || side("y_offset")? != 0.0 || side("width")? != 0.0 {
+            return Err(roi.wrong("the whole image; calibrate with the region that is used"));
+        }
+    }
+    let size = [
+        top.get(&["image_width", "width"])?.pixels()?,
+        top.get(&["image_height", "height"])?.pixels()?,
+    ];
+    let r = top.find(&["rectification_matrix", "R", "r"]);
+    let p = top.find(&["projection_matrix", "P", "p"]);
+    let p = p
+        .map(|p| p.vector::<12>())
+        .transpose()?
+        .filter(|p| p[0] != 0.0);
+    let r = r
+        .map(|r| r.vector::<9>())
+        .transpose()?
+        .filter(|r| *r != [0.0; 9]);
+    let rectification = match r {
+        Some(r) => draft::rotation_and_translation(&of("R".into()), &r, [0.0; 3])?,
+        None => Isometry3::identity(),
+    };
+    let (plane, lens) = if options.rectified {
+        let [fx, skew, cx, _, a, fy, cy, _, b, c, one, _] =
+            p.ok_or_else(|| of("rectified images need P, got none".into()))?;
+        let plane = Plane::from_matrix([fx, skew, cx, a, fy, cy, b, c, one]).map_err(of)?;
+        (plane, Lens::PINHOLE)
+    } else {
+        let matrix = top.get(&["camera_matrix", "K", "k"])?;
+        let params = match top.find(&["distortion_coefficients", "D", "d"]) {
+            Some(params) => params.numbers()?,
+            None => Vec::new(),
+        };
+        let model = top.get(&["distortion_model"])?;
+        let lens = Lens::named(model.text()?, &params).map_err(of)?;
+        (Plane::from_matrix(matrix.vector()?).map_err(of)?, lens)
+    };
+    Ok(Info {
+        camera: DraftCamera {
+            id: draft::id(&name),
+            size: Some(size),
+            plane,
+            lens,
+            pose: None,
+        },
+        name,
+        frame,
+        rectification,
+        // Tx = -fx' B, so a camera to the right has a negative one.
+        baseline: p.map(|p| -p[3] / p[0]),
+    })
+}
+
+/// The calibrator calls every camera `narrow_stereo`: those are told apart by their number.
+fn name_apart(infos: &mut [Info]) {
+    let ids: Vec<String> = infos.iter().map(|info| info.camera.id.clone()).collect();
+    for (index, info) in infos.iter_mut().enumerate() {
+        if ids.iter().filter(|id| **id == info.camera.id).count() > 1 {
+            info.camera.id = format!("{}_{index}", info.camera.id);
+        }
+    }
+}
+
+/// Adds transforms of a message or of a list of them.
+fn transforms(top: &Node, tree: &mut Tree) -> Checked<()> {
+    let list = match top.find(&["transforms"]) {
+        Some(list) => list.list()?,
+        None if top.value.is_array() => top.list()?,
+        None => vec![top.clone()],
+    };
+    for item in list {
+        let parent = item.get(&["header"])?.get(&["frame_id"])?.text()?;
+        let child = item.get(&["child_frame_id"])?.text()?;
+        let motion = item.get(&["transform"])?;
+        let (t, q) = (motion.get(&["translation"])?, motion.get(&["rotation"])?);
+        let part = |node: &Node, key: &str| node.get(&[key])?.number();
+        let wxyz = [
+            part(&q, "w")?,
+            part(&q, "x")?,
+            part(&q, "y")?,
+            part(&q, "z")?,
+        ];
+        let t = [part(&t, "x")?, part(&t, "y")?, part(&t, "z")?];
+        let parent_from_child = transform::from_quaternion_wxyz(wxyz, t)
+            .map_err(|error| format!("{}: {error}", motion.place))?;
+        let plain = |frame: &str| frame.trim_start_matches('/').to_owned();
+        if tree
+            .insert(plain(child), (plain(parent), parent_from_child))
+            .is_some()
+        {
+            return Err(format!(
+                "{}: the frame `{child}` is there twice",
+                item.place
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Pose of a camera in the frame that has no parent.
+fn in_root(info: &Info, tree: &Tree) -> Checked<Isometry3<f64>> {
+    let name = info.name.trim_start_matches('/');
+    // A frame of optical axes (z forward); `_link` and `_frame` are a body's (x forward).
+    let optical = [
+        name.to_owned(),
+        format!("{name}_optical_frame"),
+        format!("{name}_color_optical_frame"),
+        format!("{name}_optical"),
+    ];
+    let named = info
+        .frame
+        .iter()
+        .map(|frame| frame.trim_start_matches('/').to_owned());
+    let candidates: Vec<String> = named.chain(optical).collect();
+    let Some(frame) = candidates.iter().find(|frame| tree.contains_key(*frame)) else {
+        let known: Vec<&str> = tree.keys().map(String::as_str).collect();
+        return Err(format!(
+            "camera `{name}`: no transform of its optical frame ({}) among those of {}; set its \
+             camera_name, or the message's frame_id, to one of them",
+            candidates.join(", "),
+            known.join(", ")
+        ));
+    };
+    if ["_link", "_frame"].iter().any(|end| frame.ends_with(end))
+        && !frame.ends_with("optical_frame")
+    {
+        return Err(format!(
+            "camera `{name}`: its frame `{frame}` is a body's (x forward); expected its optical frame \
+             (z forward), with the transform between the two"
+        ));
+    }
+    let (mut at, mut root_from_cam) = (frame, Isometry3::identity());
+    for _ in 0..=tree.len() {
+        match tree.get(at) {
+            None => return Ok(root_from_cam),
+            Some((parent, parent_from_child)) => {
+                root_from_cam = parent_from_child * root_from_cam;
+                at = parent;
+            }
+        }
+    }
+    Err(format!(
+        "camera `{name}`: the transforms above `{frame}` go round in a circle"
+    ))
+}

@@ -1,0 +1,99 @@
+//! Files, read whole but not without end.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use mvtop_core::{Error, Result};
+
+use crate::Checked;
+
+/// Largest file that is read: COLMAP's images.bin lists the points of every image.
+const MOST_BYTES: u64 = 1 << 29;
+/// Largest file of text that is taken apart.
+const MOST_TEXT: usize = 1 << 26;
+/// Of COLMAP's folder, binary ones first, as COLMAP itself prefers them.
+const COLMAP: [[&str; 2]; 2] = [["cameras.bin", "images.bin"], ["cameras.txt", "images.txt"]];
+
+/// A file that was read.
+pub struct Source {
+    /// For errors.
+    pub name: String,
+    pub path: PathBuf,
+    pub bytes: Vec<u8>,
+}
+
+/// Reads files; of folders, those of COLMAP.
+pub fn read(paths: &[PathBuf]) -> Result<Vec<Source>> {
+    let mut sources = Vec::new();
+    for path in paths {
+        if !path.is_dir() {
+            sources.push(Source::read(path)?);
+            continue;
+        }
+        let complete = |names: &&[&str; 2]| names.iter().all(|name| path.join(name).is_file());
+        let Some(names) = COLMAP.iter().find(complete) else {
+            return Err(Error::Rig {
+                origin: path.display().to_string(),
+                problem: "a folder without COLMAP's cameras and images (.bin or .txt); name the \
+                          calibration files themselves"
+                    .into(),
+                cause: None,
+            });
+        };
+        for name in names {
+            sources.push(Source::read(&path.join(name))?);
+        }
+    }
+    if sources.is_empty() {
+        return Err(Error::Input(
+            "no calibration file given: expected at least one".into(),
+        ));
+    }
+    Ok(sources)
+}
+
+impl Source {
+    fn read(path: &Path) -> Result<Self> {
+        let mut bytes = Vec::new();
+        File::open(path)
+            .and_then(|file| file.take(MOST_BYTES + 1).read_to_end(&mut bytes))
+            .map_err(Error::read(path))?;
+        let name = path.display().to_string();
+        if bytes.len() as u64 > MOST_BYTES {
+            return Err(Error::Rig {
+                origin: name,
+                problem: format!("larger than {} MiB, so no calibration", MOST_BYTES >> 20),
+                cause: None,
+            });
+        }
+        Ok(Self {
+            name,
+            path: path.to_owned(),
+            bytes,
+        })
+    }
+
+    /// The file's own name, in lower case.
+    pub fn file_name(&self) -> String {
+        let name = self.path.file_name().unwrap_or_default();
+        name.to_string_lossy().to_lowercase()
+    }
+
+    /// The name without its ending.
+    pub fn stem(&self) -> String {
+        let name = self.path.file_stem().unwrap_or_default();
+        name.to_string_lossy().into_owned()
+    }
+
+    /// Its text, without a byte order mark.
+    pub fn text(&self) -> Checked<&str> {
+        if self.bytes.len() > MOST_TEXT {
+            let most = MOST_TEXT >> 20;
+            return Err(format!("{}: larger than {most} MiB of text", self.name));
+        }
+        let text = std::str::from_utf8(&self.bytes)
+            .map_err(|_| format!("{}: expected text (UTF-8), got other bytes", self.name))?;
+        Ok(text.strip_prefix('\u{feff}').unwrap_or(text))
+    }
+}

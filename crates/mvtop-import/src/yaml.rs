@@ -1,0 +1,127 @@
+//! YAML and JSON to one kind of value.
+//!
+//! Not serde's YAML: OpenCV's `%YAML:1.0` is no YAML directive, its tags say nothing that is needed,
+//! and a calibration that says a key twice must not lose one of the two.
+
+use saphyr_parser::{Event, Parser, ScalarStyle};
+use serde_json::{Map, Number, Value};
+
+use crate::Checked;
+use crate::source::Source;
+
+/// Deepest nesting that is read; calibrations have four.
+const DEEPEST: usize = 64;
+
+/// The documents of a file of YAML or JSON.
+pub fn documents(source: &Source) -> Checked<Vec<Value>> {
+    let text = source.text()?;
+    let of = |problem: String| format!("{}: {problem}", source.name);
+    if text.trim_start().starts_with(['{', '[']) && source.file_name().ends_with(".json") {
+        let value = serde_json::from_str(text).map_err(|cause| of(format!("no JSON: {cause}")))?;
+        return Ok(vec![value]);
+    }
+    parse(text).map_err(of)
+}
+
+/// The one document of a file.
+pub fn document(source: &Source) -> Checked<Value> {
+    let mut documents = documents(source)?;
+    match (documents.pop(), documents.len()) {
+        (Some(value), 0) => Ok(value),
+        (None, _) => Err(format!(
+            "{}: expected YAML or JSON, got nothing",
+            source.name
+        )),
+        (_, more) => Err(format!(
+            "{}: expected one YAML document, got {}",
+            source.name,
+            more + 1
+        )),
+    }
+}
+
+/// A list or mapping that is not complete yet.
+enum Open {
+    List(Vec<Value>),
+    Map(Map<String, Value>, Option<String>),
+}
+
+fn parse(text: &str) -> Checked<Vec<Value>> {
+    // A comment in place of OpenCV's first line keeps the numbers of the others.
+    let opencv = text.strip_prefix("%YAML:1.0");
+    let text = opencv.map_or(text.to_owned(), |rest| format!("#        {rest}"));
+    let mut documents = Vec::new();
+    let mut open: Vec<Open> = Vec::new();
+    for event in Parser::new_from_str(&text) {
+        let (event, span) = event.map_err(|error| {
+            let line = error.marker().line();
+            format!("no YAML: line {line}: {}", error.info())
+        })?;
+        let line = span.start.line();
+        let value = match event {
+            Event::Alias(_) => {
+                return Err(format!(
+                    "line {line}: YAML aliases (*) are not read; write it out"
+                ));
+            }
+            Event::SequenceStart(..) | Event::MappingStart(..) if open.len() >= DEEPEST => {
+                return Err(format!("line {line}: nested more than {DEEPEST} deep"));
+            }
+            Event::SequenceStart(..) => {
+                open.push(Open::List(Vec::new()));
+                continue;
+            }
+            Event::MappingStart(..) => {
+                open.push(Open::Map(Map::new(), None));
+                continue;
+            }
+            Event::Scalar(text, style, ..) => scalar(&text, style),
+            Event::SequenceEnd | Event::MappingEnd => match open.pop() {
+                Some(Open::List(list)) => Value::Array(list),
+                Some(Open::Map(map, _)) => Value::Object(map),
+                None => continue,
+            },
+            _ => continue,
+        };
+        match open.last_mut() {
+            None => documents.push(value),
+            Some(Open::List(list)) => list.push(value),
+            Some(Open::Map(map, key @ None)) => {
+                let name = match value {
+                    Value::String(name) => name,
+                    Value::Array(_) | Value::Object(_) => {
+                        return Err(format!("line {line}: a key must be a word"));
+                    }
+                    other => other.to_string(),
+                };
+                if map.contains_key(&name) {
+                    return Err(format!("line {line}: the key `{name}` is there twice"));
+                }
+                *key = Some(name);
+            }
+            Some(Open::Map(map, key)) => {
+                map.insert(key.take().unwrap_or_default(), value);
+            }
+        }
+    }
+    Ok(documents)
+}
+
+/// Plain words that are numbers are numbers; what is quoted is text.
+fn scalar(text: &str, style: ScalarStyle) -> Value {
+    if style != ScalarStyle::Plain {
+        return Value::String(text.to_owned());
+    }
+    match text {
+        "" | "~" | "null" => return Value::Null,
+        "true" | "True" => return Value::Bool(true),
+        "false" | "False" => return Value::Bool(false),
+        _ => {}
+    }
+    if let Ok(whole) = text.parse::<i64>() {
+        return Value::Number(whole.into());
+    }
+    // Rust also reads "inf" and "nan" as numbers, which a lens has none of.
+    let number = text.parse::<f64>().ok().and_then(Number::from_f64);
+    number.map_or_else(|| Value::String(text.to_owned()), Value::Number)
+}
