@@ -317,7 +317,10 @@ impl<'py> FromPyObject<'_, 'py> for Errors {
         let array = any.extract::<ArrayLike>()?;
         let errors = array.any_number::<f64>("errors", Some(0), &[0])?;
         // NaN is not 0 or more either.
-        match errors.iter().find(|&&error| !(error >= 0.0)) {
+        match errors
+            .iter()
+            .find(|error| !(0.0..=f64::INFINITY).contains(*error))
+        {
             None => Ok(Self(errors.into_iter().collect())),
             Some(wrong) => Err(value(format!(
                 "errors: expected 0 or more, infinity for what was not found, got {wrong}"
