@@ -28,7 +28,7 @@ fn import(args: &Import) -> Result<()> {
     let text = imported.rig.to_json();
     // What is written here must be read everywhere.
     Rig::from_json(&text)?;
-    write::whole(&args.out, &text)?;
+    write::whole(&args.out, text.as_bytes())?;
     let cameras = imported.rig.cameras().len();
     let (out, format) = (args.out.display(), imported.format);
     let s = if cameras == 1 { "" } else { "s" };
@@ -54,7 +54,7 @@ fn show(args: &Show) -> Result<Option<String>> {
         write::print(&format!("warning: {problem}"))?;
     }
     if let Some(path) = &args.picture {
-        write::whole(path, &picture::svg(&rig))?;
+        write::whole(path, picture::svg(&rig).as_bytes())?;
     }
     Ok(problem)
 }
