@@ -143,7 +143,7 @@ MILLIMETRES[1, 0, 3] = 800
         (lambda: mvtop.Camera(K * np.nan, (640, 480)), "K: expected finite numbers, got NaN"),
         (lambda: mvtop.Camera("K", (640, 480)), "K: expected numbers of shape (3, 3), got"),
         (lambda: mvtop.Camera(K, (640, 0)), "`height`"),
-        (lambda: mvtop.Camera(K, (640, 480), distortion=[1, 2]), "0, 4, 5 or 8"),
+        (lambda: mvtop.Camera(K, (640, 480), distortion=[1, 2]), "0, 4, 5, 8, 12 or 14"),
         (lambda: mvtop.Camera(K, (640, 480), model="orthographic"), "model"),
         (lambda: mvtop.Camera(K, (640, 480), world_from_cam=2 * EYE), "last row"),
         (
