@@ -1,5 +1,8 @@
 """mvtop as one module among others: imports, threads, forks."""
 
+import fcntl
+import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -170,18 +173,19 @@ assert os.waitpid(child, 0)[1] == 0
     in_new_process(script)
 
 
-def test_interrupt_ends_the_command_at_once(tmp_path):
+def test_interrupt_ends_the_command_at_once():
     # Without a handler of its own, the program dies of the signal, as every command does.
     program = Path(sys.executable).parent / "mvtop-cli"
-    fifo = tmp_path / "rig.json"
-    import os
-    import signal
-
-    os.mkfifo(fifo)
-    running = subprocess.Popen([program, "infer", "--rig", fifo, "image.png"])
-    with open(fifo, "w"):  # opens once the program waits for the rig
-        running.send_signal(signal.SIGINT)
-        assert running.wait(timeout=60) == -signal.SIGINT
+    read, write = os.pipe()
+    # Full, so that the program waits until someone reads.
+    os.write(write, bytes(fcntl.fcntl(write, fcntl.F_GETPIPE_SZ)))
+    running = subprocess.Popen([program, "--help"], stdout=write)
+    with pytest.raises(subprocess.TimeoutExpired):
+        running.wait(timeout=1)
+    running.send_signal(signal.SIGINT)
+    assert running.wait(timeout=60) == -signal.SIGINT
+    os.close(write)
+    os.close(read)
 
 
 def test_the_command_answers_like_the_program(cli):
