@@ -114,6 +114,32 @@ impl ArrayLike<'_> {
         Ok(array.into_iter().collect())
     }
 
+    /// The numbers of an array with one axis, or of one row.
+    pub fn row(&self, name: &str) -> PyResult<Vec<f64>> {
+        let array = self.any_number::<f64>(name, None, &[0])?;
+        match array.shape() {
+            [1, _] => self
+                .read::<f64>(name, Some(1), &[0])?
+                .into_iter()
+                .map(Ok)
+                .collect(),
+            _ => self.list(name),
+        }
+    }
+
+    /// OpenCV's columns as rows: (n, 1) as (n,) and (V, 1, n) or (V, n, 1) as (V, n).
+    pub fn in_rows(&self) -> PyResult<Self> {
+        let numpy = self.0.py().import("numpy")?;
+        let array = numpy.call_method1("asarray", (&self.0,))?;
+        let shape: Vec<usize> = array.getattr("shape")?.extract()?;
+        let axis = match shape.as_slice() {
+            [_, 1] | [_, _, 1] => -1,
+            [_, 1, _] => 1,
+            _ => return Ok(Self(array)),
+        };
+        Ok(Self(array.call_method1("squeeze", (axis,))?))
+    }
+
     /// As many numbers.
     pub fn vector<const N: usize>(&self, name: &str) -> PyResult<[f64; N]> {
         let array = self.read::<f64>(name, Some(0), &[N])?;

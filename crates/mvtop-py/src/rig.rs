@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use mvtop_core::{Intrinsics, Projection};
+use mvtop_import::{Direction, Format, ImageSize, Options, Unit};
 use nalgebra::{Isometry3, Point2, Point3};
 use ndarray::{ArrayD, Axis};
 use pyo3::IntoPyObjectExt;
@@ -31,7 +32,8 @@ impl Camera {
     ///
     /// - K: (3, 3), intrinsics in px: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]
     /// - size: width and height of its images, px
-    /// - distortion: of "pinhole" 0, 4, 5 or 8 of k1 k2 p1 p2 k3 k4 k5 k6, of "fisheye" k1 k2 k3 k4
+    /// - distortion: of "pinhole" 0, 4, 5, 8, 12 or 14 of k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty, of
+    ///   "fisheye" k1 k2 k3 k4; also as rows or columns, as OpenCV returns them
     /// - model: "pinhole" (Brown-Conrady) or "fisheye" (Kannala-Brandt)
     /// - world_from_cam: (4, 4), camera frame to world frame, metres; the identity by default
     ///
@@ -47,7 +49,7 @@ impl Camera {
         world_from_cam: Option<ArrayLike>,
         id: &str,
     ) -> PyResult<Self> {
-        let distortion = distortion.map(|array| array.list("distortion"));
+        let distortion = distortion.map(|array| array.in_rows()?.row("distortion"));
         let distortion = distortion.transpose()?.unwrap_or_default();
         let pose = world_from_cam.map(|array| array.pose("world_from_cam"));
         let pose = pose.transpose()?.unwrap_or_default();
@@ -167,6 +169,61 @@ impl Rig {
         Ok(Self(Arc::new(rig)))
     }
 
+    /// Makes a rig of the calibration files of another program (docs/calibrations.md).
+    ///
+    /// What the files cannot say is asked for by these names:
+    ///
+    /// - paths: files of one rig; of COLMAP, its folder will do
+    /// - format: "opencv", "ros", "kalibr", "colmap", "bop", "nerf", "callab", "halcon" or "euroc";
+    ///   recognised by default
+    /// - scale: metres per unit of the files; or unit: "m", "cm" or "mm"
+    /// - image_size: width and height of all images, px; image_sizes: of single cameras, by id
+    /// - direction: what poses map to what, "world_from_cam" or "cam_from_world"
+    /// - model: "pinhole" or "fisheye"
+    /// - image: of BOP, the image whose cameras make the rig
+    /// - rectified: of ROS, whether images are rectified rather than raw
+    /// - returns: the rig, and sentences: what was taken for what, and errors of fitted lenses in px
+    ///
+    /// Raises OSError where a file cannot be read, ValueError where it is refused.
+    #[classmethod]
+    #[pyo3(signature = (paths, *, format = None, scale = None, unit = None, image_size = None, image_sizes = None, direction = None, model = None, image = None, rectified = false))]
+    #[allow(clippy::too_many_arguments)] // as many as there are things that files leave open
+    fn import_(
+        _cls: &Bound<PyType>,
+        paths: Vec<std::path::PathBuf>,
+        format: Option<&str>,
+        scale: Option<f64>,
+        unit: Option<&str>,
+        image_size: Option<(u32, u32)>,
+        image_sizes: Option<BTreeMap<String, (u32, u32)>>,
+        direction: Option<&str>,
+        model: Option<String>,
+        image: Option<u32>,
+        rectified: bool,
+    ) -> PyResult<(Self, Vec<String>)> {
+        let for_all = image_size.map(|size| (None, size));
+        let by_id = image_sizes.into_iter().flatten();
+        let by_id = by_id.map(|(id, size)| (Some(id), size));
+        let sizes = for_all.into_iter().chain(by_id);
+        let options = Options {
+            format: named("format", format, Format::named)?,
+            scale,
+            unit: named("unit", unit, Unit::named)?,
+            image_sizes: sizes
+                .map(|(camera, (width, height))| ImageSize {
+                    camera,
+                    size: [width, height],
+                })
+                .collect(),
+            direction: named("direction", direction, Direction::named)?,
+            model,
+            image,
+            rectified,
+        };
+        let imported = mvtop_import::import(&paths, &options).map_err(python)?;
+        Ok((Self(Arc::new(imported.rig)), imported.notes))
+    }
+
     /// Reads the text of a rig file.
     #[classmethod]
     fn from_json(_cls: &Bound<PyType>, text: &str) -> PyResult<Self> {
@@ -199,7 +256,7 @@ impl Rig {
         let K = per_camera("K", &K, &[3, 3], count)?;
         let sizes = per_camera("sizes", &sizes, &[2], count)?;
         let distortion = match distortion {
-            Some(array) => per_camera("distortion", &array, &[0], count)?,
+            Some(array) => per_camera("distortion", &array.in_rows()?, &[0], count)?,
             None => ArrayD::zeros(vec![count, 0]),
         };
         let ids = ids.unwrap_or_else(|| (0..count).map(|i| format!("cam{i}")).collect());
@@ -256,6 +313,17 @@ impl Rig {
     pub fn core(&self) -> &Arc<mvtop_core::Rig> {
         &self.0
     }
+}
+
+/// One of several words.
+fn named<T>(what: &str, name: Option<&str>, of: fn(&str) -> Option<T>) -> PyResult<Option<T>> {
+    let unknown = |name| {
+        value(format!(
+            "{what}: {name:?} is not known; see help(Rig.import_)"
+        ))
+    };
+    name.map(|name| of(name).ok_or_else(|| unknown(name)))
+        .transpose()
 }
 
 /// The last axes as given for each camera, or once for all.

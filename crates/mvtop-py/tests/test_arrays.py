@@ -57,6 +57,41 @@ def test_lenses_project_like_opencv_and_back(model, distortion, rng):
     np.testing.assert_allclose(camera.unproject(pixels), directions, atol=1e-9)
 
 
+@pytest.mark.parametrize("count", [4, 5, 8, 12, 14])
+def test_distortion_is_taken_in_the_shapes_that_opencv_returns(count):
+    params = np.linspace(0.01, 0.02, count)
+    expected = mvtop.Camera(K, (640, 480), distortion=params).distortion
+    np.testing.assert_array_equal(expected[:count], params)
+    for shape in [(1, count), (count, 1)]:
+        camera = mvtop.Camera(K, (640, 480), distortion=params.reshape(shape))
+        np.testing.assert_array_equal(camera.distortion, expected)
+    poses = np.stack([EYE] * 4)
+    poses[:, 0, 3] = np.arange(4)
+    for shape in [(1, count), (count, 1), (4, 1, count), (4, count, 1)]:
+        each = np.broadcast_to(params, (4, count)) if len(shape) == 3 else params
+        rig = mvtop.Rig.from_arrays(K, poses, (640, 480), distortion=each.reshape(shape))
+        np.testing.assert_array_equal(rig.cameras[3].distortion, expected)
+
+
+def test_rigs_are_imported(tmp_path):
+    camera = (
+        "camera_model: pinhole\n  distortion_model: radtan\n  distortion_coeffs: [0.1, 0, 0, 0]\n  "
+        "intrinsics: [500, 500, 320, 240]\n  resolution: [640, 480]\n"
+    )
+    chain = "  T_cn_cnm1: [[1, 0, 0, -0.1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n"
+    file = tmp_path / "chain.yaml"
+    file.write_text(f"cam0:\n  {camera}cam1:\n  {camera}{chain}")
+    rig, notes = mvtop.Rig.import_([file])
+    assert rig.cameras[1].world_from_cam[:3, 3].tolist() == [0.1, 0, 0]
+    assert any("world frame" in note for note in notes)
+    with pytest.raises(ValueError, match="expected"):
+        mvtop.Rig.import_([file], format="bop")
+    with pytest.raises(ValueError, match="not known"):
+        mvtop.Rig.import_([file], unit="furlong")
+    with pytest.raises(FileNotFoundError):
+        mvtop.Rig.import_([tmp_path / "none.yaml"])
+
+
 def test_cameras_give_back_what_they_were_made_from(rng):
     world_from_cam = pose(rng)
     camera = mvtop.Camera(

@@ -32,7 +32,8 @@ class Camera:
 
         - K: (3, 3), intrinsics in px: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]
         - size: width and height of its images, px
-        - distortion: of "pinhole" 0, 4, 5 or 8 of k1 k2 p1 p2 k3 k4 k5 k6, of "fisheye" k1 k2 k3 k4
+        - distortion: of "pinhole" 0, 4, 5, 8, 12 or 14 of k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty, of
+          "fisheye" k1 k2 k3 k4; also as rows or columns, as OpenCV returns them
         - model: "pinhole" (Brown-Conrady) or "fisheye" (Kannala-Brandt)
         - world_from_cam: (4, 4), camera frame to world frame, metres; the identity by default
 
@@ -297,6 +298,26 @@ class Rig:
     def from_json(cls, /, text: str) -> Rig:
         """
         Reads the text of a rig file.
+        """
+    @classmethod
+    def import_(cls, /, paths: SupportsGetItem[int, str | PathLike[str]], *, format: str | None = None, scale: SupportsFloat | SupportsIndex | None = None, unit: str | None = None, image_size: tuple[SupportsIndex, SupportsIndex] | None = None, image_sizes: dict[str, tuple[SupportsIndex, SupportsIndex]] | None = None, direction: str | None = None, model: str | None = None, image: SupportsIndex | None = None, rectified: bool = False) -> tuple[Rig, list[str]]:
+        """
+        Makes a rig of the calibration files of another program (docs/calibrations.md).
+
+        What the files cannot say is asked for by these names:
+
+        - paths: files of one rig; of COLMAP, its folder will do
+        - format: "opencv", "ros", "kalibr", "colmap", "bop", "nerf", "callab", "halcon" or "euroc";
+          recognised by default
+        - scale: metres per unit of the files; or unit: "m", "cm" or "mm"
+        - image_size: width and height of all images, px; image_sizes: of single cameras, by id
+        - direction: what poses map to what, "world_from_cam" or "cam_from_world"
+        - model: "pinhole" or "fisheye"
+        - image: of BOP, the image whose cameras make the rig
+        - rectified: of ROS, whether images are rectified rather than raw
+        - returns: the rig, and sentences: what was taken for what, and errors of fitted lenses in px
+
+        Raises OSError where a file cannot be read, ValueError where it is refused.
         """
     @classmethod
     def load(cls, /, path: str | PathLike[str]) -> Rig:
