@@ -160,7 +160,8 @@ fn broken_detector_is_no_empty_scene() {
         let result = estimator.predict(&rig, &images(&rig, &[0]), &PredictOptions::default());
         result.unwrap_err().to_string()
     };
-    let cases: [(fn(&mut DetectorMaps), &str); 5] = [
+    type Case = (fn(&mut DetectorMaps), &'static str);
+    let cases: [Case; 5] = [
         (
             |maps| maps.scores.fill(f32::NAN),
             "scores from 0 to 1, got NaN",
