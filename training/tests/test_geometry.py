@@ -102,7 +102,7 @@ def test_boxes_are_learnt_by_giou_on_the_cells_near_the_center():
     logits, index = torch.randn(3, 1, cells, cells), torch.zeros(3, dtype=torch.long)
 
     def loss(boxes):
-        return losses.detection_loss(logits, boxes, truth, index, stride)
+        return losses.detection_loss(logits, boxes, truth[:, None], index[:, None], stride)
 
     pixel = (torch.arange(cells) + 0.5) * stride - 0.5
     expected, weights = torch.zeros(()), torch.zeros(())

@@ -119,7 +119,9 @@ def evaluate(settings: runconfig.RunConfig, folder: Path, model, step: int) -> d
 
 def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
     stages = Stages(minutes)
-    runconfig.keep_copy(settings, folder)
+    # What is pretrained learns to tell a part's places first, and is frozen before poses.
+    first = settings.model_copy(update={"poses": settings.poses and not settings.pretrained})
+    runconfig.keep_copy(first, folder)
     generator = Generator(settings, folder)
     try:
         recipe = settings.generate
@@ -133,9 +135,7 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
                 f"generate.reserve for the end), got {minutes:g}; fix: more of them"
             )
         share = settings.second.share if settings.closeup else 0.0
-        # What is pretrained learns to tell a part's places first, and is frozen before poses.
-        first = {"minutes": left * (1 - share), "poses": settings.poses and not settings.pretrained}
-        loop.train(settings.model_copy(update=first), folder)
+        loop.train(first.model_copy(update={"minutes": left * (1 - share)}), folder)
         generator.check()
     finally:
         generator.stop()
@@ -176,8 +176,8 @@ def thresholds_of(settings: runconfig.RunConfig, model) -> thresholds.Thresholds
 
 def report(settings: runconfig.RunConfig, folder: Path):
     """What a user would get: images in, poses out, on scenes that were never trained on."""
-    views = min(3, max(len(scene) for scene in batches.Scenes(
-        Path(settings.data), settings.known(), 0, test_split(settings)).training))  # fmt: skip
+    scenes = bop.whole_scenes(Path(settings.data) / test_split(settings))
+    views = min(3, *(len(bop.read_images(scene)) for scene in scenes))
     subprocess.run(
         [str(Path(sys.executable).with_name("mvtop-cli")), "eval", "bop",
          "--dataset", settings.data, "--split", test_split(settings), "--views", str(views),

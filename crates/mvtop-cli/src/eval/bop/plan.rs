@@ -227,6 +227,8 @@ impl Plan {
             let alike = view.objects.iter().filter(|object| object.object == id);
             let nearest = alike.min_by(|a, b| off(a).total_cmp(&off(b)))?;
             let bbox = nearest.bbox.filter(|_| off(nearest) <= reach)?;
+            // An object may be annotated where it is wholly beside the image.
+            bbox.clip(camera.width(), camera.height())?;
             Some((camera.id().to_owned(), bbox))
         };
         GivenBoxes {
