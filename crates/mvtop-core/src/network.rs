@@ -267,12 +267,7 @@ impl Network for OnnxNetwork {
         pictures: ArrayView4<f32>,
         camera_rays: ArrayView3<f32>,
     ) -> Result<Array3<f32>> {
-        let inputs = [
-            ("images", pictures.into()),
-            ("camera_rays", camera_rays.into()),
-        ];
-        let graph = self.closeup.as_ref().unwrap_or(&self.features);
-        graph.run(&inputs)?.take("memory")
+        Ok(self.encode_closeups(pictures, camera_rays)?.memory)
     }
 
     fn encode_closeups(

@@ -67,7 +67,7 @@ pub fn settled(
                 && class.symmetry.is_none()
             {
                 let seen = seen(pictures, coordinates.view(), group, query, extent);
-                if let Some(found) = fit(&seen, class.diameter_m, &pose.world_from_obj) {
+                if let Some(found) = fit(seen, class.diameter_m, &pose.world_from_obj) {
                     *pose = found;
                 }
             }
@@ -163,12 +163,11 @@ fn line(picture: &Picture, u: f64, v: f64) -> Option<(Point3<f64>, Vector3<f64>)
 /// The pose that most cells agree with; `None` where too few do.
 ///
 /// - `start`: a guess, of which the position is taken and the rotation is tried
-fn fit(seen: &[Seen], diameter: f64, start: &Isometry3<f64>) -> Option<DecodedPose> {
+fn fit(mut seen: Vec<Seen>, diameter: f64, start: &Isometry3<f64>) -> Option<DecodedPose> {
     if seen.len() < FEWEST {
         return None;
     }
-    let position = position(seen, start);
-    let mut seen = seen.to_vec();
+    let position = position(&seen, start);
     for one in &mut seen {
         one.distance = (position - one.origin.coords).norm();
     }

@@ -69,7 +69,7 @@ fn off(found: &DecodedPose) -> (f64, f64) {
 #[test]
 fn places_without_error_give_the_pose_from_one_view_and_from_two() {
     for origins in [&[LEFT][..], &[LEFT, RIGHT]] {
-        let found = fit(&seen_from(origins, 0.0, 0.0), DIAMETER, &guess()).unwrap();
+        let found = fit(seen_from(origins, 0.0, 0.0), DIAMETER, &guess()).unwrap();
         let (turned, moved) = off(&found);
         assert!(turned < 1e-4 && moved < 1e-6, "{turned} degrees, {moved} m");
         assert!(found.sigma.rot_deg < 1e-3);
@@ -78,15 +78,15 @@ fn places_without_error_give_the_pose_from_one_view_and_from_two() {
 
 #[test]
 fn half_of_the_cells_may_be_wrong() {
-    let found = fit(&seen_from(&[LEFT, RIGHT], 0.5, 0.008), DIAMETER, &guess()).unwrap();
+    let found = fit(seen_from(&[LEFT, RIGHT], 0.5, 0.008), DIAMETER, &guess()).unwrap();
     let (turned, moved) = off(&found);
     assert!(turned < 2.0 && moved < 0.002, "{turned} degrees, {moved} m");
 }
 
 #[test]
 fn views_tell_the_distance_and_expect_less_of_an_error() {
-    let one = fit(&seen_from(&[LEFT], 0.2, 0.01), DIAMETER, &guess()).unwrap();
-    let two = fit(&seen_from(&[LEFT, RIGHT], 0.2, 0.01), DIAMETER, &guess()).unwrap();
+    let one = fit(seen_from(&[LEFT], 0.2, 0.01), DIAMETER, &guess()).unwrap();
+    let two = fit(seen_from(&[LEFT, RIGHT], 0.2, 0.01), DIAMETER, &guess()).unwrap();
     assert!(two.sigma.rot_deg < one.sigma.rot_deg);
     assert!(
         two.sigma.t_m < 0.5 * one.sigma.t_m,
@@ -100,8 +100,8 @@ fn views_tell_the_distance_and_expect_less_of_an_error() {
 #[test]
 fn few_cells_settle_nothing() {
     let seen = seen_from(&[LEFT], 0.0, 0.0);
-    assert!(fit(&seen[..FEWEST - 1], DIAMETER, &guess()).is_none());
-    assert!(fit(&seen[..FEWEST], DIAMETER, &guess()).is_some());
+    assert!(fit(seen[..FEWEST - 1].to_vec(), DIAMETER, &guess()).is_none());
+    assert!(fit(seen[..FEWEST].to_vec(), DIAMETER, &guess()).is_some());
 }
 
 #[test]
