@@ -81,8 +81,9 @@ pub struct DetectorMaps {
 pub struct Encoded {
     /// `[P, N, C]`
     pub memory: Array3<f32>,
-    /// `[P, 3, h, w]`: the place of the object that each cell shows, object frame, in units of
-    /// [`crate::bundle::Class::coordinates_extent_m`]
+    /// `[P, 4, h, w]`: the place of the object that each cell shows, object frame, in units of
+    /// [`crate::bundle::Class::coordinates_extent_m`], and how far it can be trusted, 0 to 1. Of
+    /// poses that look alike, it is in the frame of the one most upright in the close-up.
     pub coordinates: Option<Array4<f32>>,
 }
 

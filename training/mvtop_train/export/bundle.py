@@ -67,7 +67,7 @@ class ExportedCloseUps(nn.Module):
 
 
 class ExportedDescriptions(nn.Module):
-    """images [P, 3, S, S], camera_rays [P, N, 3] -> memory, coordinates [P, 3, h, w]."""
+    """images [P, 3, S, S], camera_rays [P, N, 3] -> memory, coordinates [P, 4, h, w]."""
 
     def __init__(self, model: Mvtop):
         super().__init__()

@@ -96,6 +96,7 @@ class Found:
     scores: torch.Tensor  # [N, classes, h, w] logits, of the images that are searched
     boxes: torch.Tensor  # [N, 4, h, w] px
     coordinates: torch.Tensor | None  # [B * V, 3, h, w] in units of the object's extent
+    trust: torch.Tensor | None = None  # [B * V, 1, h, w] logits: that the coordinates are right
 
 
 class Features(nn.Module):

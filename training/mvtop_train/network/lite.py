@@ -142,7 +142,8 @@ class LiteFeatures(nn.Module):
         self.detector = Detector(FINE, len(config.classes), config.strides[0])
         self.look = Upper(d)
         self.encoder = find(GEOMETRIES[config.geometry]).encoder(config)
-        self.coordinates = nn.Conv2d(FINE, 3 * COORDINATES**2, 1)
+        # Object coordinates and, as a logit, whether they can be trusted.
+        self.coordinates = nn.Conv2d(FINE, 4 * COORDINATES**2, 1)
         self.frozen = False
 
     def freeze(self):
@@ -163,21 +164,24 @@ class LiteFeatures(nn.Module):
 
     def from_cache(self, shown: Cached) -> tuple[list, Found]:
         """As `forward`, of what `cache` made of the images."""
-        levels, coordinates = [one.flatten(0, 1) for one in shown.maps], None
+        levels, coordinates, trust = [one.flatten(0, 1) for one in shown.maps], None, None
         if not self.frozen:
             trunk = levels[0].contiguous(memory_format=torch.channels_last)
-            levels, coordinates = self._look(trunk)
+            levels, coordinates, trust = self._look(trunk)
         scores, boxes = (None, None) if shown.searched is None else self.detect(shown.searched)
-        return levels, Found(scores, boxes, coordinates)
+        return levels, Found(scores, boxes, coordinates, trust)
 
     def describe(self, images) -> tuple[list, torch.Tensor]:
-        """images [B, 3, S, S] -> the maps that poses are decoded from; coordinates [B, 3, h, w]."""
-        return self._look(self.trunk(images))
+        """images [B, 3, S, S] -> the maps that poses are decoded from; coordinates [B, 4, h, w],
+        the last how far they can be trusted, 0 to 1."""
+        levels, coordinates, trust = self._look(self.trunk(images))
+        return levels, torch.cat([coordinates, trust.sigmoid()], 1)
 
-    def _look(self, trunk) -> tuple[list, torch.Tensor]:
+    def _look(self, trunk) -> tuple[list, torch.Tensor, torch.Tensor]:
         levels = self.look(trunk)
         fine = self.coordinates(self.look.fine(trunk, levels[0]))
-        return levels, F.pixel_shuffle(fine, COORDINATES).float()
+        fine = F.pixel_shuffle(fine, COORDINATES).float()
+        return levels, fine[:, :3], fine[:, 3:]
 
     def detect(self, images):
         """images [B, 3, H, W] -> scores [B, C, h, w] logits, boxes [B, 4, h, w] px."""

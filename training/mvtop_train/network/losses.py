@@ -8,12 +8,15 @@ from torchvision.ops import generalized_box_iou_loss
 from . import coordinates, pose, symmetry
 
 ROTATION, TRANSLATION, DETECTION, COORDINATES, UNCERTAINTY = 1.0, 10.0, 2.0, 6.0, 0.02
+TRUST = 1.0
+HALF_TRUSTED = 0.1  # coordinates that are this far off, in extents, are trusted by half
 WEIGHTS = {
     "rotation": ROTATION,
     "translation": TRANSLATION,
     "detection": DETECTION,
     "coordinates": COORDINATES,
     "uncertainty": UNCERTAINTY,
+    "trust": TRUST,
 }
 
 
@@ -56,16 +59,25 @@ def total(prediction, batch, stride: int, known: symmetry.Symmetries, weights=WE
             "uncertainty": uncertainty_loss(sigma, degrees, t).mean(),
         }
         shown |= {"rotation_deg": degrees[-1].mean(), "translation_m": t[-1].mean()}
-    else:  # as upright in the reference view as its symmetries let it be
-        upright = torch.eye(3, device=in_ref.device).expand_as(in_ref[None, ..., :3, :3])
-        index = batch["class_index"][None]
-        turns = symmetry.nearest(upright, in_ref[None, ..., :3, 3], in_ref[None], index, known)
+        turns = turns[-1].expand_as(batch["cam_from_obj"])
+    else:  # a view knows nothing of the others
+        turns = upright(batch["cam_from_obj"], batch["class_index"], known)
     if prediction.found is not None:
-        terms |= image_terms(prediction.found, batch, stride, turns[-1])
+        terms |= image_terms(prediction.found, batch, stride, turns)
     parts = shown | {
         name: term for name, term in terms.items() if name not in ("rotation", "translation")
     }
     return sum(weights[name] * term for name, term in terms.items()), parts
+
+
+def upright(cam_from_obj, class_index, known: symmetry.Symmetries):
+    """The symmetries [B, V, 4, 4] after which objects stand as upright in each view as they can.
+
+    cam_from_obj [B, V, 4, 4], class_index [B, 1]
+    """
+    identity = torch.eye(3, device=cam_from_obj.device).expand_as(cam_from_obj[..., :3, :3])
+    index = class_index.expand(cam_from_obj.shape[:2])
+    return symmetry.nearest(identity, cam_from_obj[..., :3, 3], cam_from_obj, index, known)
 
 
 def uncertainty_loss(sigma, rotation_error_deg, t_error):
@@ -92,11 +104,11 @@ def mean_count(count: torch.Tensor) -> torch.Tensor:
 def image_terms(found, batch, stride: int, turns) -> dict:
     """What the images alone teach: boxes and object coordinates.
 
-    turns  [B, 1, 4, 4], the symmetry that the poses have settled on, for the coordinates as well
+    turns  [B, V, 4, 4], the symmetries after which the coordinates are wanted
     """
     terms = {}
     if found.coordinates is not None:
-        terms["coordinates"] = coordinates_loss(found.coordinates, batch, turns)
+        terms |= coordinates_loss(found, batch, turns)
     if found.scores is not None:
         if "search_boxes" in batch:
             truth, index = batch["search_boxes"], batch["search_class"]
@@ -111,19 +123,23 @@ def image_terms(found, batch, stride: int, turns) -> dict:
     return terms
 
 
-def coordinates_loss(found, batch, turns):
-    """Of coordinates [B * V, 3, h, w] where the object is seen, see `image_terms`."""
+def coordinates_loss(found, batch, turns) -> dict:
+    """Of the coordinates where the object is seen, and of the trust in them everywhere."""
     code = batch["coords"].flatten(0, 1)
     # Networks whose finest level is coarser take every other sample, and so on.
-    skip = code.shape[2] // found.shape[-1]
+    skip = code.shape[2] // found.coordinates.shape[-1]
     wanted, mask = coordinates.decode(code[:, skip // 2 :: skip, skip // 2 :: skip])
-    views, extent = batch["coords"].shape[1], batch["extent"].flatten(0, 1)
-    back = turns[:, 0].inverse().repeat_interleave(views, 0)
+    extent, back = batch["extent"].flatten(0, 1), turns.flatten(0, 1).inverse()
     wanted = torch.einsum("nij,nhwj->nhwi", back[:, :3, :3], wanted)
     wanted = wanted + (back[:, :3, 3] / extent[:, None])[:, None, None]
     wanted = wanted.permute(0, 3, 1, 2)
-    difference = F.smooth_l1_loss(found, wanted, beta=0.1, reduction="none")
-    return (difference.sum(1) * mask).sum() / mean_count(mask.sum())
+    difference = F.smooth_l1_loss(found.coordinates, wanted, beta=0.1, reduction="none")
+    terms = {"coordinates": (difference.sum(1) * mask).sum() / mean_count(mask.sum())}
+    if found.trust is not None:
+        off = (found.coordinates.detach() - wanted).square().sum(1, keepdim=True)
+        right = mask[:, None] / (1 + off / HALF_TRUSTED**2)
+        terms["trust"] = F.binary_cross_entropy_with_logits(found.trust, right)
+    return terms
 
 
 def detection_loss(logits, boxes, truth, class_index, stride: int):

@@ -7,13 +7,15 @@
 //! weight as they disagree with it (iteratively reweighted least squares, Geman-McClure).
 
 use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Quaternion, UnitQuaternion, Vector3, Vector6};
-use ndarray::{ArrayView3, Axis};
 use rayon::prelude::*;
 
-use super::picture::{Group, Picture, Pictures, Query};
+use self::cells::{Evidence, Seen};
+use super::picture::{Group, Pictures};
 use super::pose::DecodedPose;
 use crate::bundle::Bundle;
 use crate::prediction::Sigma;
+
+mod cells;
 
 /// Rotations from which a pose is searched for: neighbours are about 50 degrees apart.
 const STARTS: usize = 64;
@@ -31,23 +33,7 @@ const FEWEST: usize = 12;
 /// Neighbouring cells err alike: as many count as one when the error is estimated.
 const ALIKE: f64 = 150.0;
 
-/// A place of the object, and the line on which it is seen.
-#[derive(Debug, Clone, Copy)]
-struct Seen {
-    /// Object frame, metres.
-    place: Point3<f64>,
-    /// Where the line of sight begins, world frame, metres.
-    origin: Point3<f64>,
-    /// Unit vector, world frame.
-    direction: Vector3<f64>,
-    /// About how far away the object is, metres; known once its position is.
-    distance: f64,
-    /// So that every view counts alike.
-    weight: f64,
-}
-
-/// The poses, settled by the object coordinates where there are some; as they were for objects with
-/// symmetries, whose views may each mean another of the poses that look alike.
+/// The poses, settled by the object coordinates where there are some.
 ///
 /// - `poses`: of each object, by its index
 pub fn settled(
@@ -63,58 +49,18 @@ pub fn settled(
         for query in &group.objects {
             let class = &bundle.classes[query.class];
             let pose = &mut poses[query.object];
-            if let Some(extent) = class.coordinates_extent_m
-                && class.symmetry.is_none()
-            {
-                let seen = seen(pictures, coordinates.view(), group, query, extent);
-                if let Some(found) = fit(seen, class.diameter_m, &pose.world_from_obj) {
-                    *pose = found;
-                }
+            let Some(extent) = class.coordinates_extent_m else {
+                continue;
+            };
+            let (codes, symmetry) = (coordinates.view(), &class.symmetry);
+            let evidence =
+                Evidence::new(pictures, codes, group, extent, symmetry, class.diameter_m);
+            if let Some(found) = fit(evidence, &pose.world_from_obj) {
+                *pose = found;
             }
         }
     }
     poses
-}
-
-/// What the cells inside the object's boxes show.
-fn seen(
-    pictures: &Pictures,
-    coordinates: ndarray::ArrayView4<f32>,
-    group: &Group,
-    query: &Query,
-    extent: f64,
-) -> Vec<Seen> {
-    let mut all = Vec::new();
-    for (place, index) in group.pictures.clone().enumerate() {
-        let Some(bbox) = query.boxes[place] else {
-            continue;
-        };
-        let picture = &pictures.list[index];
-        let of_picture = coordinates.index_axis(Axis(0), index);
-        let start = all.len();
-        cells(picture, of_picture, |u, v, code| {
-            let inside = (bbox.x0..bbox.x1).contains(&u) && (bbox.y0..bbox.y1).contains(&v);
-            let known = inside && code.iter().all(|x| x.is_finite());
-            if let Some((origin, direction)) = known.then(|| line(picture, u, v)).flatten() {
-                all.push(Seen {
-                    place: Point3::from(code.map(|x| f64::from(x) * extent)),
-                    origin,
-                    direction,
-                    distance: 0.0,
-                    weight: 1.0,
-                });
-            }
-        });
-        let count = (all.len() - start) as f64;
-        for seen in &mut all[start..] {
-            seen.weight = 1.0 / count;
-        }
-    }
-    let mean = all.iter().map(|seen| seen.weight).sum::<f64>() / all.len() as f64;
-    for seen in &mut all {
-        seen.weight /= mean;
-    }
-    all
 }
 
 /// Where the object is about: where the lines of sight of several views come nearest to each other,
@@ -134,52 +80,20 @@ fn position(seen: &[Seen], pose: &Isometry3<f64>) -> Vector3<f64> {
     beside.try_inverse().map_or(known, |inverse| inverse * sum)
 }
 
-/// Calls `each` with the center (u, v) of every cell, px of the picture, and the coordinates there.
-fn cells(picture: &Picture, codes: ArrayView3<f32>, mut each: impl FnMut(f64, f64, [f32; 3])) {
-    let (_, rows, columns) = codes.dim();
-    let stride = f64::from(picture.camera.width()) / columns as f64;
-    for row in 0..rows {
-        for column in 0..columns {
-            let (u, v) = (
-                (column as f64 + 0.5) * stride - 0.5,
-                (row as f64 + 0.5) * stride - 0.5,
-            );
-            each(u, v, [0, 1, 2].map(|axis| codes[(axis, row, column)]));
-        }
-    }
-}
-
-/// Begin and direction of the line of sight of a pixel, world frame.
-fn line(picture: &Picture, u: f64, v: f64) -> Option<(Point3<f64>, Vector3<f64>)> {
-    let world_from_cam = picture.camera.world_from_cam();
-    let ray = picture.camera.intrinsics().unproject(&[u, v].into())?;
-    let direction = world_from_cam.rotation * ray;
-    Some((
-        world_from_cam.translation.vector.into(),
-        direction.normalize(),
-    ))
-}
-
 /// The pose that most cells agree with; `None` where too few do.
 ///
 /// - `start`: a guess, of which the position is taken and the rotation is tried
-fn fit(mut seen: Vec<Seen>, diameter: f64, start: &Isometry3<f64>) -> Option<DecodedPose> {
-    if seen.len() < FEWEST {
+fn fit(mut evidence: Evidence, start: &Isometry3<f64>) -> Option<DecodedPose> {
+    if evidence.cells.len() < FEWEST {
         return None;
     }
-    let position = position(&seen, start);
-    for one in &mut seen {
+    let position = position(&evidence.cells, start);
+    for one in &mut evidence.cells {
         one.distance = (position - one.origin.coords).norm();
     }
-    let (seen, start) = (
-        &seen[..],
-        &Isometry3::from_parts(position.into(), start.rotation),
-    );
-    let some: Vec<Seen> = seen
-        .iter()
-        .step_by(seen.len().div_ceil(SEARCHED))
-        .copied()
-        .collect();
+    let start = &Isometry3::from_parts(position.into(), start.rotation);
+    let (all, some) = (&evidence, evidence.thinned(SEARCHED));
+    let diameter = all.diameter;
     let around =
         (0..STARTS).map(|n| Isometry3::from_parts(start.translation, spread_rotation(n, STARTS)));
     let starts: Vec<Isometry3<f64>> = around.chain([*start]).collect();
@@ -201,30 +115,38 @@ fn fit(mut seen: Vec<Seen>, diameter: f64, start: &Isometry3<f64>) -> Option<Dec
     let settled = found.into_iter().filter_map(|(_, mut pose)| {
         let mut information = Matrix6::zeros();
         for scale in FINE {
-            (pose, information) = stepped(seen, &pose, scale * diameter)?;
+            (pose, information) = stepped(all, &pose, scale * diameter)?;
         }
-        Some((agreement(seen, &pose, last), pose, information))
+        Some((agreement(all, &pose, last), pose, information))
     });
     let (_, pose, information) = settled.max_by(|a, b| a.0.total_cmp(&b.0))?;
-    let in_front = seen
-        .iter()
-        .all(|one| (pose * one.place - one.origin).dot(&one.direction) > 0.0);
+    let turns = all.turns(&pose);
+    let in_front = all.cells.iter().all(|one| {
+        let place = pose * Evidence::place(&turns, one);
+        (place - one.origin).dot(&one.direction) > 0.0
+    });
     Some(DecodedPose {
-        world_from_obj: pose,
-        sigma: expected(seen, &pose, &information, last)?,
+        world_from_obj: all.symmetry.canonical(&pose, diameter),
+        sigma: expected(all, &pose, &information, last)?,
     })
     .filter(|_| in_front)
 }
 
 /// What a pose leaves over of one cell: how far the place is beside its line of sight as seen from
 /// the camera, at the object's distance, metres; and the change of that by the place's position.
-fn left_over(seen: &Seen, pose: &Isometry3<f64>) -> (Vector3<f64>, Matrix3<f64>) {
+///
+/// - `place`: the cell's, object frame
+fn left_over(
+    seen: &Seen,
+    place: &Point3<f64>,
+    pose: &Isometry3<f64>,
+) -> (Vector3<f64>, Matrix3<f64>) {
     let Seen {
         direction,
         distance,
         ..
     } = seen;
-    let offset = pose * seen.place - seen.origin;
+    let offset = pose * place - seen.origin;
     // Not behind the camera, whatever the search tries.
     let depth = offset.dot(direction).max(0.05 * distance);
     let beside = offset / depth - direction;
@@ -238,12 +160,13 @@ fn weight(seen: &Seen, left: &Vector3<f64>, scale: f64) -> f64 {
 }
 
 /// Share of the cells that agree with a pose, 0 to 1.
-fn agreement(seen: &[Seen], pose: &Isometry3<f64>, scale: f64) -> f64 {
-    let agrees = seen.iter().map(|one| {
-        let (left, _) = left_over(one, pose);
+fn agreement(evidence: &Evidence, pose: &Isometry3<f64>, scale: f64) -> f64 {
+    let turns = evidence.turns(pose);
+    let agrees = evidence.cells.iter().map(|one| {
+        let (left, _) = left_over(one, &Evidence::place(&turns, one), pose);
         one.weight / (1.0 + left.norm_squared() / (scale * scale))
     });
-    agrees.sum::<f64>() / seen.len() as f64
+    agrees.sum::<f64>() / evidence.cells.len() as f64
 }
 
 /// A place, and where it should be.
@@ -256,12 +179,12 @@ struct Pair {
 }
 
 impl Pair {
-    fn new(seen: &Seen, pose: &Isometry3<f64>, scale: f64) -> Self {
-        let now = pose * seen.place;
+    fn new(seen: &Seen, place: Point3<f64>, pose: &Isometry3<f64>, scale: f64) -> Self {
+        let now = pose * place;
         let on_line = seen.origin + seen.direction * (now - seen.origin).dot(&seen.direction);
         Self {
             weight: weight(seen, &(now - on_line), scale),
-            place: seen.place,
+            place,
             on_line,
         }
     }
@@ -269,8 +192,10 @@ impl Pair {
 
 /// The pose turned and shifted so that the places come nearest to where they are now beside them on
 /// their lines of sight (Kabsch 1976, weighted).
-fn aligned(seen: &[Seen], pose: &Isometry3<f64>, scale: f64) -> Option<Isometry3<f64>> {
-    let pairs: Vec<Pair> = seen.iter().map(|one| Pair::new(one, pose, scale)).collect();
+fn aligned(evidence: &Evidence, pose: &Isometry3<f64>, scale: f64) -> Option<Isometry3<f64>> {
+    let turns = evidence.turns(pose);
+    let pair = |one: &Seen| Pair::new(one, Evidence::place(&turns, one), pose, scale);
+    let pairs: Vec<Pair> = evidence.cells.iter().map(pair).collect();
     let total: f64 = pairs.iter().map(|pair| pair.weight).sum();
     let mean = |of: fn(&Pair) -> Point3<f64>| {
         let sum: Vector3<f64> = pairs.iter().map(|pair| of(pair).coords * pair.weight).sum();
@@ -293,16 +218,18 @@ fn aligned(seen: &[Seen], pose: &Isometry3<f64>, scale: f64) -> Option<Isometry3
 /// The pose after a step of Gauss-Newton, and the information (inverse covariance, for errors of a
 /// metre) about its rotation in its own frame, rad, and its position, m.
 fn stepped(
-    seen: &[Seen],
+    evidence: &Evidence,
     pose: &Isometry3<f64>,
     scale: f64,
 ) -> Option<(Isometry3<f64>, Matrix6<f64>)> {
+    let turns = evidence.turns(pose);
     let rotation = pose.rotation.to_rotation_matrix();
     let (mut information, mut slope) = (Matrix6::<f64>::zeros(), Vector6::<f64>::zeros());
-    for one in seen {
-        let (left, change) = left_over(one, pose);
+    for one in &evidence.cells {
+        let place = Evidence::place(&turns, one);
+        let (left, change) = left_over(one, &place, pose);
         let weight = weight(one, &left, scale);
-        let by_turn = -change * rotation.matrix() * one.place.coords.cross_matrix();
+        let by_turn = -change * rotation.matrix() * place.coords.cross_matrix();
         let mut by_pose = nalgebra::Matrix3x6::<f64>::zeros();
         by_pose.fixed_columns_mut::<3>(0).copy_from(&by_turn);
         by_pose.fixed_columns_mut::<3>(3).copy_from(&change);
@@ -320,14 +247,15 @@ fn stepped(
 
 /// How far off the pose may be, by what it leaves over.
 fn expected(
-    seen: &[Seen],
+    evidence: &Evidence,
     pose: &Isometry3<f64>,
     information: &Matrix6<f64>,
     scale: f64,
 ) -> Option<Sigma> {
+    let turns = evidence.turns(pose);
     let (mut squares, mut total) = (0.0, 0.0);
-    for one in seen {
-        let (left, _) = left_over(one, pose);
+    for one in &evidence.cells {
+        let (left, _) = left_over(one, &Evidence::place(&turns, one), pose);
         let weight = weight(one, &left, scale);
         squares += weight * left.norm_squared();
         total += weight;

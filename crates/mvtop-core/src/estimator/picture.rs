@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use ndarray::{Array, Array2, Array3, Array4, ArrayView, Axis, RemoveAxis, concatenate, s};
+use ndarray::{Array, Array2, Array3, Array4, ArrayView, Axis, RemoveAxis, concatenate};
 
 use super::sightings::Sighting;
 use super::view::View;
@@ -16,6 +16,8 @@ use crate::{BBox, Error, Result};
 
 /// Close-ups that go through the network at once: bounds the memory.
 const AT_ONCE: usize = 32;
+/// Of a cell's coordinates, how far they can be trusted.
+pub const TRUST: usize = 3;
 
 /// What the network is shown: a whole image, or a close-up of it.
 pub struct Picture {
@@ -32,7 +34,7 @@ pub struct Pictures {
     pub list: Vec<Picture>,
     /// `[P, N, C]`, in the order of the list.
     pub memory: Array3<f32>,
-    /// `[P, 3, h, w]`, where the network gives them, see [`Encoded`]; not finite off the image.
+    /// `[P, 4, h, w]`, where the network gives them, see [`Encoded`]; not to be trusted off the image.
     pub coordinates: Option<Array4<f32>>,
 }
 
@@ -182,23 +184,27 @@ fn joined<D: RemoveAxis>(
     joined.transpose()
 }
 
-/// The coordinates, not finite where a cell's center is off the real image.
+/// Center of a row's cell `n` of `cells`, px of a picture of `side` px.
+pub fn cell_center(n: usize, cells: usize, side: u32) -> f64 {
+    (n as f64 + 0.5) * f64::from(side) / cells as f64 - 0.5
+}
+
+/// The coordinates, without trust where a cell's center is off the real image.
 fn on_images(mut codes: Array4<f32>, taken: &[(&View, CloseUp)]) -> Result<Array4<f32>> {
     let (pictures, axes, rows, columns) = codes.dim();
-    if pictures != taken.len() || axes != 3 || rows == 0 || rows != columns {
+    if pictures != taken.len() || axes != 4 || rows == 0 || rows != columns {
         return Err(Error::Shape {
             name: "coordinates",
-            expected: format!("[{}, 3, h, h]", taken.len()),
+            expected: format!("[{}, 4, h, h]", taken.len()),
             got: codes.shape().to_vec(),
         });
     }
     for ((view, closeup), mut codes) in taken.iter().zip(codes.outer_iter_mut()) {
-        let stride = f64::from(closeup.camera.width()) / columns as f64;
-        let center = |cell: usize| (cell as f64 + 0.5) * stride - 0.5;
+        let center = |cell| cell_center(cell, columns, closeup.camera.width());
         for row in 0..rows {
             for column in 0..columns {
                 if !closeup.shows(view.camera, center(column), center(row)) {
-                    codes.slice_mut(s![.., row, column]).fill(f32::NAN);
+                    codes[(TRUST, row, column)] = 0.0;
                 }
             }
         }

@@ -1,5 +1,7 @@
 use super::*;
-use nalgebra::Translation3;
+use crate::symmetry::{self, Symmetry};
+use nalgebra::{Translation3, Unit};
+use std::f64::consts::{PI, TAU};
 
 const DIAMETER: f64 = 0.2;
 
@@ -36,9 +38,35 @@ const RIGHT: [f64; 3] = [0.4, 0.1, 0.1];
 ///
 /// - `wrong`: share of the cells whose place is any
 /// - `blur`: how far off the other places are at most, metres
-fn seen_from(origins: &[[f64; 3]], wrong: f64, blur: f64) -> Vec<Seen> {
+fn seen_from(origins: &[[f64; 3]], wrong: f64, blur: f64) -> Evidence<'static> {
+    const NONE: &Symmetry = &Symmetry {
+        discrete: Vec::new(),
+        axis: None,
+    };
+    seen_after(NONE, origins, wrong, blur)
+}
+
+/// Likewise, of an object with symmetries.
+fn seen_after<'a>(
+    symmetry: &'a Symmetry,
+    origins: &[[f64; 3]],
+    wrong: f64,
+    blur: f64,
+) -> Evidence<'a> {
+    // The cameras look at the object.
+    let view = |origin: &[f64; 3]| {
+        let to = Point3::from(pose().translation.vector);
+        Isometry3::look_at_rh(&to, &Point3::from(*origin), &Vector3::y())
+    };
+    let mut evidence = Evidence {
+        cells: Vec::new(),
+        views: origins.iter().map(view).collect(),
+        symmetry,
+        diameter: DIAMETER,
+    };
+    let turns = evidence.turns(&pose());
     let cells = (0..300).flat_map(|n| origins.iter().enumerate().map(move |o| (n, o)));
-    cells
+    evidence.cells = cells
         .map(|(n, (camera, &origin))| {
             let (origin, seed) = (Point3::from(origin), 1000 * camera + n);
             let place = random_place(seed);
@@ -48,15 +76,18 @@ fn seen_from(origins: &[[f64; 3]], wrong: f64, blur: f64) -> Vec<Seen> {
                 true => random_place(seed + 9000),
                 false => place + off,
             };
+            let turn = turns.get(camera).copied().unwrap_or_default();
             Seen {
-                place: told,
+                view: camera,
+                place: turn.inverse() * told,
                 origin,
                 direction: offset.normalize(),
                 distance: 0.0,
                 weight: 1.0,
             }
         })
-        .collect()
+        .collect();
+    evidence
 }
 
 fn off(found: &DecodedPose) -> (f64, f64) {
@@ -69,7 +100,7 @@ fn off(found: &DecodedPose) -> (f64, f64) {
 #[test]
 fn places_without_error_give_the_pose_from_one_view_and_from_two() {
     for origins in [&[LEFT][..], &[LEFT, RIGHT]] {
-        let found = fit(seen_from(origins, 0.0, 0.0), DIAMETER, &guess()).unwrap();
+        let found = fit(seen_from(origins, 0.0, 0.0), &guess()).unwrap();
         let (turned, moved) = off(&found);
         assert!(turned < 1e-4 && moved < 1e-6, "{turned} degrees, {moved} m");
         assert!(found.sigma.rot_deg < 1e-3);
@@ -78,15 +109,15 @@ fn places_without_error_give_the_pose_from_one_view_and_from_two() {
 
 #[test]
 fn half_of_the_cells_may_be_wrong() {
-    let found = fit(seen_from(&[LEFT, RIGHT], 0.5, 0.008), DIAMETER, &guess()).unwrap();
+    let found = fit(seen_from(&[LEFT, RIGHT], 0.5, 0.008), &guess()).unwrap();
     let (turned, moved) = off(&found);
     assert!(turned < 2.0 && moved < 0.002, "{turned} degrees, {moved} m");
 }
 
 #[test]
 fn views_tell_the_distance_and_expect_less_of_an_error() {
-    let one = fit(seen_from(&[LEFT], 0.2, 0.01), DIAMETER, &guess()).unwrap();
-    let two = fit(seen_from(&[LEFT, RIGHT], 0.2, 0.01), DIAMETER, &guess()).unwrap();
+    let one = fit(seen_from(&[LEFT], 0.2, 0.01), &guess()).unwrap();
+    let two = fit(seen_from(&[LEFT, RIGHT], 0.2, 0.01), &guess()).unwrap();
     assert!(two.sigma.rot_deg < one.sigma.rot_deg);
     assert!(
         two.sigma.t_m < 0.5 * one.sigma.t_m,
@@ -97,11 +128,60 @@ fn views_tell_the_distance_and_expect_less_of_an_error() {
     assert!(off(&two).1 < off(&one).1);
 }
 
+/// A nut's turns by sixths and upside down, about an axis beside the origin.
+fn nut() -> Symmetry {
+    let center = Translation3::new(0.01, -0.02, 0.0);
+    let about = |axis: Vector3<f64>, angle: f64| {
+        center * UnitQuaternion::from_scaled_axis(axis * angle) * center.inverse()
+    };
+    let sixths = (0..6).map(|n| about(Vector3::z(), f64::from(n) * TAU / 6.0));
+    let both = sixths.flat_map(|turn| [turn, turn * about(Vector3::x(), PI)]);
+    Symmetry {
+        discrete: both.skip(1).collect(),
+        axis: None,
+    }
+}
+
+#[test]
+fn each_view_may_mean_another_of_the_poses_that_look_alike() {
+    let direction = Unit::new_normalize(Vector3::new(0.2, 0.1, 1.0));
+    let shaft = Symmetry {
+        discrete: Vec::new(),
+        axis: Some(symmetry::Axis {
+            direction,
+            point: Point3::new(0.01, 0.0, 0.0),
+        }),
+    };
+    let origins = [LEFT, RIGHT, [0.1, 1.3, 0.8]];
+    for symmetry in [nut(), shaft] {
+        let evidence = seen_after(&symmetry, &origins, 0.3, 0.005);
+        let turns = evidence.turns(&pose());
+        assert!(
+            turns
+                .iter()
+                .any(|turn| turn.rotation.angle_to(&turns[0].rotation) > 0.5),
+            "or it would not be tested"
+        );
+        let found = fit(evidence, &guess()).unwrap().world_from_obj;
+        let alike = symmetry.nearest(&pose(), &found, DIAMETER);
+        let turned = alike.rotation.angle_to(&found.rotation).to_degrees();
+        let moved = (alike.translation.vector - found.translation.vector).norm();
+        assert!(turned < 2.0 && moved < 0.002, "{turned} degrees, {moved} m");
+        let given = symmetry.canonical(&found, DIAMETER);
+        assert!(
+            given.rotation.angle_to(&found.rotation) < 1e-6,
+            "always the same one"
+        );
+    }
+}
+
 #[test]
 fn few_cells_settle_nothing() {
-    let seen = seen_from(&[LEFT], 0.0, 0.0);
-    assert!(fit(seen[..FEWEST - 1].to_vec(), DIAMETER, &guess()).is_none());
-    assert!(fit(seen[..FEWEST].to_vec(), DIAMETER, &guess()).is_some());
+    let mut evidence = seen_from(&[LEFT], 0.0, 0.0);
+    evidence.cells.truncate(FEWEST);
+    assert!(fit(evidence.clone(), &guess()).is_some());
+    evidence.cells.truncate(FEWEST - 1);
+    assert!(fit(evidence, &guess()).is_none());
 }
 
 #[test]
