@@ -122,6 +122,10 @@ pub struct Detector {
     /// agrees. Equal to `score_threshold` where the bundle does not say.
     #[serde(default)]
     pub agree_threshold: Option<f32>,
+    /// Least [support](crate::prediction::ObjectPose::support) of an object that is detected; 0
+    /// where the bundle does not say.
+    #[serde(default)]
+    pub support_threshold: f64,
     /// Overlap (intersection over union) above which the weaker of two boxes is dropped.
     pub nms_iou: f32,
 }

@@ -1,5 +1,6 @@
 //! From images to poses: start reading at [`Estimator::predict`].
 
+mod believed;
 mod complete;
 mod decode;
 mod fit;
@@ -13,6 +14,7 @@ use std::time::Instant;
 
 use nalgebra::Isometry3;
 
+use self::believed::believed;
 use self::picture::Pictures;
 use self::pose::DecodedPose;
 use self::sightings::Sighting;
@@ -184,6 +186,10 @@ impl Estimator {
         if let (Some(closeups), None) = (closeups, &options.boxes) {
             found = self.completed(closeups, &views, found)?;
         }
+        if options.boxes.is_none() {
+            let least = self.bundle.detector.support_threshold;
+            found = believed(found, least, &self.radii);
+        }
         let seen = |(_, pose): &(Sighting, DecodedPose)| pose.check_in_front(&views);
         found.iter().try_for_each(seen)?;
         let decode = clock.lap();
@@ -268,6 +274,7 @@ impl Estimator {
             ref_from_obj: ref_from_world * pose.world_from_obj,
             world_from_obj: pose.world_from_obj,
             sigma: pose.sigma,
+            support: pose.support,
             symmetry: class.symmetry.clone(),
             cameras: cameras.collect(),
         }

@@ -57,6 +57,10 @@ pub struct ObjectPose {
     pub world_from_obj: Isometry3<f64>,
     /// How far the network expects to be off.
     pub sigma: Sigma,
+    /// Of what the object would cover in the images at this pose, the share that shows it so, by the
+    /// object coordinates, 0 to 1: less where much of it is hidden, and least where it is something
+    /// else. `None` where the network gives no object coordinates.
+    pub support: Option<f64>,
     /// What no view tells: motions of the object after which it looks the same. Of the poses that
     /// look alike the one is given whose axes are nearest to those of the world frame.
     pub symmetry: Symmetry,

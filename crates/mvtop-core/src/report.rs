@@ -60,6 +60,8 @@ pub struct Object {
     pub q_wxyz: [f64; 4],
     /// How far the network expects to be off.
     pub sigma: Sigma,
+    /// Share of what the object would cover that shows it so, [`ObjectPose::support`].
+    pub support: Option<f64>,
     /// What no view tells; null where the pose is the only one that looks like this.
     pub symmetry: Option<Undetermined>,
     /// Every camera that gave an image.
@@ -139,6 +141,7 @@ impl Object {
             t_m: object.ref_from_obj.translation.vector.into(),
             q_wxyz: wxyz(&object.ref_from_obj.rotation),
             sigma: object.sigma,
+            support: object.support,
             symmetry: Undetermined::of(&object.symmetry),
             cameras: object.cameras.iter().map(in_camera).collect(),
         }
@@ -184,6 +187,7 @@ mod tests {
                     rot_deg: 4.0,
                     t_m: 0.01,
                 },
+                support: None,
                 symmetry: Symmetry {
                     discrete: vec![Isometry3::identity(); 5],
                     axis: None,

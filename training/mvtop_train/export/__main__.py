@@ -47,6 +47,10 @@ def main():
     parser.add_argument(
         "--agree-threshold", type=float, help="least score of a box that another view agrees with"
     )
+    parser.add_argument(
+        "--support-threshold", type=float, default=0.0,
+        help="least share of an object's cells that agree with its pose",
+    )  # fmt: skip
     args = parser.parse_args()
     ids = (args.object,) if args.object else ()
     known = objects.read_all(args.data, ids) if args.data else (objects.ball(),)
@@ -65,7 +69,7 @@ def main():
     }
     write_bundle(
         model, args.out, provenance, args.portable, args.score_threshold, known,
-        args.agree_threshold, args.half,
+        args.agree_threshold, args.half, args.support_threshold,
     )  # fmt: skip
     size = sum(f.stat().st_size for f in args.out.iterdir()) / 1e6
     print(f"{args.out}: {config.preset}, {step} steps, {size:.1f} MB")

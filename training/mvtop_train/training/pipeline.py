@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from ..data import batches, bop, search
 from ..errors import UserError
-from . import checkpoint, loop, processes, runconfig, thresholds
+from . import checkpoint, loop, processes, runconfig, support, thresholds
 from .validate import pose_views, validate
 
 
@@ -150,12 +150,7 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
     model, _, step = checkpoint.load_weights(weights)
     model.to(processes.join().device)
     found = thresholds_of(settings, model)
-    subprocess.run(
-        [sys.executable, "-m", "mvtop_train.export", "--weights", str(weights),
-         "--data", settings.data, "--out", str(folder / "bundle"), "--half",
-         "--score-threshold", str(found.score), "--agree-threshold", str(found.agree)],
-        check=True,
-    )  # fmt: skip
+    export(settings, weights, folder / "bundle", found)
     print(f"boxes at score {found.score:g}: precision {found.precision:.3f}, recall "
           f"{found.recall:.3f}, IoU {found.iou:.2f}")  # fmt: skip
     print(json.dumps(evaluate(settings, folder, model, step), indent=1))
@@ -166,12 +161,32 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
     print(f"{folder}: {minutes - stages.left():.1f} minutes of {minutes:g}")
 
 
+def export(settings: runconfig.RunConfig, weights: Path, bundle: Path, found):
+    """The bundle; where it gives object coordinates, with the least support that is believed."""
+    command = [
+        sys.executable, "-m", "mvtop_train.export", "--weights", str(weights), "--data",
+        settings.data, "--out", str(bundle), "--half", "--score-threshold", str(found.score),
+        "--agree-threshold", str(found.agree),
+    ]  # fmt: skip
+    subprocess.run(command, check=True)
+    if not settings.pretrained:
+        return
+    known, images = settings.known(), held_images(settings)
+    least = support.choose(*support.found_in(bundle, support.scenes_of(images), known))
+    print(f"least support: {least:g}")
+    subprocess.run([*command, "--support-threshold", str(least)], check=True)
+
+
 def thresholds_of(settings: runconfig.RunConfig, model) -> thresholds.Thresholds:
     """Chosen on the held-out scenes of the training split, so that the test split stays unseen."""
-    known = settings.known()
-    scenes = batches.Scenes(Path(settings.data), known, settings.held_out)
-    images = scenes.held_images or scenes.images
-    return thresholds.choose(model, images, search.Searches(model.config, known))
+    searches = search.Searches(model.config, settings.known())
+    return thresholds.choose(model, held_images(settings), searches)
+
+
+def held_images(settings: runconfig.RunConfig) -> list[bop.Image]:
+    """Of the training split, those that are not trained on."""
+    scenes = batches.Scenes(Path(settings.data), settings.known(), settings.held_out)
+    return scenes.held_images or scenes.images
 
 
 def report(settings: runconfig.RunConfig, folder: Path):

@@ -193,7 +193,8 @@ impl Manifest {
         let detector = self.detector;
         let shares = [detector.score_threshold, detector.nms_iou];
         let mut shares = shares.into_iter().chain(detector.agree_threshold);
-        if !shares.all(|x| (0.0..=1.0).contains(&x)) {
+        let supported = (0.0..=1.0).contains(&detector.support_threshold);
+        if !(supported && shares.all(|x| (0.0..=1.0).contains(&x))) {
             return Err(format!(
                 "detector has {detector:?}, expected numbers from 0 to 1"
             ));

@@ -10,9 +10,9 @@ use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Quaternion, UnitQuaternion, 
 use rayon::prelude::*;
 
 use self::cells::{Evidence, Seen};
-use super::picture::{Group, Pictures};
+use super::picture::{Group, Picture, Pictures};
 use super::pose::DecodedPose;
-use crate::bundle::Bundle;
+use crate::bundle::{Bundle, SurfacePoint};
 use crate::prediction::Sigma;
 
 mod cells;
@@ -53,11 +53,14 @@ pub fn settled(
                 continue;
             };
             let (codes, symmetry) = (coordinates.view(), &class.symmetry);
-            let evidence =
+            let mut evidence =
                 Evidence::new(pictures, codes, group, extent, symmetry, class.diameter_m);
-            if let Some(found) = fit(evidence, &pose.world_from_obj) {
+            if let Some(found) = fit(&mut evidence, &pose.world_from_obj) {
                 *pose = found;
             }
+            let (list, columns) = (&pictures.list[group.pictures.clone()], codes.dim().3);
+            let now = &pose.world_from_obj;
+            pose.support = Some(support(&evidence, list, columns, &class.points, now));
         }
     }
     poses
@@ -83,7 +86,7 @@ fn position(seen: &[Seen], pose: &Isometry3<f64>) -> Vector3<f64> {
 /// The pose that most cells agree with; `None` where too few do.
 ///
 /// - `start`: a guess, of which the position is taken and the rotation is tried
-fn fit(mut evidence: Evidence, start: &Isometry3<f64>) -> Option<DecodedPose> {
+fn fit(evidence: &mut Evidence, start: &Isometry3<f64>) -> Option<DecodedPose> {
     if evidence.cells.len() < FEWEST {
         return None;
     }
@@ -92,7 +95,7 @@ fn fit(mut evidence: Evidence, start: &Isometry3<f64>) -> Option<DecodedPose> {
         one.distance = (position - one.origin.coords).norm();
     }
     let start = &Isometry3::from_parts(position.into(), start.rotation);
-    let (all, some) = (&evidence, evidence.thinned(SEARCHED));
+    let (all, some) = (&*evidence, evidence.thinned(SEARCHED));
     let diameter = all.diameter;
     let around =
         (0..STARTS).map(|n| Isometry3::from_parts(start.translation, spread_rotation(n, STARTS)));
@@ -128,6 +131,7 @@ fn fit(mut evidence: Evidence, start: &Isometry3<f64>) -> Option<DecodedPose> {
     Some(DecodedPose {
         world_from_obj: all.symmetry.canonical(&pose, diameter),
         sigma: expected(all, &pose, &information, last)?,
+        support: None,
     })
     .filter(|_| in_front)
 }
@@ -159,14 +163,64 @@ fn weight(seen: &Seen, left: &Vector3<f64>, scale: f64) -> f64 {
     seen.weight / (1.0 + left.norm_squared() / (scale * scale)).powi(2)
 }
 
-/// Share of the cells that agree with a pose, 0 to 1.
+/// Share of what can be trusted that agrees with a pose, 0 to 1.
 fn agreement(evidence: &Evidence, pose: &Isometry3<f64>, scale: f64) -> f64 {
     let turns = evidence.turns(pose);
-    let agrees = evidence.cells.iter().map(|one| {
-        let (left, _) = left_over(one, &Evidence::place(&turns, one), pose);
-        one.weight / (1.0 + left.norm_squared() / (scale * scale))
-    });
-    agrees.sum::<f64>() / evidence.cells.len() as f64
+    let agrees = evidence
+        .cells
+        .iter()
+        .map(|one| agrees(one, &turns, pose, scale));
+    agrees.sum::<f64>() / evidence.cells.iter().map(|one| one.weight).sum::<f64>()
+}
+
+/// How far a cell can be trusted and agrees with a pose, 0 to 1.
+fn agrees(seen: &Seen, turns: &[Isometry3<f64>], pose: &Isometry3<f64>, scale: f64) -> f64 {
+    let (left, _) = left_over(seen, &Evidence::place(turns, seen), pose);
+    seen.weight / (1.0 + left.norm_squared() / (scale * scale))
+}
+
+/// Of what the object would cover at this pose in the views that have a picture of it, the share
+/// that can be trusted and agrees: what is hidden lowers it, and what is no such object at all.
+///
+/// - `pictures`: of the evidence's views
+/// - `columns`: cells of a row
+fn support(
+    evidence: &Evidence,
+    pictures: &[Picture],
+    columns: usize,
+    points: &[SurfacePoint],
+    pose: &Isometry3<f64>,
+) -> f64 {
+    let (turns, scale) = (
+        evidence.turns(pose),
+        FINE[FINE.len() - 1] * evidence.diameter,
+    );
+    let mut agreeing = vec![0.0; pictures.len() * columns * columns];
+    for one in &evidence.cells {
+        agreeing[one.view * columns * columns + one.cell] = agrees(one, &turns, pose, scale);
+    }
+    let of_view = |(picture, agreeing): (&Picture, &[f64])| {
+        let cam_from_obj = picture.camera.world_from_cam().inv_mul(pose);
+        let mut covered = vec![false; agreeing.len()];
+        for point in points {
+            let in_cam = cam_from_obj * Point3::from(point.position);
+            let Some(pixel) = picture.camera.intrinsics().project(&in_cam) else {
+                continue;
+            };
+            let cell =
+                |x: f64| ((x + 0.5) * columns as f64 / f64::from(picture.camera.width())).floor();
+            let (column, row) = (cell(pixel.x), cell(pixel.y));
+            let inside = 0.0..columns as f64;
+            if inside.contains(&column) && inside.contains(&row) {
+                covered[row as usize * columns + column as usize] = true;
+            }
+        }
+        let of = |(covered, agrees): (&bool, &f64)| covered.then_some(*agrees);
+        let count = covered.iter().filter(|covered| **covered).count().max(1);
+        covered.iter().zip(agreeing).filter_map(of).sum::<f64>() / count as f64
+    };
+    let views = pictures.iter().zip(agreeing.chunks(columns * columns));
+    views.map(of_view).sum::<f64>() / pictures.len() as f64
 }
 
 /// A place, and where it should be.

@@ -14,6 +14,8 @@ use crate::{Error, Result};
 pub struct DecodedPose {
     pub world_from_obj: Isometry3<f64>,
     pub sigma: Sigma,
+    /// See [`crate::prediction::ObjectPose::support`].
+    pub support: Option<f64>,
 }
 
 impl DecodedPose {
@@ -46,6 +48,7 @@ impl DecodedPose {
         Ok(Self {
             world_from_obj: world_from_anchor * anchor_from_obj,
             sigma,
+            support: None,
         })
     }
 }
@@ -96,6 +99,7 @@ pub fn mean_pose(poses: &[DecodedPose], class: &Class) -> DecodedPose {
             rot_deg: mean(|sigma| sigma.rot_deg),
             t_m: mean(|sigma| sigma.t_m),
         },
+        support: None,
     }
 }
 

@@ -44,6 +44,7 @@ fn bundle() -> Bundle {
         detector: Detector {
             score_threshold: 0.3,
             agree_threshold: None,
+            support_threshold: 0.0,
             nms_iou: 0.5,
         },
         poses: PoseInput::WholeImages {

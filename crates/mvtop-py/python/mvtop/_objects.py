@@ -95,6 +95,10 @@ class ObjectPose:
     quat_wxyz: NDArray[np.float64]
     """Rotation of `ref_from_obj` as a unit quaternion, w >= 0."""
     sigma: Sigma
+    support: float | None
+    """Of what the object would cover in the images at this pose, the share that shows it so, 0 to 1:
+    less where it is hidden, least where it is something else. None where the model gives no object
+    coordinates."""
     symmetry: Undetermined | None
     """None where the pose is the only one that looks like this."""
     cameras: dict[str, CameraPose]

@@ -173,6 +173,7 @@ def _object(found: dict[str, Any]) -> ObjectPose:
         world_from_obj=np.array(found["T_world_obj"]),
         quat_wxyz=np.array(found["q_wxyz"]),
         sigma=Sigma(**found["sigma"]),
+        support=found["support"],
         symmetry=None if found["symmetry"] is None else undetermined(found["symmetry"]),
         cameras={seen["id"]: camera(seen) for seen in found["cameras"]},
     )

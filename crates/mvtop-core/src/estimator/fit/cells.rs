@@ -14,6 +14,8 @@ const FAINTEST: f64 = 0.05;
 pub struct Seen {
     /// Which of the views shows it.
     pub view: usize,
+    /// Number of the cell there, row by row.
+    pub cell: usize,
     /// Object frame, metres, after one of the view's symmetries, see [`Evidence::turns`].
     pub place: Point3<f64>,
     /// Where the line of sight begins, world frame, metres.
@@ -22,7 +24,7 @@ pub struct Seen {
     pub direction: Vector3<f64>,
     /// About how far away the object is, metres; known once its position is.
     pub distance: f64,
-    /// How far it can be trusted; the mean is 1.
+    /// How far it can be trusted, 0 to 1.
     pub weight: f64,
 }
 
@@ -54,10 +56,6 @@ impl<'a> Evidence<'a> {
         for (view, (picture, index)) in list.iter().zip(group.pictures.clone()).enumerate() {
             let codes = codes.index_axis(Axis(0), index);
             cells.extend(trusted(view, picture, codes, extent));
-        }
-        let mean = cells.iter().map(|one| one.weight).sum::<f64>() / cells.len() as f64;
-        for one in &mut cells {
-            one.weight /= mean;
         }
         let views = list.iter().map(|p| p.camera.world_from_cam().inverse());
         Self {
@@ -120,6 +118,7 @@ fn trusted<'a>(
             .flatten()?;
         Some(Seen {
             view,
+            cell: row * columns + column,
             place: Point3::new(x, y, z) * extent,
             origin: world_from_cam.translation.vector.into(),
             direction: (world_from_cam.rotation * ray).normalize(),

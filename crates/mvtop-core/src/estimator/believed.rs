@@ -1,0 +1,97 @@
+//! Which of the objects that were found are there, by what the close-ups show of them.
+
+use super::pose::DecodedPose;
+use super::sightings::Sighting;
+
+/// Two objects whose origins are nearer than this share of their least half widths together are in
+/// each other's place.
+const APART: f64 = 0.5;
+
+/// Without objects that the close-ups do not support, and of objects in each other's place without
+/// the one that is supported less: a network that knows several classes may take one thing for two.
+/// Objects without support (networks without object coordinates) stay as they are.
+///
+/// - `least`: support of an object that is kept
+/// - `radii`: least and greatest half width of each class, metres
+pub fn believed(
+    found: Vec<(Sighting, DecodedPose)>,
+    least: f64,
+    radii: &[[f64; 2]],
+) -> Vec<(Sighting, DecodedPose)> {
+    let in_place_of = |(a, pose_a): &(Sighting, DecodedPose), (b, pose_b): &_| {
+        let (b, pose_b): (&Sighting, &DecodedPose) = (b, pose_b);
+        let between =
+            pose_a.world_from_obj.translation.vector - pose_b.world_from_obj.translation.vector;
+        let reach = radii[a.class][0] + radii[b.class][0];
+        let less = pose_a.support < pose_b.support;
+        less && between.norm() < APART * reach
+    };
+    let keeps = |one: &(Sighting, DecodedPose)| {
+        let Some(support) = one.1.support else {
+            return true;
+        };
+        support >= least && !found.iter().any(|other| in_place_of(one, other))
+    };
+    let kept: Vec<bool> = found.iter().map(keeps).collect();
+    let pairs = found.into_iter().zip(kept);
+    pairs
+        .filter_map(|(one, kept)| kept.then_some(one))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::prediction::Sigma;
+    use nalgebra::Isometry3;
+
+    fn object(class: usize, x: f64, support: Option<f64>) -> (Sighting, DecodedPose) {
+        let sighting = Sighting {
+            class,
+            score: 0.5,
+            boxes: vec![None],
+        };
+        let pose = DecodedPose {
+            world_from_obj: Isometry3::translation(x, 0.0, 1.0),
+            sigma: Sigma {
+                rot_deg: 1.0,
+                t_m: 0.01,
+            },
+            support,
+        };
+        (sighting, pose)
+    }
+
+    fn left(found: Vec<(Sighting, DecodedPose)>) -> Vec<(usize, f64)> {
+        let radii = [[0.04, 0.08], [0.02, 0.05]];
+        let left = believed(found, 0.3, &radii);
+        let about = |(object, pose): (Sighting, DecodedPose)| {
+            (object.class, pose.world_from_obj.translation.x)
+        };
+        left.into_iter().map(about).collect()
+    }
+
+    #[test]
+    fn what_the_pictures_do_not_show_is_dropped() {
+        let found = [(0.0, 0.2), (1.0, 0.3), (2.0, 0.9)];
+        let found = found.map(|(x, support)| object(0, x, Some(support)));
+        assert_eq!(left(found.into()), [(0, 1.0), (0, 2.0)]);
+    }
+
+    #[test]
+    fn one_thing_is_one_object() {
+        // 40 and 20 mm are the least half widths: 30 mm between the origins is their half.
+        let beside = vec![object(0, 0.0, Some(0.5)), object(1, 0.031, Some(0.8))];
+        assert_eq!(left(beside), [(0, 0.0), (1, 0.031)]);
+        let within = vec![object(0, 0.0, Some(0.5)), object(1, 0.029, Some(0.8))];
+        assert_eq!(left(within), [(1, 0.029)]);
+        let alike = vec![object(0, 0.0, Some(0.8)), object(0, 0.03, Some(0.5))];
+        assert_eq!(left(alike), [(0, 0.0)]);
+    }
+
+    #[test]
+    fn without_support_all_stay() {
+        let found = vec![object(0, 0.0, None), object(0, 0.001, None)];
+        assert_eq!(left(found).len(), 2);
+    }
+}

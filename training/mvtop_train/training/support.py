@@ -1,0 +1,75 @@
+"""From which support on an object is believed: chosen on scenes that were not trained on."""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from ..data import bop
+from ..data.objects import Object
+
+RIGHT = 0.5  # of the diameter: an object that is nearer to a true one of its class is there
+VIEWS = 3  # of each scene, at most
+
+
+def rig_of(images: list[bop.Image]):
+    """The cameras of a scene, and what they show: a rig of `mvtop`, and RGB arrays by camera."""
+    import mvtop  # loads its compiled part
+
+    pictures = {str(n): bop.read_rgb(one.path) for n, one in enumerate(images)}
+    cameras = []
+    for (name, picture), image in zip(pictures.items(), images, strict=True):
+        size, pose = picture.shape[1::-1], np.linalg.inv(image.cam_from_world)
+        cameras.append(mvtop.Camera(image.k, size, world_from_cam=pose, id=name))
+    return mvtop.Rig(cameras), pictures
+
+
+def scenes_of(images: list[bop.Image]) -> list[list[bop.Image]]:
+    """The images of each scene."""
+    by_folder = itertools.groupby(images, lambda image: image.path.parent.parent)
+    return [list(group) for _, group in by_folder]
+
+
+def found_in(bundle: Path, scenes: list[list[bop.Image]], known: tuple[Object, ...]):
+    """[(support, whether there is such an object)] of all that is found, and how many there are."""
+    import mvtop
+
+    estimator, by_id = mvtop.Estimator.load(bundle), {obj.id: obj for obj in known}
+    found, wanted = [], 0
+    for images in tqdm(scenes, unit="scene", desc="support"):
+        images = images[:VIEWS]
+        rig, pictures = rig_of(images)
+        there = []
+        for things in bop.sightings(images, by_id):
+            one, image = things[0].instances[0], things[0]
+            place = np.linalg.inv(image.cam_from_world) @ one.cam_from_obj
+            there.append([one.obj_id, place[:3, 3], False])
+        wanted += len(there)
+        for one in estimator.predict(rig, pictures).objects:
+            if one.support is None:
+                continue
+            reach = RIGHT * by_id[one.class_id].diameter_m
+            away = [
+                np.linalg.norm(place - one.world_from_obj[:3, 3]) / reach
+                if obj_id == one.class_id and not taken else np.inf
+                for obj_id, place, taken in there
+            ]  # fmt: skip
+            right = bool(away) and min(away) < 1
+            if right:
+                there[int(np.argmin(away))][2] = True
+            found.append((one.support, right))
+    return found, wanted
+
+
+def choose(found: list[tuple[float, bool]], wanted: int) -> float:
+    """The threshold with the best F1 of `found_in`; 0 where nothing is found."""
+    if not found or not wanted:
+        return 0.0
+    support, right = np.array(sorted(found, reverse=True)).T
+    hits = right.cumsum()
+    precision, recall = hits / np.arange(1, len(hits) + 1), hits / wanted
+    best = int((2 * precision * recall / np.maximum(precision + recall, 1e-9)).argmax())
+    # Between the last that is kept and the first that is not.
+    after = support[best + 1] if best + 1 < len(support) else 0.0
+    return round(float(support[best] + after) / 2, 3)

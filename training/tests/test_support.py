@@ -1,0 +1,31 @@
+"""The least support of an object that is believed."""
+
+import numpy as np
+import pytest
+
+from mvtop_train.data import bop
+from mvtop_train.training import support
+
+
+def test_the_threshold_lies_between_what_is_there_and_what_is_not():
+    found = [(0.9, True), (0.1, False), (0.5, True), (0.2, False)]
+    assert support.choose(found, 2) == pytest.approx(0.35)
+    assert support.choose(found[::-1], 2) == pytest.approx(0.35)
+
+
+def test_one_that_is_wrong_is_taken_for_two_that_are_right():
+    found = [(0.9, True), (0.8, False), (0.7, True), (0.6, True), (0.2, False), (0.1, False)]
+    assert support.choose(found, 3) == pytest.approx(0.4)
+
+
+def test_without_objects_none_is_refused():
+    assert support.choose([], 3) == support.choose([(0.3, False)], 0) == 0
+
+
+def test_images_are_told_apart_by_scene(tmp_path):
+    def image(scene, number):
+        path = tmp_path / scene / "rgb" / f"{number}.jpg"
+        return bop.Image(number, path, np.eye(3), np.eye(4), [])
+
+    scenes = support.scenes_of([image("1", 0), image("1", 1), image("2", 0)])
+    assert [[one.number for one in scene] for scene in scenes] == [[0, 1], [0]]
