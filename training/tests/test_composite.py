@@ -65,3 +65,13 @@ def test_what_comes_before_leaves_most_of_the_object(pictures, monkeypatch):
         for n in range(60)
     ]  # fmt: skip
     assert max(hidden) < 0.6 and np.mean(hidden) > 0.03
+
+
+def test_an_occluder_may_have_the_colors_of_what_it_hides():
+    rng = np.random.default_rng(1)
+    picture = rng.integers(0, 256, (40, 50, 3), np.uint8)
+    like = rng.normal([180, 60, 40], [12, 9, 15], (30, 20, 3)).clip(0, 255).astype(np.uint8)
+    found = composite.recolored(picture, like)
+    assert np.allclose(found.mean((0, 1)), like.mean((0, 1)), atol=0.5)
+    assert np.allclose(found.std((0, 1)), like.std((0, 1)), atol=0.5)
+    assert (composite.recolored(picture, like[:0]) == picture).all(), "the box is off the picture"

@@ -9,7 +9,8 @@ from . import backgrounds
 from .bop import OTHER
 
 # Shares of pictures with another background, of these of the object alone, and with an occluder.
-BEHIND, ALONE, BEFORE = 0.5, 0.3, 0.35
+BEHIND, ALONE, BEFORE = 0.5, 0.3, 0.45
+LIKE = 0.4  # share of occluders in the colors of what they hide: these mislead most
 
 
 class Composer:
@@ -46,13 +47,13 @@ class Composer:
         return np.rint(picture * alpha + other * (1 - alpha)).astype(np.uint8)
 
     def _before(self, picture, box, rng):
-        """A blob over a part of the box, up to a third of it."""
+        """A blob over a part of the box, up to half of it."""
         height, width = picture.shape[:2]
         size = np.maximum(box[2:] - box[:2], 4)
         middle = box[:2] + rng.uniform(0, 1, 2) * size
         corners = int(rng.integers(3, 9))
         angles = np.sort(rng.uniform(0, 2 * np.pi, corners))
-        reach = rng.uniform(0.12, 0.42) * size
+        reach = rng.uniform(0.12, 0.5) * size
         radius = rng.uniform(0.5, 1.0, (corners, 1)) * reach
         outline = middle + radius * np.stack([np.cos(angles), np.sin(angles)], 1)
         mask = np.zeros((height, width), np.uint8)
@@ -61,5 +62,17 @@ class Composer:
             other = np.broadcast_to(rng.uniform(0, 255, 3), picture.shape)
         else:
             other = backgrounds.cut(self.pictures, rng, height, width)
+        if rng.random() < LIKE:
+            x0, y0, x1, y1 = np.clip(np.rint(box), 0, [width, height] * 2).astype(int)
+            other = recolored(other, picture[y0:y1, x0:x1])
         alpha = cv2.GaussianBlur(mask * np.float32(1), (0, 0), 0.7)[..., None]
         return np.rint(picture * (1 - alpha) + other * alpha).astype(np.uint8)
+
+
+def recolored(picture: np.ndarray, like: np.ndarray) -> np.ndarray:
+    """A picture [h, w, 3] with the mean color and contrast of another (Reinhard et al. 2001)."""
+    if like.size == 0:
+        return picture
+    mean, spread = picture.mean((0, 1)), picture.std((0, 1)).clip(8)
+    scaled = (picture - mean) / spread * like.std((0, 1)) + like.mean((0, 1))
+    return scaled.clip(0, 255)
