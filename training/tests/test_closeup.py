@@ -62,9 +62,9 @@ def model():
     return Mvtop(config.preset("tiny", MVBALL)).eval()
 
 
-@pytest.mark.parametrize("half", [False, True])
-def test_exported_closeups_match_torch(model, tmp_path, half):
-    bundle.write_bundle(model, tmp_path, {}, portable=True, half=half)
+@pytest.mark.parametrize("bits", [32, 16, 8])
+def test_exported_closeups_match_torch(model, tmp_path, bits):
+    bundle.write_bundle(model, tmp_path, {}, portable=True, bits=bits)
     manifest = json.loads((tmp_path / "model.json").read_text())
     assert manifest["closeup"] == {"size": 64, "strides": [16, 32]}
     assert set(manifest["graphs"]) == {"features", "closeup", "decoder"}
@@ -80,7 +80,7 @@ def test_exported_closeups_match_torch(model, tmp_path, half):
     decoder = decoder_inputs(c, 3, 1)
     decoder["memory"], decoder["rays"] = torch.randn(3, n, 32), torch.randn(3, n, c.los_channels)
     given["decoder"] = (bundle.ExportedDecoder, decoder)
-    tolerance = 2e-2 if half else 1e-4
+    tolerance = {32: 1e-4, 16: 2e-2, 8: 5e-2}[bits]
     for name, (module, inputs) in given.items():
         session = onnxruntime.InferenceSession(tmp_path / f"{name}.onnx")
         with torch.no_grad():
@@ -91,8 +91,10 @@ def test_exported_closeups_match_torch(model, tmp_path, half):
             assert np.abs(ours - theirs.numpy()).max() < tolerance * scale, name
 
 
-def test_half_precision_halves_the_files(model, tmp_path):
-    for half in (False, True):
-        bundle.write_bundle(model, tmp_path / str(half), {}, portable=True, half=half)
-    whole, half = ((tmp_path / str(h) / "closeup.onnx").stat().st_size for h in (False, True))
-    assert half < 0.75 * whole
+def test_fewer_bits_make_smaller_files(model, tmp_path):
+    sizes = []
+    for bits in (32, 16, 8):
+        bundle.write_bundle(model, tmp_path / str(bits), {}, portable=True, bits=bits)
+        sizes.append((tmp_path / str(bits) / "features.onnx").stat().st_size)
+    whole, half, quarter = sizes
+    assert half < 0.75 * whole and quarter < 0.8 * half

@@ -75,7 +75,7 @@ def test_a_bundle_of_several_classes_is_loaded(tmp_path, parts):
 
     torch.manual_seed(0)
     model = Mvtop(config.preset("lite", classes_of(*parts))).eval()
-    write_bundle(model, tmp_path, {}, known=parts, half=True)
+    write_bundle(model, tmp_path, {}, known=parts, bits=16)
     manifest = json.loads((tmp_path / "model.json").read_text())
     assert [(c["id"], c["name"]) for c in manifest["classes"]] == [(p.id, p.name) for p in parts]
     estimator = mvtop.Estimator.load(tmp_path)

@@ -38,8 +38,10 @@ def main():
         "--object", type=int, metavar="ID", help="one of the objects in --data, alone"
     )
     parser.add_argument(
-        "--half", action="store_true", help="weights in half precision: half the size"
-    )
+        "--bits", type=int, choices=(32, 16, 8), default=32,
+        help="of stored weights; computed is in full: 16 halves the files, 8 (of convolutions) "
+        "makes a third of them",
+    )  # fmt: skip
     parser.add_argument("--portable", action="store_true", help="standard operators only")
     parser.add_argument(
         "--score-threshold", type=float, default=0.3, help="least score of an object"
@@ -69,7 +71,7 @@ def main():
     }
     write_bundle(
         model, args.out, provenance, args.portable, args.score_threshold, known,
-        args.agree_threshold, args.half, args.support_threshold,
+        args.agree_threshold, args.bits, args.support_threshold,
     )  # fmt: skip
     size = sum(f.stat().st_size for f in args.out.iterdir()) / 1e6
     print(f"{args.out}: {config.preset}, {step} steps, {size:.1f} MB")

@@ -165,7 +165,7 @@ def export(settings: runconfig.RunConfig, weights: Path, bundle: Path, found):
     """The bundle; where it gives object coordinates, with the least support that is believed."""
     command = [
         sys.executable, "-m", "mvtop_train.export", "--weights", str(weights), "--data",
-        settings.data, "--out", str(bundle), "--half", "--score-threshold", str(found.score),
+        settings.data, "--out", str(bundle), "--bits", "8", "--score-threshold", str(found.score),
         "--agree-threshold", str(found.agree),
     ]  # fmt: skip
     subprocess.run(command, check=True)
