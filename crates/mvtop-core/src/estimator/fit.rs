@@ -66,13 +66,30 @@ pub fn settled(
     poses
 }
 
-/// Where the object is about: where the lines of sight of several views come nearest to each other,
-/// and for one view where the pose says.
-fn position(seen: &[Seen], pose: &Isometry3<f64>) -> Vector3<f64> {
-    let known = pose.translation.vector;
-    let first = seen.first().map(|one| one.origin);
-    if seen.iter().all(|one| Some(one.origin) == first) {
-        return known;
+/// Where the object is about: where the lines of sight of several views come nearest to each other;
+/// of one view, as far away as the places would have to be to look as large as they do.
+fn position(seen: &[Seen]) -> Option<Vector3<f64>> {
+    let total: f64 = seen.iter().map(|one| one.weight).sum();
+    let mean = |of: &dyn Fn(&Seen) -> Vector3<f64>| {
+        seen.iter()
+            .map(|one| of(one) * one.weight)
+            .sum::<Vector3<f64>>()
+            / total
+    };
+    let spread = |of: &dyn Fn(&Seen) -> Vector3<f64>| {
+        let middle = mean(of);
+        let squares = seen
+            .iter()
+            .map(|one| (of(one) - middle).norm_squared() * one.weight);
+        squares.sum::<f64>() / total
+    };
+    let first = seen.first()?.origin;
+    if seen.iter().all(|one| one.origin == first) {
+        let ahead = mean(&|one| one.direction).try_normalize(0.0)?;
+        let aside = spread(&|one| one.direction / one.direction.dot(&ahead));
+        // Two of the three axes along which places spread are across the line of sight.
+        let across = spread(&|one| one.place.coords) * 2.0 / 3.0;
+        return Some(first.coords + ahead * (across / aside).sqrt());
     }
     let (mut beside, mut sum) = (Matrix3::zeros(), Vector3::zeros());
     for one in seen {
@@ -80,26 +97,27 @@ fn position(seen: &[Seen], pose: &Isometry3<f64>) -> Vector3<f64> {
         beside += off * one.weight;
         sum += off * one.origin.coords * one.weight;
     }
-    beside.try_inverse().map_or(known, |inverse| inverse * sum)
+    Some(beside.try_inverse()? * sum)
 }
 
 /// The pose that most cells agree with; `None` where too few do.
 ///
-/// - `start`: a guess, of which the position is taken and the rotation is tried
+/// - `start`: a guess, which is tried as well
 fn fit(evidence: &mut Evidence, start: &Isometry3<f64>) -> Option<DecodedPose> {
     if evidence.cells.len() < FEWEST {
         return None;
     }
-    let position = position(&evidence.cells, start);
+    let position = position(&evidence.cells)?;
     for one in &mut evidence.cells {
         one.distance = (position - one.origin.coords).norm();
     }
-    let start = &Isometry3::from_parts(position.into(), start.rotation);
     let (all, some) = (&*evidence, evidence.thinned(SEARCHED));
     let diameter = all.diameter;
-    let around =
-        (0..STARTS).map(|n| Isometry3::from_parts(start.translation, spread_rotation(n, STARTS)));
-    let starts: Vec<Isometry3<f64>> = around.chain([*start]).collect();
+    let rotations = (0..STARTS).map(|n| spread_rotation(n, STARTS));
+    let there = rotations
+        .chain([start.rotation])
+        .map(|rotation| Isometry3::from_parts(position.into(), rotation));
+    let starts: Vec<Isometry3<f64>> = there.chain([*start]).collect();
     let mut found: Vec<(f64, Isometry3<f64>)> = starts
         .into_par_iter()
         .filter_map(|mut pose| {

@@ -177,6 +177,14 @@ fn each_view_may_mean_another_of_the_poses_that_look_alike() {
 }
 
 #[test]
+fn one_view_tells_the_distance_by_the_size() {
+    let far = Isometry3::from_parts(Translation3::new(0.0, 0.0, 5.0), guess().rotation);
+    let found = fit(&mut seen_from(&[LEFT], 0.1, 0.003), &far).unwrap();
+    let (turned, moved) = off(&found);
+    assert!(turned < 2.0 && moved < 0.01, "{turned} degrees, {moved} m");
+}
+
+#[test]
 fn few_cells_settle_nothing() {
     let mut evidence = seen_from(&[LEFT], 0.0, 0.0);
     evidence.cells.truncate(FEWEST);
