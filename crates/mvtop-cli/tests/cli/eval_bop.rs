@@ -774,3 +774,26 @@ fn doubtful_data_sets_are_evaluated_with_warnings() {
         "{text}"
     );
 }
+
+#[test]
+fn results_of_several_sensors_are_scored_one_at_a_time() {
+    let dir = TempDir::new().unwrap();
+    let dataset = dir.path().join("balls");
+    write_dataset(&dataset, true);
+    let targets = dir.path().join("targets.json");
+    let list = r#"[{"scene_id": 1, "im_id": [["cam0", 0], ["cam1", 0]]},
+                   {"scene_id": 1, "im_id": [["cam1", 0], ["cam0", 0]]},
+                   {"scene_id": 1, "im_id": [["cam1", 0], ["cam2", 0]]}]"#;
+    fs::write(&targets, list).unwrap();
+    let csv = dir.path().join("poses.csv");
+    fs::write(&csv, "1,0,1,0.5,1 0 0 0 1 0 0 0 1,0 0 900,-1\n").unwrap();
+    let [targets, csv] = [targets, csv].map(|path| path.display().to_string());
+    let more = ["--targets", &targets];
+    let error = refusal(&score(&dataset, &[&csv], &more));
+    assert!(
+        error.contains("several sensors (cam0, cam1)") && error.contains("--sensor"),
+        "{error}"
+    );
+    let more = [&more[..], &["--sensor", "cam1"]].concat();
+    assert_eq!(summary(&score(&dataset, &[&csv], &more))["pairs"], 1);
+}

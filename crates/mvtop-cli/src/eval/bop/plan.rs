@@ -112,11 +112,32 @@ impl Plan {
             )));
         }
         if known.is_none() {
-            let mut seen = BTreeSet::new();
-            plan.groups.retain(|group| seen.insert(name(group)));
+            plan.keep_images_once(options.sensor.as_deref())?;
         }
         plan.warnings = plan.doubts(args, known.is_some());
         Ok(plan)
+    }
+
+    /// For results, which name an image by scene and number: each is evaluated once.
+    fn keep_images_once(&mut self, sensor: Option<&str>) -> Result<()> {
+        let mut seen = BTreeSet::new();
+        self.groups.retain(|group| {
+            let asked = sensor.is_none_or(|sensor| group.views[0].sensor == sensor);
+            asked && seen.insert(name(group))
+        });
+        let sensors = self
+            .groups
+            .iter()
+            .map(|group| group.views[0].sensor.as_str());
+        let sensors: BTreeSet<&str> = sensors.collect();
+        if sensors.len() > 1 {
+            return Err(Failure(format!(
+                "--targets names images of several sensors ({}), which results do not tell apart; \
+                 choose one with --sensor",
+                sensors.into_iter().collect::<Vec<_>>().join(", ")
+            )));
+        }
+        Ok(())
     }
 
     /// What of the data set and of what is asked for makes results doubtful.
