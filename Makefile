@@ -8,6 +8,8 @@ CLI := target/release/mvtop-cli
 # There once the wheel is installed, which data and training use.
 MVTOP := .venv/bin/mvtop-cli
 WHEELS := target/wheels
+# A model and an example that the wheel carries.
+SHIPPED := crates/mvtop-py/python/mvtop/shipped
 export PYTHONPATH := training
 # ONNX Runtime for what cargo builds: nothing is looked for in the current folder.
 RUNTIME = ORT_DYLIB_PATH="$$(ls -d $(CURDIR)/.venv/lib/python*/site-packages/onnxruntime/capi/libonnxruntime.[s1]*)"
@@ -66,7 +68,7 @@ wheel: $(MVTOP)  ## the Python wheel, in target/wheels and installed in .venv
 
 # As old a glibc as onnxruntime's own wheels ask for; zig links against any. On PATH, as maturin
 # calls `python -m ziglang`.
-release-wheel: .venv/release.done  ## the wheel for every Linux with glibc 2.28 (2018) or newer, in out/wheels
+release-wheel: .venv/release.done $(SHIPPED)/model/model.json  ## the wheel for every Linux with glibc 2.28 (2018) or newer, in out/wheels
 	PATH="$(CURDIR)/.venv/bin:$$PATH" $(PY) -m maturin build --release --strip --locked --zig \
 	  --compatibility manylinux_2_28 -m crates/mvtop-py/Cargo.toml --out out/wheels
 	scripts/try-wheel.sh out/wheels/mvtop-*.whl
@@ -130,7 +132,14 @@ $(MVTOP): $(WHEELS)/built
 	  $(WHEELS)/mvtop-*.whl
 	touch $@
 
-$(WHEELS)/built: .venv/data.done Cargo.toml Cargo.lock $(shell find crates -type f -not -path '*/tests/*')
+$(SHIPPED)/model/model.json: $(wildcard models/mvball/* examples/mvball/*)
+	rm -rf $(SHIPPED)
+	mkdir -p $(SHIPPED)
+	cp -r models/mvball $(SHIPPED)/model
+	cp -r examples/mvball $(SHIPPED)/example
+	touch $@
+
+$(WHEELS)/built: .venv/data.done $(SHIPPED)/model/model.json Cargo.toml Cargo.lock $(shell find crates -type f -not -path '*/tests/*')
 	rm -f $(WHEELS)/mvtop-*.whl
 	$(PY) -m maturin build --release --strip --locked -m crates/mvtop-py/Cargo.toml --out $(WHEELS)
 	touch $@

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Installs a wheel, with what it declares and nothing else, and runs the README's Python lines: they must find
-# the ball where it is.
+# the ball where it is. In an empty folder the command has all that it needs.
 set -euo pipefail
 wheel=$(realpath "$1")
 cd "$(dirname "$0")/.."
@@ -18,4 +18,6 @@ off = mvtop.metrics.rotation_error_deg(truth, prediction.objects[0].world_from_o
 assert off < 10, f"the ball's pose is {off:.1f} degrees off"
 END
 "$venv/bin/python" "$venv/readme.py"
+mkdir "$venv/empty"
+(cd "$venv/empty" && "$venv/bin/mvtop-cli" infer --example && "$venv/bin/mvtop-cli" doctor)
 "$venv/bin/mvtop-cli" infer --rig examples/mvball/rig.json examples/mvball/*.png

@@ -40,6 +40,8 @@ pub enum Command {
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
+  The two views that come along, with nothing else at hand:
+    mvtop-cli infer --example
   All cameras of the rig, in its order:
     mvtop-cli infer --rig rig.json left.png right.png
   Some cameras, poses in the frame of one of them, with pictures:
@@ -48,12 +50,16 @@ Examples:
     mvtop-cli infer --rig rig.json left.png right.png --json > poses.json")]
 pub struct Infer {
     /// Rig file: the cameras, their lenses and where they are
-    #[arg(long, value_name = "FILE")]
-    pub rig: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "example")]
+    pub rig: Option<PathBuf>,
 
     /// PNG, JPEG, TIFF or BMP images: one for each camera in the rig's order, or ID=PATH for some cameras
-    #[arg(required = true, value_name = "IMAGE")]
+    #[arg(required_unless_present = "example", value_name = "IMAGE")]
     pub images: Vec<PathBuf>,
+
+    /// Take the rig, images and known poses of the example that comes along
+    #[arg(long, conflicts_with_all = ["rig", "images", "truth", "boxes"])]
+    pub example: bool,
 
     /// Camera in whose frame poses are given [default: the rig's]
     #[arg(long, value_name = "ID")]
@@ -98,7 +104,8 @@ pub struct Detection {
 #[derive(Args)]
 #[command(next_help_heading = "Network")]
 pub struct NetworkArgs {
-    /// Model bundle [default: $MVTOP_MODEL, else models/mvball here or above the executable]
+    /// Model bundle [default: $MVTOP_MODEL, else models/mvball here or above the executable, else the
+    /// wheel's]
     #[arg(long, value_name = "DIR")]
     pub model: Option<PathBuf>,
 
@@ -118,7 +125,7 @@ pub struct NetworkArgs {
 impl NetworkArgs {
     /// The model bundle's folder.
     pub fn bundle(&self) -> Result<PathBuf> {
-        model_dir::find(self.model.as_deref())
+        Ok(model_dir::find(self.model.as_deref())?.folder)
     }
 
     pub fn load(&self, bundle: &Path) -> Result<Estimator> {

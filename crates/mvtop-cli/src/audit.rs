@@ -13,6 +13,10 @@ use self::args::Audit;
 use crate::failure::{Failure, Result};
 use crate::{progress, write};
 
+/// Splits whose distances differ by more are in different units, of which metres and millimetres
+/// differ least.
+const UNITS: f64 = 300.0;
+
 pub fn run(command: &Audit) -> Result<()> {
     let Audit::Leakage(args) = command;
     let data = ["leakage.json", "pairs.csv"];
@@ -41,8 +45,12 @@ pub fn run(command: &Audit) -> Result<()> {
         limit,
         models: models.as_ref(),
     };
+    let leakage = leakage(&a, &b, &settings)?;
+    for sentence in doubts(&a, &b) {
+        write::complain(&format!("warning: {sentence}"));
+    }
     let result = Audited {
-        leakage: leakage(&a, &b, &settings)?,
+        leakage,
         names: [&args.a, &args.b].map(|path| path.display().to_string()),
         a,
         b,
@@ -68,6 +76,26 @@ pub fn run(command: &Audit) -> Result<()> {
         return write::print(json.trim_end());
     }
     write::print(&report::table(&result))
+}
+
+/// What makes the outcome doubtful.
+fn doubts(a: &Split, b: &Split) -> Vec<String> {
+    let inexact = [("a", a), ("b", b)].map(|(letter, split)| {
+        let sentence = split.inexact.sentence("the ground truth");
+        sentence.map(|sentence| format!("split {letter}: {sentence}"))
+    });
+    let units = a.median_distance_mm().zip(b.median_distance_mm());
+    let units = units.and_then(|(of_a, of_b)| {
+        let another = of_a > UNITS * of_b || of_b > UNITS * of_a;
+        another.then(|| {
+            format!(
+                "objects are {of_a:.4} mm from the camera in split a, {of_b:.4} mm in split b \
+                 (medians): expected millimetres in both, so one looks like metres, and no pose of \
+                 it recurs"
+            )
+        })
+    });
+    inexact.into_iter().flatten().chain(units).collect()
 }
 
 /// What poses with the same translation are compared by.

@@ -8,6 +8,7 @@ use mvtop_core::onnx::{Provider, Runtime};
 
 use crate::args::NetworkArgs;
 use crate::failure::{Failure, Result};
+use crate::model_dir::{self, Found};
 use crate::write::print;
 
 pub fn run(args: &NetworkArgs) -> Result<()> {
@@ -15,8 +16,9 @@ pub fn run(args: &NetworkArgs) -> Result<()> {
     let runtime = Runtime::locate(args.ort_lib.as_deref());
     print(&format!("{}\n", on_runtime(&runtime)))?;
 
-    let model = args.bundle().and_then(|dir| {
-        print(&format!("Model  {}", dir.display()))?;
+    let found = model_dir::find(args.model.as_deref());
+    let model = found.and_then(|Found { folder: dir, by }| {
+        print(&format!("Model  {}\n  found in   {by}", dir.display()))?;
         check_bundle(&dir)?;
         if runtime.is_ok() {
             args.load(&dir)?;

@@ -9,6 +9,7 @@ mod samples;
 mod summary;
 
 use self::args::Eval;
+pub use self::bop::evaluate as bop_answer;
 use crate::failure::Result;
 
 pub fn run(command: &Eval) -> Result<()> {

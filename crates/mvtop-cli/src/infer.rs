@@ -11,6 +11,7 @@ use mvtop_core::{Estimator, PredictOptions, Prediction, Rig, ViewImage, annotati
 
 use crate::args::Infer;
 use crate::failure::{Failure, Result};
+use crate::model_dir;
 use crate::write::{may_write, pretty_json, print};
 use crate::{table, write};
 
@@ -18,22 +19,27 @@ use crate::{table, write};
 const SHEET: &str = "all_views.png";
 
 pub fn run(args: &Infer) -> Result<()> {
-    let rig = Rig::load(&args.rig)?;
-    let files = assign(&rig, &args.images)?;
+    let Inputs {
+        rig: rig_file,
+        images,
+        truth: truth_file,
+    } = Inputs::of(args)?;
+    let rig = Rig::load(&rig_file)?;
+    let files = assign(&rig, &images)?;
     let boxes = args.boxes.as_deref().map(annotations::load_boxes);
     let options = PredictOptions {
         reference: args.reference.clone(),
         boxes: boxes.transpose()?,
         min_views: args.detection.min_views as usize,
     };
-    let truth = args.truth.as_deref().map(annotations::load_truth);
+    let truth = truth_file.as_deref().map(annotations::load_truth);
     let truth = truth.transpose()?;
     let pictures = args.overlay.as_ref();
     let inputs: Vec<&Path> = files
         .iter()
         .map(|(_, path)| path)
-        .chain([&args.rig])
-        .chain(args.boxes.iter().chain(&args.truth))
+        .chain([&rig_file])
+        .chain(args.boxes.iter().chain(&truth_file))
         .map(PathBuf::as_path)
         .collect();
     let cameras: Vec<usize> = files.iter().map(|(camera, _)| *camera).collect();
@@ -66,6 +72,35 @@ pub fn run(args: &Infer) -> Result<()> {
         print(&format!("\npictures: {}", written.join(" ")))?;
     }
     Ok(())
+}
+
+/// The files that are read.
+struct Inputs {
+    rig: PathBuf,
+    /// As given.
+    images: Vec<PathBuf>,
+    truth: Option<PathBuf>,
+}
+
+impl Inputs {
+    fn of(args: &Infer) -> Result<Self> {
+        if args.example {
+            let folder = model_dir::example()?.folder;
+            return Ok(Self {
+                rig: folder.join("rig.json"),
+                images: ["cam0.png", "cam1.png"]
+                    .map(|name| folder.join(name))
+                    .into(),
+                truth: (!args.json).then(|| folder.join("truth.json")),
+            });
+        }
+        let rig = args.rig.clone();
+        Ok(Self {
+            rig: rig.ok_or_else(|| Failure("give --rig FILE, or --example".into()))?,
+            images: args.images.clone(),
+            truth: args.truth.clone(),
+        })
+    }
 }
 
 /// Which camera each image belongs to.

@@ -18,10 +18,51 @@ mod table;
 mod write;
 
 use std::ffi::OsString;
+use std::io;
+use std::path::{Path, PathBuf};
 
 use clap::Parser;
+use mvtop_core::error::printable;
 
 use args::{Cli, Command};
+use eval::args::Eval;
+
+/// Says where the package that this runs from has the model and the example that it carries, in
+/// `model` and `example`. For the life of the process.
+pub fn ship(folder: PathBuf) {
+    model_dir::ship(folder);
+}
+
+/// Writes a file, which appears when it is whole.
+///
+/// - `overwrite`: whether one that is there may be replaced
+///
+/// # Errors
+/// That of the system; of the kind `AlreadyExists` where there is one.
+pub fn save(path: &Path, text: &str, overwrite: bool) -> io::Result<()> {
+    if !overwrite && path.symlink_metadata().is_ok() {
+        return Err(io::ErrorKind::AlreadyExists.into());
+    }
+    write::persist(path, text.as_bytes())
+}
+
+/// What `mvtop-cli eval bop --json` prints, one line of JSON; warnings go to stderr all the same.
+///
+/// - `args`: what follows `eval bop`
+///
+/// # Errors
+/// One sentence.
+pub fn eval_bop(args: impl IntoIterator<Item = OsString>) -> Result<String, String> {
+    let command = ["mvtop-cli", "eval", "bop"].map(OsString::from);
+    let cli = Cli::try_parse_from(command.into_iter().chain(args));
+    let Command::Eval(Eval::Bop(args)) =
+        cli.map_err(|error| printable(&error.to_string()))?.command
+    else {
+        return Err("expected arguments of `eval bop`".into());
+    };
+    let answer = eval::bop_answer(&args).map_err(|failure| failure.to_string())?;
+    Ok(answer.json)
+}
 
 /// Runs the command that `args` name, the first being the program's own name; returns the exit code.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {

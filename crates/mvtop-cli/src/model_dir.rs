@@ -1,30 +1,80 @@
-//! Which model bundle to use where none is named.
+//! Which model bundle, and which example, to use where none is named.
 
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use crate::failure::{Failure, Result};
 
-const SHIPPED: &str = "models/mvball";
+/// The folder that a package of the program carries, with `model` and `example` in it.
+static SHIPPED: OnceLock<PathBuf> = OnceLock::new();
+
+/// A folder, and what it was found by.
+pub struct Found {
+    pub folder: PathBuf,
+    pub by: &'static str,
+}
+
+/// Says where the package that this runs from has its model and example; once for a process.
+pub fn ship(folder: PathBuf) {
+    // The same each time.
+    let _ = SHIPPED.set(folder);
+}
 
 /// The folder of `--model`, else of `$MVTOP_MODEL`, else `models/mvball` in the current folder or
-/// in one above the executable.
-pub fn find(named: Option<&Path>) -> Result<PathBuf> {
-    if let Some(dir) = named {
-        return Ok(dir.to_owned());
+/// in one above the executable, else the one that the wheel carries.
+pub fn find(named: Option<&Path>) -> Result<Found> {
+    let found = |folder: &Path, by| Found {
+        folder: folder.to_owned(),
+        by,
+    };
+    if let Some(folder) = named {
+        return Ok(found(folder, "--model"));
     }
-    if let Some(dir) = std::env::var_os("MVTOP_MODEL").filter(|dir| !dir.is_empty()) {
-        return Ok(dir.into());
+    if let Some(folder) = std::env::var_os("MVTOP_MODEL").filter(|folder| !folder.is_empty()) {
+        return Ok(found(Path::new(&folder), "$MVTOP_MODEL"));
     }
-    let executable = std::env::current_exe().unwrap_or_default();
-    let above = executable.ancestors().skip(1).map(|dir| dir.join(SHIPPED));
-    let here = std::iter::once(PathBuf::from(SHIPPED));
-    let tried: Vec<PathBuf> = here.chain(above).collect();
-    let found = tried.iter().find(|dir| dir.join("model.json").is_file());
-    found.cloned().ok_or_else(|| {
-        let tried: Vec<String> = tried.iter().map(|dir| dir.display().to_string()).collect();
+    look("models/mvball", "model", "model.json").map_err(|tried| {
         Failure(format!(
-            "no model bundle found, tried {}; name one with --model or $MVTOP_MODEL",
-            tried.join(", ")
+            "no model bundle found, tried {tried}; `pip install` of mvtop's wheel brings one along, \
+             docs/training.md says how to train one; name it with --model or $MVTOP_MODEL"
         ))
     })
+}
+
+/// The folder of the example: a rig, an image of each of its cameras, and the truth.
+pub fn example() -> Result<Found> {
+    look("examples/mvball", "example", "rig.json").map_err(|tried| {
+        Failure(format!(
+            "no example found, tried {tried}; mvtop's wheel and a clone of its repository have it"
+        ))
+    })
+}
+
+/// Where something is, else what was tried.
+///
+/// - `path`: in a clone
+/// - `shipped`: its name in the package
+/// - `file`: that is in it
+fn look(path: &str, shipped: &str, file: &str) -> std::result::Result<Found, String> {
+    let executable = std::env::current_exe().unwrap_or_default();
+    let above = executable
+        .ancestors()
+        .skip(1)
+        .map(|folder| folder.join(path));
+    let above = above.map(|folder| (folder, "a folder above the executable"));
+    let here = (PathBuf::from(path), "the current folder");
+    let package = SHIPPED
+        .get()
+        .map(|folder| (folder.join(shipped), "the wheel"));
+    let tried: Vec<_> = std::iter::once(here).chain(above).chain(package).collect();
+    match tried.iter().find(|(folder, _)| folder.join(file).is_file()) {
+        Some((folder, by)) => Ok(Found {
+            folder: folder.clone(),
+            by,
+        }),
+        None => {
+            let tried = tried.iter().map(|(folder, _)| folder.display().to_string());
+            Err(tried.collect::<Vec<_>>().join(", "))
+        }
+    }
 }

@@ -102,18 +102,20 @@ pub fn folder(path: &Path) -> Result<()> {
 /// The file appears when it is whole: who finds it need not ask whether it is. What cannot be written
 /// leaves nothing, and a link is replaced, not followed.
 pub fn whole(path: &Path, contents: &[u8]) -> Result<()> {
-    let written = || {
-        let folder = path.parent().filter(|dir| !dir.as_os_str().is_empty());
-        let mut options = tempfile::Builder::new();
-        options.prefix(".mvtop-").suffix(".partial");
-        #[cfg(unix)]
-        options.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the umask
-        let mut file = options.tempfile_in(folder.unwrap_or(Path::new(".")))?;
-        file.write_all(contents)?;
-        file.persist(path)?;
-        Ok(())
-    };
-    written().map_err(failed("write", path))
+    persist(path, contents).map_err(failed("write", path))
+}
+
+/// The same with the system's own error.
+pub fn persist(path: &Path, contents: &[u8]) -> std::io::Result<()> {
+    let folder = path.parent().filter(|dir| !dir.as_os_str().is_empty());
+    let mut options = tempfile::Builder::new();
+    options.prefix(".mvtop-").suffix(".partial");
+    #[cfg(unix)]
+    options.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the umask
+    let mut file = options.tempfile_in(folder.unwrap_or(Path::new(".")))?;
+    file.write_all(contents)?;
+    file.persist(path)?;
+    Ok(())
 }
 
 /// - `what`: what could not be done with the file, `write`

@@ -6,9 +6,12 @@
 
 mod annotation;
 mod depth;
+mod doubts;
 mod group;
 mod json;
+mod matching;
 mod models;
+mod obj;
 mod ply;
 mod results;
 mod scene;
@@ -16,9 +19,12 @@ mod targets;
 
 pub(crate) use annotation::load_annotations;
 pub use depth::load_depth;
+pub use doubts::{Doubts, Inexact, Missing};
 pub use group::{Group, Grouping, groups};
+pub use json::{ROUNDED, rotation as exact_rotation};
+pub use matching::count_right;
 pub use models::{Model, ModelInfo, load_infos, load_models};
-pub use results::{Estimate, RESULTS_HEADER};
+pub use results::{Estimate, RESULTS_HEADER, ResultRow, load_results};
 pub use scene::{Frame, FrameId, Instance, Scene, load_frames, scene_ids};
 pub(crate) use scene::{of_sensor, sensors};
 pub use targets::{Target, load_targets};

@@ -30,6 +30,7 @@ fn split(objects: impl IntoIterator<Item = (u32, Vec<PoseRecord>)>) -> Split {
     Split {
         scenes: vec!["000000".into()],
         objects: objects.into_iter().collect(),
+        ..Split::default()
     }
 }
 
@@ -390,7 +391,7 @@ fn what_is_no_annotation_is_refused_in_one_sentence() {
             &QUARTER_TURN.replace("0,-1,0,", "0,-2,0,"),
             "expected a rotation",
         ),
-        (&turned_in, "annotation 0 of image 3"),
+        (&turned_in, "image 3, row 0"),
         (&QUARTER_TURN.replace("1.5", "1e99"), "millimetres"),
     ];
     for (text, expected) in cases {

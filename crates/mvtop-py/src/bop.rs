@@ -9,7 +9,7 @@ use ndarray::{Array3, arr2};
 use pyo3::prelude::*;
 
 use crate::convert::{ArrayLike, Dict, F64, dict, distortion, intrinsics, matrix, vector};
-use crate::error::python;
+use crate::error::{python, warn};
 
 /// An image of a scene: its camera, and what is annotated in it.
 #[pyclass(frozen, module = "mvtop.bop")]
@@ -33,13 +33,15 @@ pub struct ModelInfo(bop::ModelInfo);
 /// - whole: whether what is incomplete is refused, images that are listed but not unpacked and
 ///   annotations without a camera, instead of left out
 ///
-/// Raises OSError for a file that cannot be read, ValueError for one that is not BOP's.
+/// Raises OSError for a file that cannot be read, ValueError for one that is not BOP's. Warns of what
+/// is doubtful: rotations that were made exact, images that are missing, cameras in metres.
 #[pyfunction]
 #[pyo3(signature = (folder, *, whole = false))]
 pub fn read_scene(py: Python, folder: PathBuf, whole: bool) -> PyResult<Vec<Image>> {
-    let frames = py
+    let (frames, doubts) = py
         .detach(|| bop::load_frames(&folder, whole))
         .map_err(python)?;
+    warn(py, &doubts.sentences())?;
     frames
         .into_iter()
         .map(|(id, mut frame)| {

@@ -1,9 +1,23 @@
 use std::ffi::OsString;
+use std::path::PathBuf;
 
 use pyo3::prelude::*;
 
+use crate::error::value;
+
 /// The command line `mvtop-cli`: `args` begin with the program's name. Returns the exit code.
+///
+/// - shipped: the folder with the package's model and example
 #[pyfunction]
-pub fn run_cli(py: Python, args: Vec<OsString>) -> u8 {
+pub fn run_cli(py: Python, args: Vec<OsString>, shipped: PathBuf) -> u8 {
+    mvtop_cli::ship(shipped);
     py.detach(|| mvtop_cli::run(args))
+}
+
+/// What `mvtop-cli eval bop --json` prints; `args` follow these words.
+///
+/// Raises ValueError for what it refuses.
+#[pyfunction]
+pub fn eval_bop(py: Python, args: Vec<OsString>) -> PyResult<String> {
+    py.detach(|| mvtop_cli::eval_bop(args)).map_err(value)
 }

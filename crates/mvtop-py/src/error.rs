@@ -1,11 +1,12 @@
 //! The core's errors as Python's exceptions, with the core's sentences.
 
+use std::ffi::CString;
 use std::io;
 
 use mvtop_core::error::printable;
 use mvtop_core::{Error, ErrorKind};
-use pyo3::PyErr;
-use pyo3::exceptions::{PyFileNotFoundError, PyValueError};
+use pyo3::exceptions::{PyFileNotFoundError, PyUserWarning, PyValueError};
+use pyo3::prelude::*;
 
 mod imported {
     pyo3::import_exception!(mvtop._error, Error);
@@ -29,6 +30,16 @@ pub fn python(error: Error) -> PyErr {
             _ => value(sentence),
         },
     }
+}
+
+/// Python's warnings, which point at the caller's line.
+pub fn warn(py: Python, sentences: &[String]) -> PyResult<()> {
+    for sentence in sentences {
+        // What is printable has no zero byte.
+        let sentence = CString::new(printable(sentence)).unwrap_or_default();
+        PyErr::warn(py, &py.get_type::<PyUserWarning>(), &sentence, 1)?;
+    }
+    Ok(())
 }
 
 pub fn value(sentence: String) -> PyErr {

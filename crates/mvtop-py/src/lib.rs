@@ -22,7 +22,7 @@ mod _mvtop {
     #[pymodule_export]
     use super::bop::{Image, Instance, ModelInfo, bop_results_line, read_models_info, read_scene};
     #[pymodule_export]
-    use super::cli::run_cli;
+    use super::cli::{eval_bop, run_cli};
     #[pymodule_export]
     use super::estimator::{NativeEstimator, NativePrediction};
     #[pymodule_export]

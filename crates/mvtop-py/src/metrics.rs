@@ -1,15 +1,16 @@
 //! Errors of poses.
 
+use mvtop_eval::bop::{Inexact, ROUNDED, exact_rotation};
 use mvtop_eval::metrics;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
-use ndarray::{ArrayD, ArrayView2, Ix2};
+use ndarray::{ArrayD, ArrayView2, Axis, Ix2, s};
 use pyo3::inspect::PyStaticExpr;
 use pyo3::prelude::*;
 use pyo3::{Borrowed, type_hint_identifier};
 use rayon::prelude::*;
 
 use crate::convert::{ArrayLike, F32, F64, axes, pose_or_rotation, shaped};
-use crate::error::{python, value};
+use crate::error::{python, value, warn};
 use crate::process::compute;
 use crate::rig::Camera;
 
@@ -26,9 +27,13 @@ impl Symmetries {
     /// - continuous: axis and a point on it, (3,) each
     #[new]
     #[pyo3(signature = (discrete = None, continuous = vec![]))]
-    fn new(discrete: Option<ArrayLike>, continuous: Vec<(ArrayLike, ArrayLike)>) -> PyResult<Self> {
+    fn new(
+        py: Python,
+        discrete: Option<ArrayLike>,
+        continuous: Vec<(ArrayLike, ArrayLike)>,
+    ) -> PyResult<Self> {
         let read = |array: ArrayLike| array.read("discrete", Some(1), &[4, 4]);
-        let discrete = discrete.map(|array| poses("discrete", &read(array)?));
+        let discrete = discrete.map(|array| poses(py, "discrete", &read(array)?));
         let discrete = discrete.transpose()?.unwrap_or_default();
         let mut axes = Vec::new();
         for (axis, offset) in &continuous {
@@ -347,13 +352,37 @@ fn points3(array: &ArrayD<f64>) -> Vec<Point3<f64>> {
     points.map(|p| Point3::new(p[0], p[1], p[2])).collect()
 }
 
-/// Of the matrices of all leading indices, one after the other.
-fn poses(name: &str, array: &ArrayD<f64>) -> PyResult<Vec<Isometry3<f64>>> {
+/// Of the matrices of all leading indices, one after the other. Rotations that are off by more than
+/// rounding, as those of some data sets, are made exact with a warning.
+fn poses(py: Python, name: &str, array: &ArrayD<f64>) -> PyResult<Vec<Isometry3<f64>>> {
     let (leading, last) = array.shape().split_at(array.ndim() - 2);
     let matrices = array.to_shape((leading.iter().product(), last[0], last[1]));
     let matrices = matrices.map_err(|cause| value(format!("{name}: {cause}")))?;
-    let pose = |matrix: ArrayView2<f64>| pose_or_rotation(name, matrix.into_dyn());
-    matrices.outer_iter().map(pose).collect()
+    let mut inexact = Inexact::default();
+    let count = matrices.len_of(Axis(0));
+    let pose = |(i, matrix): (usize, ArrayView2<f64>)| {
+        let place = match count {
+            1 => name.to_owned(),
+            _ => format!("{name}, pose {i}"),
+        };
+        let mut matrix = matrix.to_owned();
+        if matrix.shape().iter().all(|&side| side >= 3) {
+            let mut part = matrix.slice_mut(s![..3, ..3]);
+            let rows = std::array::from_fn(|i| part[[i / 3, i % 3]]);
+            // What is none is refused below.
+            if let Ok((exact, off)) = exact_rotation(&rows) {
+                if off > ROUNDED {
+                    part.indexed_iter_mut()
+                        .for_each(|(at, entry)| *entry = exact[at]);
+                }
+                inexact.note(off, || place.clone());
+            }
+        }
+        pose_or_rotation(&place, matrix.view().into_dyn())
+    };
+    let poses = matrices.outer_iter().enumerate().map(pose).collect();
+    warn(py, inexact.sentence(name).as_slice())?;
+    poses
 }
 
 /// What [`pairs`] takes: 4x4 matrices, or matrices that [`pose_or_rotation`] reads.
@@ -382,7 +411,10 @@ fn pairs(
             estimate.shape()
         )));
     }
-    let (truth, estimate) = (poses("truth", &truth)?, poses("estimate", &estimate)?);
+    let (truth, estimate) = (
+        poses(py, "truth", &truth)?,
+        poses(py, "estimate", &estimate)?,
+    );
     let count: usize = shape.iter().product();
     let errors = compute(py, || {
         let one = |i: usize| error(&truth[i % truth.len()], &estimate[i % estimate.len()]);

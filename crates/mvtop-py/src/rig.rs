@@ -1,8 +1,10 @@
 //! Cameras and rigs.
 
 use std::collections::BTreeMap;
+use std::io::{self, ErrorKind};
 use std::sync::Arc;
 
+use mvtop_core::error::printable;
 use mvtop_core::{Intrinsics, Projection};
 use mvtop_import::{Direction, Format, ImageSize, Options, Unit};
 use nalgebra::{Isometry3, Point2, Point3};
@@ -18,7 +20,8 @@ use crate::error::{python, value};
 ///
 /// Camera frame: x right, y down, z forward. Pixels: integer coordinates are pixel centers, the
 /// top-left one at (0, 0). Distortion is OpenCV's, in OpenCV's order.
-#[pyclass(frozen, module = "mvtop")]
+#[pyclass(frozen, eq, module = "mvtop")]
+#[derive(PartialEq)]
 pub struct Camera(mvtop_core::Camera);
 
 /// Arguments of `Camera` that are given by position: its matrix and its size.
@@ -144,7 +147,8 @@ impl Camera {
 }
 
 /// The cameras that look at a scene together.
-#[pyclass(frozen, module = "mvtop")]
+#[pyclass(frozen, eq, module = "mvtop")]
+#[derive(PartialEq)]
 pub struct Rig(Arc<mvtop_core::Rig>);
 
 #[pymethods]
@@ -280,6 +284,25 @@ impl Rig {
     /// The text of a rig file, in metres.
     fn to_json(&self) -> String {
         self.0.to_json()
+    }
+
+    /// Writes a rig file, in metres; what is read back is equal.
+    ///
+    /// - overwrite: whether a file may be replaced
+    ///
+    /// Raises FileExistsError where there is one, OSError where it cannot be written.
+    #[pyo3(signature = (path, *, overwrite = false))]
+    fn save(&self, path: std::path::PathBuf, overwrite: bool) -> PyResult<()> {
+        mvtop_cli::save(&path, &self.to_json(), overwrite).map_err(|cause| {
+            let sentence = match cause.kind() {
+                ErrorKind::AlreadyExists => format!(
+                    "{} exists already; give overwrite=True to replace it",
+                    path.display()
+                ),
+                _ => format!("cannot write {}: {cause}", path.display()),
+            };
+            io::Error::new(cause.kind(), printable(&sentence)).into()
+        })
     }
 
     #[getter]

@@ -2,6 +2,7 @@
 
 import json
 
+import cv2
 import numpy as np
 import pytest
 
@@ -73,7 +74,8 @@ def test_a_scene_is_read_with_all_its_instances(scene):
 
 def test_what_is_not_unpacked_is_left_out_or_refused(scene):
     (scene / "rgb" / "000000.png").unlink()
-    assert [image.number for image in mvtop.bop.read_scene(scene)] == [7]
+    with pytest.warns(UserWarning, match="1 images .* not there and left out.*rgb/000000"):
+        assert [image.number for image in mvtop.bop.read_scene(scene)] == [7]
     with pytest.raises(ValueError, match="rgb: image 0: expected a PNG, JPEG or TIFF file"):
         mvtop.bop.read_scene(scene, whole=True)
     (scene / "rgb" / "000000.png").touch()
@@ -122,3 +124,72 @@ def test_models_come_in_metres_and_with_their_symmetries(tmp_path):
     path.write_text('{"1": {"diameter": 0}}')
     with pytest.raises(ValueError, match="object 1: expected a diameter in millimetres, got 0"):
         mvtop.bop.read_models_info(path)
+
+
+@pytest.fixture
+def dataset(tmp_path):
+    """A square plate of 100 mm, 0.9 m before each of two cameras."""
+    folder = tmp_path / "plates" / "test" / "000001"
+    (folder / "rgb").mkdir(parents=True)
+    for name in ("000000.png", "000001.png"):
+        cv2.imwrite(str(folder / "rgb" / name), np.zeros((480, 640, 3), np.uint8))
+    plate = {"obj_id": 3, "cam_R_m2c": [1, 0, 0, 0, 1, 0, 0, 0, 1], "cam_t_m2c": [0, 0, 900]}
+    write(
+        folder,
+        scene_camera={str(i): {"cam_K": K, "depth_scale": 1.0} for i in range(2)},
+        scene_gt={str(i): [plate] for i in range(2)},
+    )
+    models = tmp_path / "plates" / "models"
+    models.mkdir()
+    (models / "models_info.json").write_text('{"3": {"diameter": 141.4}}')
+    corners = "v -50 -50 0\nv 50 -50 0\nv 50 50 0\nv -50 50 0\nf 1 2 3 4\n"
+    (models / "obj_000003.obj").write_text(corners)
+    return tmp_path / "plates"
+
+
+def test_results_are_scored(dataset, tmp_path):
+    line = "1,{},{},0.9,1 0 0 0 1 0 0 0 1,{} 0 900,0.5\n"
+    exact, other = tmp_path / "exact.csv", tmp_path / "other.csv"
+    exact.write_text(mvtop.BOP_RESULTS_HEADER + line.format(0, 3, 0) + line.format(1, 3, 0))
+    other.write_text(line.format(1, "plate", 30))  # off by 0.212 diameters, 20 px
+    scores = mvtop.bop.evaluate(dataset, exact)
+    assert scores["all"]["objects"] == scores["all"]["found"] == 2
+    assert (scores["all"]["ar_mssd"], scores["all"]["ar_mspd"]) == (1, 1)
+    assert scores["time_mean_s"] == 0.5
+    both = mvtop.bop.evaluate(
+        dataset, [exact, other], names={"plate": 3}, report=tmp_path / "report"
+    )
+    assert both["exact"]["all"] == scores["all"]
+    all_objects = both["other"]["all"]
+    assert all_objects["found"] == 1
+    # One of two is right at 0.25 to 0.5 diameters: 6 of 10; at 25 to 50 px, 20 px * 640 / 640: 6.
+    assert (all_objects["ar_mssd"], all_objects["ar_mspd"]) == (0.3, 0.3)
+    assert (tmp_path / "report" / "other" / "report.html").exists()
+    assert list(mvtop.bop.evaluate(dataset, [exact])) == ["exact"]
+    with pytest.raises(ValueError, match="other.csv: line 1: obj_id: .*--map NAME=ID"):
+        mvtop.bop.evaluate(dataset, other)
+    with pytest.raises(FileNotFoundError, match="nothing.csv"):
+        mvtop.bop.evaluate(dataset, tmp_path / "nothing.csv")
+
+
+def test_rotations_that_are_off_are_made_exact_with_a_warning(scene):
+    content = json.loads((scene / "scene_gt.json").read_text())
+    content["7"][1]["cam_R_m2c"] = [entry * 1.005 for entry in TURNED]
+    write(scene, scene_gt=content)
+    with pytest.warns(UserWarning, match="1 of 3 rotations .* image 7, row 1") as warned:
+        image = mvtop.bop.read_scene(scene)[1]
+    assert warned[0].filename == __file__
+    exact = image.instances[1].cam_from_obj[:3, :3]
+    np.testing.assert_allclose(exact, np.reshape(TURNED, (3, 3)), atol=1e-14)
+
+
+def test_metrics_take_rotations_that_are_off_with_a_warning():
+    surface = mvtop.metrics.Surface([[0.1, 0, 0], [0, 0.2, 0], [0, 0, 0.3]])
+    poses = np.stack([np.eye(4)] * 3)
+    poses[1, :3, :3] *= 1.005
+    with pytest.warns(UserWarning, match="1 of 3 rotations of truth .*1.0e-2 .truth, pose 1"):
+        errors = surface.add(poses, np.eye(4))
+    np.testing.assert_allclose(errors, 0, atol=1e-15)
+    poses[2, :3, :3] *= 1.02
+    with pytest.raises(ValueError, match="truth, pose 2: "), pytest.warns(UserWarning):
+        surface.add(poses, np.eye(4))

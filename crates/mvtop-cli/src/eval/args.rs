@@ -53,7 +53,7 @@ pub struct SamplesArgs {
 }
 
 #[derive(Args)]
-#[command(group = ArgGroup::new("results").required(true))]
+#[command(group = ArgGroup::new("results"))]
 #[command(after_help = "\
 docs/bop.md says what is read, which views go together, what is written, and what the metrics are.
 The same command goes on after an interruption.
@@ -65,10 +65,24 @@ Examples:
     mvtop-cli eval bop --dataset ycbv --views 4 --targets ycbv/test_targets_bop19.json \\
       --out out/ycbv
   All cameras of a frame:
-    mvtop-cli eval bop --dataset ipd --split val --grouping frame --report out/ipd")]
+    mvtop-cli eval bop --dataset ipd --split val --grouping frame --report out/ipd
+  Results of any program in BOP's format; no network is needed:
+    mvtop-cli eval bop --dataset ycbv --targets ycbv/test_targets_bop19.json \\
+      --predictions cosypose_ycbv-test.csv gdrnpp_ycbv-test.csv")]
 pub struct BopArgs {
     #[command(flatten)]
     pub split: SplitArgs,
+
+    /// Score these results, files in BOP's format, side by side, instead of predicting
+    #[arg(long, value_name = "FILE.csv", num_args = 1..)]
+    #[arg(conflicts_with_all = ["views", "min_views", "true_boxes", "boxes", "rig_deg",
+        "rig_mm", "model", "ort_lib", "provider", "threads", "grouping"])]
+    pub predictions: Vec<PathBuf>,
+
+    /// Which object of the data set a class of the model is, or a name in --predictions [default: the
+    /// one of the same number]
+    #[arg(long, value_name = "NAME=ID", value_parser = name_and_id)]
+    pub map: Vec<(String, u32)>,
 
     /// Print one line of JSON instead of text
     #[arg(long)]
@@ -155,6 +169,13 @@ pub struct Trial {
 
     #[command(flatten)]
     pub network: NetworkArgs,
+}
+
+fn name_and_id(text: &str) -> Result<(String, u32), String> {
+    let parsed = text
+        .rsplit_once('=')
+        .and_then(|(name, id)| Some((name.to_owned(), id.parse().ok()?)));
+    parsed.ok_or_else(|| "expected NAME=ID, as in mug=3".into())
 }
 
 impl Trial {

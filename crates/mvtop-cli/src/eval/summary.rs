@@ -109,36 +109,36 @@ impl Summary {
         bounds: Bounds,
     ) -> Self {
         let Bounds { resolved_deg, .. } = bounds;
-        let found = |outcome: &Outcome| Some((outcome.errors()?, outcome.sigma?));
-        let found: Vec<(Errors, Sigma)> = outcomes.iter().filter_map(found).collect();
-        let all = |value: &dyn Fn(&Errors, &Sigma) -> f64| -> Vec<f64> {
-            found
-                .iter()
-                .map(|(errors, sigma)| value(errors, sigma))
-                .collect()
-        };
-        let mean_of = |value: &dyn Fn(&Errors, &Sigma) -> f64| mean(&all(value));
-        let (rotations, expected) = (all(&|e, _| e.rot_deg), all(&|_, sigma| sigma.rot_deg));
-        let open: Vec<bool> = rotations.iter().map(|&rot| rot > resolved_deg).collect();
+        let found: Vec<Errors> = outcomes.iter().filter_map(Outcome::errors).collect();
+        let all = |value: &dyn Fn(&Errors) -> f64| found.iter().map(value).collect::<Vec<f64>>();
+        let mean_of = |value: &dyn Fn(&Errors) -> f64| mean(&all(value));
+        let rotations = all(&|e| e.rot_deg);
+        // Results of other programs say nothing of what they expect.
+        let sure = outcomes
+            .iter()
+            .filter_map(|outcome| Some((outcome.errors()?, outcome.sigma?)));
+        let (of_sure, sigmas): (Vec<Errors>, Vec<Sigma>) = sure.unzip();
+        let expected: Vec<f64> = sigmas.iter().map(|sigma| sigma.rot_deg).collect();
+        let actual: Vec<f64> = of_sure.iter().map(|errors| errors.rot_deg).collect();
+        let open: Vec<bool> = actual.iter().map(|&rot| rot > resolved_deg).collect();
         Self {
             views,
             pairs,
             found: found.len(),
             rot_mean_deg: mean(&rotations),
             rot_median_deg: median(&rotations),
-            share_over_30_deg: mean_of(&|e, _| f64::from(u8::from(e.rot_deg > WRONG_DEG))),
-            add_mean_m: mean_of(&|e, _| e.add_m.unwrap_or(f64::NAN))
-                .filter(|mean| mean.is_finite()),
-            trans_mean_m: mean_of(&|e, _| e.trans_m),
+            share_over_30_deg: mean_of(&|e| f64::from(u8::from(e.rot_deg > WRONG_DEG))),
+            add_mean_m: mean_of(&|e| e.add_m.unwrap_or(f64::NAN)).filter(|mean| mean.is_finite()),
+            trans_mean_m: mean_of(&|e| e.trans_m),
             sigma_rot_mean_deg: mean(&expected),
-            sigma_t_mean_m: mean_of(&|_, sigma| sigma.t_m),
+            sigma_t_mean_m: mean(&sigmas.iter().map(|sigma| sigma.t_m).collect::<Vec<_>>()),
             extra,
             bounds,
             right: Right::new(outcomes.iter(), found.len() + extra, &bounds),
-            resolved_share: mean_of(&|e, _| f64::from(u8::from(e.rot_deg <= resolved_deg))),
+            resolved_share: mean_of(&|e| f64::from(u8::from(e.rot_deg <= resolved_deg))),
             sigma_rot_auroc: auroc(&expected, &open),
-            sigma_rot_correlation: correlation(&expected, &rotations),
-            calibration: calibration(&expected, &rotations),
+            sigma_rot_correlation: correlation(&expected, &actual),
+            calibration: calibration(&expected, &actual),
         }
     }
 }

@@ -64,6 +64,36 @@ fn audit(folder: &TempDir, args: &[&str]) -> Output {
 const SPLITS: [&str; 4] = ["--a", "test", "--b", "train"];
 
 #[test]
+fn splits_in_different_units_and_rotations_that_are_off_are_warned_of() {
+    let folder = data();
+    let warnings = || {
+        let output = audit(&folder, &SPLITS);
+        stdout(&output);
+        String::from_utf8(output.stderr).unwrap()
+    };
+    assert_eq!(warnings(), "");
+    let metres = json!({"0": [pose(1, UPRIGHT, [0.0, 0.0, 0.9])]});
+    let train = folder.path().join("train/000002/scene_gt.json");
+    write(&train, &metres.to_string());
+    let units = warnings();
+    assert_eq!(units.lines().count(), 1, "{units}");
+    assert!(units.starts_with("warning: objects are 90"), "{units}");
+    assert!(units.contains("0.9000 mm in split b") && units.contains("looks like metres"));
+    let off = json!({"0": [{"obj_id": 1, "cam_R_m2c": [1.005, 0, 0, 0, 1, 0, 0, 0, 1],
+                            "cam_t_m2c": [0, 0, 900]}]});
+    write(&train, &off.to_string());
+    let off = warnings();
+    assert!(
+        off.starts_with("warning: split b: 1 of 1 rotations"),
+        "{off}"
+    );
+    assert!(
+        off.contains("1.0e-2") && off.contains("image 0, row 0"),
+        "{off}"
+    );
+}
+
+#[test]
 fn table_json_pairs_and_page_say_the_same() {
     let folder = data();
     let args = [&SPLITS[..], &["--meshes", "models", "--report", "out"]].concat();

@@ -385,3 +385,36 @@ fn shipped_model_finds_the_ball_of_the_example_and_how_it_is_turned() {
     assert!(deg < 4.0, "{deg} degrees");
     assert!(m < 0.0018, "{m} m");
 }
+
+#[test]
+fn example_needs_no_files_to_be_named() {
+    let network = ["--model", "models/mvball"];
+    let text = stdout(&mvtop(
+        &[&["infer", "--example", "--json"], &network[..]].concat(),
+    ));
+    let report: Value = serde_json::from_str(&text).unwrap();
+    let [ball] = &report["objects"].as_array().unwrap()[..] else {
+        panic!("{text}")
+    };
+    let truth = std::fs::read(root().join("examples/mvball/truth.json")).unwrap();
+    let truth: Value = serde_json::from_slice(&truth).unwrap();
+    let (rotation_deg, translation_m) = off(ball, &truth["objects"][0]);
+    // The network is off by 2.7 degrees and 1.3 mm in the median.
+    assert!(
+        rotation_deg < 10.0 && translation_m < 0.005,
+        "{rotation_deg} {translation_m}"
+    );
+    // The known pose stands beside the predicted one.
+    let text = stdout(&mvtop(&[&["infer", "--example"], &network[..]].concat()));
+    assert_eq!(text.matches("mvball").count(), 2, "{text}");
+    for more in [
+        &["--rig", "rig.json"][..],
+        &["a.png"],
+        &["--truth", "truth.json"],
+    ] {
+        let output = mvtop(&[&["infer", "--example"], more].concat());
+        assert_eq!(output.status.code(), Some(2), "{more:?}");
+        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(error.contains("--example"), "{error}");
+    }
+}

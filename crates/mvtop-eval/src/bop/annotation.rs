@@ -6,6 +6,7 @@ use std::path::Path;
 use nalgebra::{Rotation3, Vector3};
 use serde::Deserialize;
 
+use super::doubts::Inexact;
 use super::json::{read, rotation};
 use crate::{Error, Result};
 
@@ -36,14 +37,18 @@ pub(crate) fn load_annotations(path: &Path) -> Result<BTreeMap<u32, Vec<Annotati
 impl Annotation {
     /// The pose, checked: a rotation that is exact, and a translation in millimetres.
     ///
-    /// - `place`: file, image, and place in the image's list, for the error
+    /// - `place`: file, image, and row of the image's list, for the error
+    /// - `inexact`: takes note of how far the rotation was off
     ///
     /// # Errors
     /// [`Error::Data`] where the two are no pose.
-    pub fn pose(&self, place: (&Path, u32, usize)) -> Result<(Rotation3<f64>, Vector3<f64>)> {
-        let (path, image, i) = place;
-        let place = format!("{}: annotation {i} of image {image}", path.display());
-        let refuse = |problem| Error::Data(format!("{place}: {problem}"));
+    pub fn pose(
+        &self,
+        (path, image, row): (&Path, u32, usize),
+        inexact: &mut Inexact,
+    ) -> Result<(Rotation3<f64>, Vector3<f64>)> {
+        let place = || format!("{}: image {image}, row {row}", path.display());
+        let refuse = |problem| Error::Data(format!("{}: {problem}", place()));
         let translation_mm = Vector3::from(self.translation_mm);
         if translation_mm.amax() > FARTHEST_MM {
             return Err(refuse(format!(
@@ -52,7 +57,9 @@ impl Annotation {
             )));
         }
         let rotation = rotation(&self.rotation);
-        let rotation = rotation.map_err(|problem| refuse(format!("cam_R_m2c: {problem}")))?;
+        let (rotation, off) =
+            rotation.map_err(|problem| refuse(format!("cam_R_m2c: {problem}")))?;
+        inexact.note(off, place);
         Ok((rotation, translation_mm))
     }
 }

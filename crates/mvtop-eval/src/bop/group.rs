@@ -53,7 +53,8 @@ pub type Group = Target;
 /// other sensors' images of the same number, in the order of the sensors' names.
 ///
 /// # Errors
-/// [`Error::Input`] where the scene lacks an image that a target names, or has fewer than `views`.
+/// [`Error::Input`] where the scene lacks an image that a target names, or has fewer than `views` to
+/// choose from. Lists whose groups are smaller are taken as they are.
 pub fn groups(
     scene: &Scene,
     grouping: Grouping,
@@ -66,6 +67,7 @@ pub fn groups(
     let alone = |id: &FrameId| Group {
         scene: scene.id,
         views: vec![id.clone()],
+        listed: false,
         objects: None,
     };
     let of_sensor = scene.frames.keys().filter(|id| id.sensor == sensor);
@@ -90,13 +92,13 @@ pub fn groups(
                 )));
             }
         }
-        if let [reference] = &group.views[..] {
+        if let (false, [reference]) = (group.listed, &group.views[..]) {
             let others = candidates(scene, grouping, reference);
             group.views.extend(spread(&others, grouping, views));
         }
         let count = group.views.len();
         match views {
-            Some(views) if count < views => {
+            Some(views) if count < views && !group.listed => {
                 return Err(Error::Input(format!(
                     "{}: expected {views} views with image {}, as asked for, got {count}; ask for \
                      fewer views",

@@ -1,4 +1,4 @@
-//! Object models: `models_info.json` and the PLY files beside it.
+//! Object models: `models_info.json` and the PLY or OBJ files beside it.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use serde::Deserialize;
 
 use super::json::{MM, motion, read};
+use super::obj::load_obj;
 use super::ply::load_ply;
 use crate::metrics::{BOP_MAX_STEP, ContinuousSymmetry, Mesh, Surface, Symmetries};
 use crate::{Error, Result};
@@ -161,8 +162,12 @@ impl Info {
 
 impl ModelInfo {
     fn model(self, id: u32, folder: &Path) -> Result<Model> {
-        let path = folder.join(format!("obj_{id:06}.ply"));
-        let mesh = load_ply(&path, MM)?;
+        let [ply, obj] = ["ply", "obj"].map(|end| folder.join(format!("obj_{id:06}.{end}")));
+        // Where there is neither, the one that BOP has is missing.
+        let (path, mesh) = match !ply.is_file() && obj.is_file() {
+            true => (obj.clone(), load_obj(&obj, MM)?),
+            false => (ply.clone(), load_ply(&ply, MM)?),
+        };
         check_diameter(&path, mesh.vertices(), self.diameter_m)?;
         Ok(Model {
             id,

@@ -2,8 +2,21 @@
 //!
 //! Source: <https://bop.felk.cvut.cz/challenges/bop-challenge-2019/#formatofresults>.
 
-use nalgebra::Isometry3;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use mvtop_core::file;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
+
+use super::doubts::Inexact;
+use super::json::{MM, rotation};
+use crate::{Error, Result};
+
+/// Largest file that is read.
+const MAX_FILE_BYTES: u64 = 1 << 31;
+/// Translations beyond this, 100 km, are taken for broken.
+const FARTHEST_MM: f64 = 1e8;
 
 /// The file's first line.
 pub const RESULTS_HEADER: &str = "scene_id,im_id,obj_id,score,R,t,time\n";
@@ -22,7 +35,119 @@ pub struct Estimate {
     pub t_mm: [f64; 3],
 }
 
+/// A line of results.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ResultRow {
+    /// Number of the scene.
+    pub scene_id: u32,
+    /// Number of the image.
+    pub im_id: u32,
+    /// The pose; its rotation is exact.
+    pub estimate: Estimate,
+    /// What all poses of the image took, seconds; `None` where that is not known.
+    pub time_s: Option<f64>,
+}
+
+/// Reads results, in the file's order, and takes note of rotations that were made exact. The first
+/// line may be [`RESULTS_HEADER`].
+///
+/// - `names`: numbers of objects that the file gives by name
+///
+/// # Errors
+/// [`Error::Read`] where the file cannot be read, [`Error::Data`] with the number of the line that is
+/// no result.
+pub fn load_results(
+    path: &Path,
+    names: &BTreeMap<String, u32>,
+) -> Result<(Vec<ResultRow>, Inexact)> {
+    let text = file::read_text(path, MAX_FILE_BYTES)?;
+    let (mut rows, mut inexact) = (Vec::new(), Inexact::default());
+    for (i, line) in text.lines().enumerate() {
+        let header = i == 0 && line.trim_start().starts_with("scene_id");
+        if header || line.trim().is_empty() {
+            continue;
+        }
+        let place = || format!("{}: line {}", path.display(), i + 1);
+        let row = ResultRow::read(line, names);
+        let (row, off) = row.map_err(|problem| Error::Data(format!("{}: {problem}", place())))?;
+        inexact.note(off, place);
+        rows.push(row);
+    }
+    Ok((rows, inexact))
+}
+
+impl ResultRow {
+    /// With how far its rotation was off, before it was made exact.
+    fn read(line: &str, names: &BTreeMap<String, u32>) -> Result<(Self, f64), String> {
+        let fields: Vec<&str> = line.split(',').map(str::trim).collect();
+        let &[scene_id, im_id, object, score, r, t, time] = &fields[..] else {
+            return Err(format!(
+                "expected {} with 9 and 3 numbers in R and t between spaces, got {} fields between \
+                 commas",
+                RESULTS_HEADER.trim_end(),
+                fields.len()
+            ));
+        };
+        let obj_id = match names.get(object) {
+            Some(&id) => id,
+            None => whole("obj_id", object).map_err(|problem| {
+                format!("{problem}, and no name of an object; give --map NAME=ID")
+            })?,
+        };
+        let r: [f64; 9] = numbers("R", r)?;
+        let (exact, off) = rotation(&r).map_err(|problem| format!("R: {problem}"))?;
+        let t_mm: [f64; 3] = numbers("t", t)?;
+        if t_mm.iter().any(|x| x.abs() > FARTHEST_MM) {
+            return Err(format!(
+                "t: expected millimetres of at most {FARTHEST_MM:e}, got {t_mm:?}"
+            ));
+        }
+        let [score] = numbers("score", score)?;
+        let [time] = numbers("time", time)?;
+        let estimate = Estimate {
+            obj_id,
+            score,
+            r: std::array::from_fn(|i| exact[(i / 3, i % 3)]),
+            t_mm,
+        };
+        let row = Self {
+            scene_id: whole("scene_id", scene_id)?,
+            im_id: whole("im_id", im_id)?,
+            estimate,
+            time_s: (time >= 0.0).then_some(time),
+        };
+        Ok((row, off))
+    }
+}
+
+fn whole(name: &str, text: &str) -> Result<u32, String> {
+    let number = text.parse();
+    number.map_err(|_| format!("{name}: expected a whole number, got {text:?}"))
+}
+
+/// Numbers between spaces.
+fn numbers<const N: usize>(name: &str, text: &str) -> Result<[f64; N], String> {
+    let numbers: Vec<f64> = text.split_whitespace().flat_map(str::parse).collect();
+    let count = text.split_whitespace().count();
+    match <[f64; N]>::try_from(numbers) {
+        Ok(numbers) if count == N && numbers.iter().all(|x| x.is_finite()) => Ok(numbers),
+        _ => Err(format!("{name}: expected {N} finite numbers, got {text:?}")),
+    }
+}
+
 impl Estimate {
+    /// Object frame to the frame of the image's camera, metres.
+    ///
+    /// # Errors
+    /// [`Error::Data`] where its rotation is none.
+    pub fn cam_from_obj(&self) -> Result<Isometry3<f64>> {
+        let (rotation, _) = rotation(&self.r).map_err(Error::Data)?;
+        Ok(Isometry3::from_parts(
+            (Vector3::from(self.t_mm) * MM).into(),
+            UnitQuaternion::from_rotation_matrix(&rotation),
+        ))
+    }
+
     /// - `cam_from_obj`: object frame to the frame of the image's camera, metres
     pub fn new(obj_id: u32, score: f64, cam_from_obj: &Isometry3<f64>) -> Self {
         let rotation = cam_from_obj.rotation.to_rotation_matrix();
@@ -70,10 +195,77 @@ mod tests {
             estimate.csv_line(48, 3, 0.125),
             "48,3,7,0.75,0 -1 0 1 0 0 0 0 1,500 -250 1000,0.125\n"
         );
+        let (back, _) = ResultRow::read(&estimate.csv_line(48, 3, -1.0), &BTreeMap::new()).unwrap();
+        assert_eq!((back.scene_id, back.im_id, back.time_s), (48, 3, None));
+        assert_eq!(back.estimate, estimate);
+        let off = back.estimate.cam_from_obj().unwrap().inv_mul(&pose);
+        assert!(off.translation.vector.norm() < 1e-15 && off.rotation.angle() < 1e-7);
         let columns = |line: &str| line.trim_end().split(',').count();
         assert_eq!(
             columns(RESULTS_HEADER),
             columns(&estimate.csv_line(1, 2, -1.0))
         );
+    }
+
+    fn load(text: &str) -> Result<(Vec<ResultRow>, Inexact)> {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("results.csv");
+        std::fs::write(&path, text).unwrap();
+        load_results(&path, &BTreeMap::from([("mug".to_owned(), 4)]))
+    }
+
+    #[test]
+    fn results_of_other_programs_are_read() {
+        // Header or none, line ends of Windows, spaces after commas, few digits, a name, no time.
+        let rows = "1,2,3,0.5,1 0 0 0 1 0 0 0 1,0 0 900,0.25\r\n\
+                    1, 2, mug, 1e-1, 1.004  0 0 0 1 0 0 0 1 , 1.5 -2 3e2, -1\r\n\r\n";
+        for header in ["", RESULTS_HEADER] {
+            let (read, inexact) = load(&format!("{header}{rows}")).unwrap();
+            let [first, second] = &read[..] else { panic!() };
+            assert_eq!((first.estimate.obj_id, second.estimate.obj_id), (3, 4));
+            assert_eq!((first.time_s, second.time_s), (Some(0.25), None));
+            assert_eq!(second.estimate.t_mm, [1.5, -2.0, 300.0]);
+            assert!((second.estimate.r[0] - 1.0).abs() < 1e-14);
+            assert_eq!((inexact.of, inexact.count), (2, 1));
+            assert!(inexact.place.ends_with(if header.is_empty() {
+                "line 2"
+            } else {
+                "line 3"
+            }));
+        }
+    }
+
+    #[test]
+    fn lines_that_are_no_results_are_named() {
+        let good = "1,2,3,0.5,1 0 0 0 1 0 0 0 1,0 0 900,0.25";
+        for (wrong, hint) in [
+            ("1,2,3,0.5,1 0 0 0 1 0 0 0 1,0 0 900", "6 fields"),
+            ("1,2,can,0.5,1 0 0 0 1 0 0 0 1,0 0 900,1", "--map NAME=ID"),
+            (
+                "1,-2,3,0.5,1 0 0 0 1 0 0 0 1,0 0 900,1",
+                "im_id: expected a whole",
+            ),
+            (
+                "1,2,3,0.5,1 0 0 0 1 0 0 0 1.2,0 0 900,1",
+                "R: expected a rotation",
+            ),
+            (
+                "1,2,3,0.5,1 0 0 0 1 0 0 0,0 0 900,1",
+                "R: expected 9 finite numbers",
+            ),
+            (
+                "1,2,3,0.5,1 0 0 0 1 0 0 0 1,0 0 inf,1",
+                "t: expected 3 finite numbers",
+            ),
+            (
+                "1,2,3,0.5,1 0 0 0 1 0 0 0 1,0 0 x 9,1",
+                "t: expected 3 finite numbers",
+            ),
+            ("1,2,3,nan,1 0 0 0 1 0 0 0 1,0 0 900,1", "score: expected 1"),
+        ] {
+            let error = load(&format!("{good}\n{wrong}\n")).unwrap_err().to_string();
+            assert!(error.contains("results.csv: line 2: "), "{error}");
+            assert!(error.contains(hint) && !error.contains('\n'), "{error}");
+        }
     }
 }

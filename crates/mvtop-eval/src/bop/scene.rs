@@ -9,7 +9,9 @@ use serde::Deserialize;
 use serde_json::{Map, Value};
 
 use super::annotation::{Annotation, load_annotations};
+use super::doubts::{Doubts, Inexact};
 use super::json::{MM, motion, read};
+use crate::statistics::median;
 use crate::{Error, Result};
 use mvtop_core::BBox;
 use mvtop_core::camera::{Intrinsics, Projection};
@@ -72,6 +74,8 @@ pub struct Scene {
     pub folder: PathBuf,
     /// In the order of sensors and images.
     pub frames: BTreeMap<FrameId, Frame>,
+    /// What of it is doubtful.
+    pub doubts: Doubts,
 }
 
 #[derive(Deserialize)]
@@ -81,9 +85,10 @@ struct Camera {
     cam_dist: Option<Vec<f64>>,
     #[serde(default = "one")]
     depth_scale: f64,
-    #[serde(rename = "cam_R_w2c")]
+    // XYZ-IBD has the shorter names in some files.
+    #[serde(rename = "cam_R_w2c", alias = "R_w2c")]
     r: Option<[f64; 9]>,
-    #[serde(rename = "cam_t_w2c")]
+    #[serde(rename = "cam_t_w2c", alias = "t_w2c")]
     t: Option<[f64; 3]>,
     #[serde(flatten)]
     more: Map<String, Value>,
@@ -173,13 +178,18 @@ impl Scene {
     /// As [`load_frames`].
     pub fn load(split: &Path, id: u32) -> Result<Self> {
         let folder = split.join(format!("{id:06}"));
-        let frames = load_frames(&folder, false)?;
-        Ok(Self { id, folder, frames })
+        let (frames, doubts) = load_frames(&folder, false)?;
+        Ok(Self {
+            id,
+            folder,
+            frames,
+            doubts,
+        })
     }
 }
 
-/// Reads what is known of a scene's images, in the order of sensors and images; the images
-/// themselves are not opened.
+/// Reads what is known of a scene's images, in the order of sensors and images, and what of it is
+/// doubtful; the images themselves are not opened.
 ///
 /// Sensors without color or grey images, as of depth only, are left out.
 ///
@@ -190,10 +200,10 @@ impl Scene {
 /// # Errors
 /// [`Error::Read`] where a file cannot be read, and another where it is
 /// not BOP's.
-pub fn load_frames(folder: &Path, whole: bool) -> Result<BTreeMap<FrameId, Frame>> {
-    let mut frames = BTreeMap::new();
+pub fn load_frames(folder: &Path, whole: bool) -> Result<(BTreeMap<FrameId, Frame>, Doubts)> {
+    let (mut frames, mut doubts) = (BTreeMap::new(), Doubts::default());
     for sensor in sensors(folder, "scene_camera") {
-        load_sensor(folder, &sensor, whole, &mut frames)?;
+        load_sensor(folder, &sensor, whole, &mut frames, &mut doubts)?;
     }
     if frames.is_empty() {
         return Err(Error::Data(format!(
@@ -202,7 +212,24 @@ pub fn load_frames(folder: &Path, whole: bool) -> Result<BTreeMap<FrameId, Frame
             folder.display()
         )));
     }
-    Ok(frames)
+    if look_like_metres(frames.values()) {
+        doubts.in_metres.push(folder.to_owned());
+    }
+    Ok((frames, doubts))
+}
+
+/// Whether the cameras stand a thousand times nearer to each other than they should, by a rule of
+/// thumb: all of them within a hundredth of the objects' median distance from the world's origin.
+fn look_like_metres<'a>(frames: impl Iterator<Item = &'a Frame> + Clone) -> bool {
+    let poses = frames.clone().filter_map(|frame| frame.world_from_cam);
+    // Of a camera that is the world there is nothing to tell.
+    let farthest = poses
+        .map(|pose| pose.translation.vector.norm())
+        .fold(0.0, f64::max);
+    let objects = frames.flat_map(|frame| &frame.objects);
+    let distances = objects.map(|object| object.cam_from_obj.translation.vector.norm());
+    let distance = median(&distances.collect::<Vec<_>>());
+    distance.is_some_and(|distance| farthest > 0.0 && farthest < distance / 100.0)
 }
 
 fn load_sensor(
@@ -210,6 +237,7 @@ fn load_sensor(
     sensor: &str,
     whole: bool,
     frames: &mut BTreeMap<FrameId, Frame>,
+    doubts: &mut Doubts,
 ) -> Result<()> {
     let named = |kind, end| of_sensor(folder, kind, sensor, end);
     let image_folders = ["rgb", "gray"].map(|kind| named(kind, ""));
@@ -238,6 +266,10 @@ fn load_sensor(
                      the data set's images there"
                 )));
             }
+            if doubts.missing.count == 0 {
+                doubts.missing.first = image_folder.join(format!("{image:06}"));
+            }
+            doubts.missing.count += 1;
             continue;
         };
         let id = FrameId {
@@ -245,7 +277,9 @@ fn load_sensor(
             image,
         };
         let objects = poses.iter().zip(infos).enumerate();
-        let objects = objects.map(|(i, (pose, info))| instance(pose, (&pose_file, image, i), info));
+        let inexact = &mut doubts.inexact;
+        let objects = objects
+            .map(|(row, (pose, info))| instance(pose, (&pose_file, image, row), info, inexact));
         let frame = Frame {
             path,
             depth: find_image(&depth_folder, image),
@@ -288,9 +322,11 @@ fn find_image(folders: &[PathBuf], image: u32) -> Option<PathBuf> {
 
 impl Camera {
     fn intrinsics(&self, place: &str) -> Result<Intrinsics> {
-        let Some(k) = self.k else {
+        let by_model = self.more.contains_key("cam_model");
+        let Some(k) = self.k.filter(|_| !by_model) else {
+            let got = if by_model { "cam_model" } else { "none" };
             return Err(Error::Data(format!(
-                "{place}: expected cam_K, got none; cameras described by cam_model are not \
+                "{place}: expected cam_K, got {got}; cameras described by cam_model are not \
                  supported, undistort their images to pinholes"
             )));
         };
@@ -329,8 +365,13 @@ impl Camera {
 }
 
 /// - `place`: as [`Annotation::pose`] wants it
-fn instance(pose: &Annotation, place: (&Path, u32, usize), info: Info) -> Result<Instance> {
-    let (rotation, translation_mm) = pose.pose(place)?;
+fn instance(
+    pose: &Annotation,
+    place: (&Path, u32, usize),
+    info: Info,
+    inexact: &mut Inexact,
+) -> Result<Instance> {
+    let (rotation, translation_mm) = pose.pose(place, inexact)?;
     let corners = |[x, y, w, h]: [f64; 4]| BBox::from([x, y, x + w, y + h]);
     Ok(Instance {
         object: pose.obj_id,

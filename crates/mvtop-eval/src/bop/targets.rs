@@ -1,6 +1,6 @@
 //! Lists of what is to be evaluated.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::Deserialize;
@@ -14,10 +14,12 @@ use crate::{Error, Result};
 pub struct Target {
     /// Number of the scene.
     pub scene: u32,
-    /// The first one is the reference. One view: the grouping chooses those that go with it.
+    /// The first one is the reference.
     pub views: Vec<FrameId>,
-    /// Objects asked for; all without it.
-    pub objects: Option<BTreeSet<u32>>,
+    /// Whether these are all; else the grouping chooses those that go with the reference.
+    pub listed: bool,
+    /// Objects asked for, and how many instances of each where that is known; all without it.
+    pub objects: Option<BTreeMap<u32, Option<usize>>>,
 }
 
 #[derive(Deserialize)]
@@ -34,6 +36,7 @@ struct Row {
     scene_id: u32,
     im_id: Images,
     obj_id: Option<u32>,
+    inst_count: Option<usize>,
 }
 
 #[derive(Deserialize)]
@@ -54,7 +57,8 @@ enum Image {
 /// Reads `test_targets_bop19.json`, `test_targets_bop24.json`, a multi-view list (`im_id` being
 /// `[[SENSOR, IMAGE], ...]` or `[IMAGE, ...]`) or mvtop's `pairs.json`.
 ///
-/// Rows of the same views are put together, in the order of the first one.
+/// Rows of the same views are put together, in the order of the first one. A view that a list names
+/// twice, as XYZ-IBD's do, is one view.
 ///
 /// # Errors
 /// [`Error::Read`] where the file cannot be read, [`Error::Data`] where it is none of these or
@@ -66,14 +70,16 @@ pub fn load_targets(path: &Path) -> Result<Vec<Target>> {
         scene_id,
         im_id: Images::Many(vec![Image::Plain(a), Image::Plain(b)]),
         obj_id: None,
+        inst_count: None,
     };
     let rows = match read(path, expected)? {
         Document::Pairs { pairs } => pairs.into_iter().map(pair).collect(),
         Document::Rows(rows) => rows,
     };
     let mut targets: Vec<Target> = Vec::new();
-    let mut places: BTreeMap<(u32, Vec<FrameId>), usize> = BTreeMap::new();
+    let mut places: BTreeMap<(u32, bool, Vec<FrameId>), usize> = BTreeMap::new();
     for row in rows {
+        let listed = matches!(row.im_id, Images::Many(_));
         let views = row.im_id.views();
         if views.is_empty() {
             return Err(Error::Data(format!(
@@ -82,14 +88,15 @@ pub fn load_targets(path: &Path) -> Result<Vec<Target>> {
                 row.scene_id
             )));
         }
-        let object = row.obj_id.map(|id| BTreeSet::from([id]));
+        let object = row.obj_id.map(|id| BTreeMap::from([(id, row.inst_count)]));
         let place = *places
-            .entry((row.scene_id, views.clone()))
+            .entry((row.scene_id, listed, views.clone()))
             .or_insert(targets.len());
         match targets.get_mut(place) {
             None => targets.push(Target {
                 scene: row.scene_id,
                 views,
+                listed,
                 objects: object,
             }),
             Some(target) => match (&mut target.objects, object) {
@@ -120,6 +127,12 @@ impl Images {
                 image,
             },
         };
-        images.into_iter().map(view).collect()
+        let mut views: Vec<FrameId> = Vec::new();
+        for view in images.into_iter().map(view) {
+            if !views.contains(&view) {
+                views.push(view);
+            }
+        }
+        views
     }
 }

@@ -9,7 +9,8 @@ use mvtop_core::pose::rotation_error_deg;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
-use crate::bop::{load_annotations, of_sensor, sensors};
+use crate::bop::{Inexact, load_annotations, of_sensor, sensors};
+use crate::statistics::median;
 use crate::{Error, Result};
 
 /// One annotation of one object: its pose `cam_from_obj`, and where it stands.
@@ -49,12 +50,24 @@ pub struct Split {
     pub scenes: Vec<String>,
     /// By object id, in the order of scenes, images and annotations.
     pub objects: BTreeMap<u32, Vec<PoseRecord>>,
+    /// Of rotations of few digits, which were made exact.
+    pub inexact: Inexact,
 }
 
 impl Split {
     /// Of one object; none where the split does not hold it.
     pub(super) fn poses_of(&self, object_id: u32) -> &[PoseRecord] {
         self.objects.get(&object_id).map_or(&[], Vec::as_slice)
+    }
+
+    /// Median distance of the objects from the camera, millimetres; `None` where there is none.
+    pub fn median_distance_mm(&self) -> Option<f64> {
+        let poses = self.objects.values().flatten();
+        median(
+            &poses
+                .map(|pose| pose.translation_mm.norm())
+                .collect::<Vec<_>>(),
+        )
     }
 
     /// Number of poses, of all objects.
@@ -120,13 +133,16 @@ impl Files {
             Ok(poses)
         };
         let read = self.scenes.par_iter().enumerate().map(read);
-        let read: Vec<Vec<(u32, PoseRecord)>> = read.collect::<Result<_>>()?;
+        let read: Vec<(Vec<(u32, PoseRecord)>, Inexact)> = read.collect::<Result<_>>()?;
         let mut split = Split {
             scenes: self.scenes.iter().map(|(name, _)| name.clone()).collect(),
-            objects: BTreeMap::new(),
+            ..Split::default()
         };
-        for (object, pose) in read.into_iter().flatten() {
-            split.objects.entry(object).or_default().push(pose);
+        for (poses, inexact) in read {
+            split.inexact.extend(inexact);
+            for (object, pose) in poses {
+                split.objects.entry(object).or_default().push(pose);
+            }
         }
         Ok(split)
     }
@@ -160,11 +176,11 @@ fn listed(folder: &Path) -> Result<Vec<PathBuf>> {
 }
 
 /// Object and pose of each annotation in a file.
-fn poses(path: &Path, scene: u32) -> Result<Vec<(u32, PoseRecord)>> {
-    let mut poses = Vec::new();
+fn poses(path: &Path, scene: u32) -> Result<(Vec<(u32, PoseRecord)>, Inexact)> {
+    let (mut poses, mut inexact) = (Vec::new(), Inexact::default());
     for (image, annotations) in load_annotations(path)? {
         for (i, annotation) in annotations.iter().enumerate() {
-            let (rotation, translation_mm) = annotation.pose((path, image, i))?;
+            let (rotation, translation_mm) = annotation.pose((path, image, i), &mut inexact)?;
             let pose = PoseRecord {
                 scene,
                 image,
@@ -175,5 +191,5 @@ fn poses(path: &Path, scene: u32) -> Result<Vec<(u32, PoseRecord)>> {
             poses.push((annotation.obj_id, pose));
         }
     }
-    Ok(poses)
+    Ok((poses, inexact))
 }

@@ -6,7 +6,7 @@ use mvtop_eval::bop::{
 };
 use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 use tempfile::TempDir;
@@ -171,10 +171,11 @@ fn every_kind_of_targets_is_read() {
         write(&path, &content);
         load_targets(&path)
     };
-    let target = |views: &[FrameId], objects: Option<&[u32]>| Target {
+    let target = |views: &[FrameId], objects: Option<&[(u32, Option<usize>)]>| Target {
         scene: 48,
         views: views.to_vec(),
-        objects: objects.map(|ids| BTreeSet::from_iter(ids.iter().copied())),
+        listed: objects.is_none(),
+        objects: objects.map(|ids| ids.iter().copied().collect()),
     };
     let bop19 = json!([
         {"scene_id": 48, "im_id": 1, "obj_id": 5, "inst_count": 1},
@@ -184,21 +185,29 @@ fn every_kind_of_targets_is_read() {
     assert_eq!(
         load(bop19).unwrap(),
         [
-            target(&[id("", 1)], Some(&[5, 7])),
-            target(&[id("", 36)], Some(&[5]))
+            target(&[id("", 1)], Some(&[(5, Some(1)), (7, Some(2))])),
+            target(&[id("", 36)], Some(&[(5, Some(1))]))
         ]
     );
     let bop24 = json!([{"scene_id": 48, "im_id": 1}]);
-    assert_eq!(load(bop24).unwrap(), [target(&[id("", 1)], None)]);
+    let open = Target {
+        listed: false,
+        ..target(&[id("", 1)], None)
+    };
+    assert_eq!(load(bop24).unwrap(), [open]);
     let several = json!([
         {"scene_id": 48, "im_id": [["default", 1626], ["cam1", 3]]},
+        // A view that is named twice, as in XYZ-IBD, is one.
+        {"scene_id": 48, "im_id": [4, 2, ["default", 4]]},
         {"scene_id": 48, "im_id": [4, 2]},
+        {"scene_id": 48, "im_id": [7]},
     ]);
     assert_eq!(
         load(several).unwrap(),
         [
             target(&[id("", 1626), id("cam1", 3)], None),
-            target(&[id("", 4), id("", 2)], None)
+            target(&[id("", 4), id("", 2)], None),
+            target(&[id("", 7)], None)
         ]
     );
     let pairs = json!({"pairs": [[48, 0, 2]]});
@@ -225,14 +234,15 @@ fn targets_name_views_or_leave_them_to_the_grouping() {
     let dir = TempDir::new().unwrap();
     write_sensor(&dir.path().join("000048"), "cam1", "rgb", 4);
     let scene = Scene::load(dir.path(), 48).unwrap();
-    let target = |views: Vec<FrameId>| Target {
+    let target = |views: Vec<FrameId>, listed| Target {
         scene: 48,
         views,
-        objects: Some(BTreeSet::from([7])),
+        listed,
+        objects: Some(BTreeMap::from([(7, Some(1))])),
     };
     let (one, two) = (
-        target(vec![id("", 1)]),
-        target(vec![id("cam1", 3), id("cam1", 0)]),
+        target(vec![id("", 1)], false),
+        target(vec![id("cam1", 3), id("cam1", 0)], true),
     );
     let of = |views, target: &Target| {
         groups(
@@ -248,8 +258,15 @@ fn targets_name_views_or_leave_them_to_the_grouping() {
     assert_eq!(grouped[0].objects, one.objects);
     assert_eq!(shown(&of(None, &two).unwrap()), ["cam1/000003 cam1/000000"]);
     assert_eq!(shown(&of(Some(1), &two).unwrap()), ["cam1/000003"]);
-    assert!(of(Some(3), &two).is_err());
-    let error = of(None, &target(vec![id("cam1", 9)]))
+    // Lists end in groups that are smaller than the others, down to one view.
+    assert_eq!(
+        shown(&of(Some(3), &two).unwrap()),
+        ["cam1/000003 cam1/000000"]
+    );
+    let alone = target(vec![id("", 2)], true);
+    assert_eq!(shown(&of(Some(3), &alone).unwrap()), ["cam1/000002"]);
+    assert!(of(Some(5), &one).is_err());
+    let error = of(None, &target(vec![id("cam1", 9)], false))
         .unwrap_err()
         .to_string();
     assert!(error.contains("image cam1/000009"), "{error}");
@@ -276,6 +293,7 @@ fn scenes_that_are_not_bops_are_refused_in_one_sentence() {
         "[fx, 0, cx",
     );
     refused("cam_K", Value::Null, "cam_model");
+    refused("cam_model", json!({}), "cam_model");
     refused("cam_t_w2c", Value::Null, "both cam_R_w2c and cam_t_w2c");
     refused("cam_R_w2c", json!([2, 0, 0, 0, 2, 0, 0, 0, 2]), "cam_R_w2c");
     let dir = TempDir::new().unwrap();
@@ -301,8 +319,113 @@ fn poses_of_few_digits_are_read_and_others_named() {
     let pose = scene.frames[&id("", 0)].objects[0].cam_from_obj;
     assert!((pose.rotation * Vector3::x() - Vector3::y()).norm() < 5e-3);
     let error = load([0., -1.2, 0., 1., 0., 0., 0., 0., 1.]).unwrap_err();
-    let named = "scene_gt.json: annotation 0 of image 0: cam_R_m2c: expected a rotation";
+    let named = "scene_gt.json: image 0, row 0: cam_R_m2c: expected a rotation";
     assert!(error.to_string().contains(named), "{error}");
+}
+
+#[test]
+fn rotations_that_are_off_are_made_exact_and_told_of() {
+    let dir = TempDir::new().unwrap();
+    let folder = dir.path().join("000001");
+    write_sensor(&folder, "", "rgb", 1);
+    let poses = |scales: &[f64]| {
+        let pose = |scale: &f64| {
+            let rotation = R.map(|entry| f64::from(entry) * scale);
+            json!({"obj_id": 5, "cam_R_m2c": rotation, "cam_t_m2c": [10, 20, 900]})
+        };
+        let poses: Vec<Value> = scales.iter().map(pose).collect();
+        write(&folder.join("scene_gt.json"), &json!({"0": poses}));
+        Scene::load(dir.path(), 1)
+    };
+    // Scaled by s, each entry of RᵀR - 1 on the diagonal is s² - 1.
+    let scene = poses(&[1.0, 1.0004, 1.009, 0.995]).unwrap();
+    for object in &scene.frames[&id("", 0)].objects {
+        let x = object.cam_from_obj.rotation * Vector3::x();
+        assert!((x - Vector3::y()).norm() < 1e-14, "{x}");
+    }
+    let inexact = &scene.doubts.inexact;
+    assert_eq!((inexact.of, inexact.count), (4, 2));
+    assert!((inexact.greatest - (1.009f64.powi(2) - 1.0)).abs() < 1e-12);
+    let [sentence] = &scene.doubts.sentences()[..] else {
+        panic!()
+    };
+    assert!(
+        sentence.starts_with("2 of 4 rotations of the ground truth"),
+        "{sentence}"
+    );
+    assert!(sentence.contains("1.8e-2") && sentence.contains("scene_gt.json: image 0, row 2"));
+    let error = poses(&[1.0, 1.011]).unwrap_err().to_string();
+    assert!(
+        error.contains("scene_gt.json: image 0, row 1: cam_R_m2c"),
+        "{error}"
+    );
+    assert_eq!(poses(&[1.0, 1.0004]).unwrap().doubts.sentences(), [""; 0]);
+}
+
+/// Changes each entry of scene_camera.json.
+fn change_cameras(scene: &Path, change: impl Fn(&mut Value)) {
+    let file = scene.join("scene_camera.json");
+    let mut cameras: Value = serde_json::from_slice(&fs::read(&file).unwrap()).unwrap();
+    cameras
+        .as_object_mut()
+        .unwrap()
+        .values_mut()
+        .for_each(change);
+    write(&file, &cameras);
+}
+
+#[test]
+fn camera_poses_may_have_the_shorter_names() {
+    let dir = TempDir::new().unwrap();
+    let folder = dir.path().join("000001");
+    write_sensor(&folder, "", "rgb", 3);
+    let expected = Scene::load(dir.path(), 1).unwrap();
+    change_cameras(&folder, |camera| {
+        let camera = camera.as_object_mut().unwrap();
+        for (short, long) in [("R_w2c", "cam_R_w2c"), ("t_w2c", "cam_t_w2c")] {
+            let value = camera.remove(long).unwrap();
+            camera.insert(short.into(), value);
+        }
+    });
+    let scene = Scene::load(dir.path(), 1).unwrap();
+    for (a, b) in scene.frames.values().zip(expected.frames.values()) {
+        assert!(a.world_from_cam.is_some());
+        assert_eq!(a.world_from_cam, b.world_from_cam);
+    }
+}
+
+#[test]
+fn cameras_in_metres_and_missing_images_are_told_of() {
+    let dir = TempDir::new().unwrap();
+    let folder = dir.path().join("000001");
+    write_sensor(&folder, "", "rgb", 3);
+    assert_eq!(
+        Scene::load(dir.path(), 1).unwrap().doubts.sentences(),
+        [""; 0]
+    );
+    change_cameras(&folder, |camera| {
+        let x = camera["cam_t_w2c"][0].as_f64().unwrap();
+        camera["cam_t_w2c"][0] = json!(x * 1e-3);
+    });
+    fs::remove_file(folder.join("rgb/000001.png")).unwrap();
+    let doubts = Scene::load(dir.path(), 1).unwrap().doubts;
+    let [missing, metres] = &doubts.sentences()[..] else {
+        panic!("{doubts:?}")
+    };
+    assert!(
+        missing.starts_with("1 images") && missing.contains("rgb/000001"),
+        "{missing}"
+    );
+    assert!(metres.contains("looks like metres in 1 scenes"), "{metres}");
+    // A camera that is the world stands nowhere else.
+    change_cameras(&folder, |camera| camera["cam_t_w2c"] = json!([0, 0, 0]));
+    assert!(
+        Scene::load(dir.path(), 1)
+            .unwrap()
+            .doubts
+            .in_metres
+            .is_empty()
+    );
 }
 
 #[test]
@@ -333,6 +456,11 @@ fn models_come_with_their_symmetries() {
     assert_eq!(models[&2].symmetries.motions().len(), 315);
     let error = load_models(dir.path(), |_| true).unwrap_err().to_string();
     assert!(error.contains("obj_000003.ply"), "{error}");
+    let obj = "v 0 0 0\nv 70 0 0\nv 0 40 0\nf 1 2 3\n";
+    fs::write(dir.path().join("models/obj_000003.obj"), obj).unwrap();
+    let models = load_models(dir.path(), |_| true).unwrap();
+    assert!(models[&3].path.ends_with("models/obj_000003.obj"));
+    assert_eq!(models[&3].mesh.vertices()[1], Point3::new(0.07, 0.0, 0.0));
     let error = load_models(Path::new("nowhere"), |_| true)
         .unwrap_err()
         .to_string();

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         Undetermined,
     )
     from mvtop._prediction import Prediction
+    from mvtop._shipped import example
 
 __all__ = [
     "BOP_RESULTS_HEADER",
@@ -54,6 +55,7 @@ __all__ = [
     "deformable_sampling_backward",
     "deformable_sampling_forward",
     "encode_rays",
+    "example",
     "metrics",
     "rotation_from_6d",
     "set_num_threads",
@@ -71,6 +73,7 @@ _HOMES = {
     "PredictionWarning": "mvtop._objects",
     "Sigma": "mvtop._objects",
     "Undetermined": "mvtop._objects",
+    "example": "mvtop._shipped",
 }
 
 

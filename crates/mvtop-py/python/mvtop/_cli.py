@@ -4,7 +4,7 @@ import os
 import signal
 import sys
 
-from mvtop import _runtime
+from mvtop import _runtime, _shipped
 from mvtop._mvtop import run_cli
 
 
@@ -13,4 +13,4 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     if library := _runtime.library():
         os.environ["ORT_DYLIB_PATH"] = str(library)
-    return run_cli(sys.argv)
+    return run_cli(sys.argv, _shipped.FOLDER)

@@ -5,7 +5,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from mvtop import _runtime
+from mvtop import _runtime, _shipped
 from mvtop._mvtop import NativeEstimator, Rig
 from mvtop._objects import ObjectClass, object_classes
 from mvtop._prediction import Prediction, Source
@@ -36,7 +36,7 @@ class Estimator:
     @classmethod
     def load(
         cls,
-        path: str | os.PathLike[str],
+        path: str | os.PathLike[str] | None = None,
         *,
         provider: str = "cpu",
         threads: int = 0,
@@ -44,6 +44,8 @@ class Estimator:
     ) -> Estimator:
         """Loads a model bundle, a folder with `model.json`.
 
+        - path: of the folder; by default $MVTOP_MODEL, else the one that the wheel carries, which
+          knows the ball of `mvtop.example()`
         - provider: what executes the network: "cpu", "cuda", "tensorrt", "openvino",
           "openvino-bf16", "coreml" or "xnnpack", if the installed onnxruntime has it
         - threads: inside one operation of the network; 0 for one per physical core
@@ -54,7 +56,7 @@ class Estimator:
         provider cannot be used.
         """
         self = cls.__new__(cls)
-        self._path = os.path.abspath(path)
+        self._path = os.path.abspath(path or os.environ.get("MVTOP_MODEL") or _shipped.model())
         self._options = {"provider": provider, "threads": threads, "ort_lib": ort_lib}
         self._native = self._load()
         return self

@@ -5,7 +5,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Final, SupportsFloat, SupportsIndex, final
 
-__all__ = ["BOP_RESULTS_HEADER", "Camera", "Image", "Instance", "Mesh", "ModelInfo", "NativeEstimator", "NativePrediction", "Rig", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "correlation", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "read_models_info", "read_scene", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "set_num_threads", "translation_error", "vsd"]
+__all__ = ["BOP_RESULTS_HEADER", "Camera", "Image", "Instance", "Mesh", "ModelInfo", "NativeEstimator", "NativePrediction", "Rig", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "correlation", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "eval_bop", "read_models_info", "read_scene", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "set_num_threads", "translation_error", "vsd"]
 
 BOP_RESULTS_HEADER: Final[str]
 
@@ -22,10 +22,12 @@ class Camera:
         """
         (3, 3), intrinsics, px.
         """
+    def __eq__(self, value: object, /) -> bool: ...
     def __getnewargs_ex__(self, /) -> tuple[tuple[NDArray[float64], tuple[int, int]], dict[str, Any]]:
         """
         For pickle: the arguments by position and by name.
         """
+    def __ne__(self, value: object, /) -> bool: ...
     def __new__(cls, /, K: ArrayLike, size: SupportsLenAndGetItem[SupportsIndex], *, distortion: ArrayLike | None = None, model: str = "pinhole", world_from_cam: ArrayLike | None = None, id: str = "cam0") -> Camera:
         """
         A camera from arrays.
@@ -268,7 +270,9 @@ class Rig:
     """
     The cameras that look at a scene together.
     """
+    def __eq__(self, value: object, /) -> bool: ...
     def __len__(self, /) -> int: ...
+    def __ne__(self, value: object, /) -> bool: ...
     def __new__(cls, /, cameras: SupportsGetItem[int, Camera], reference: str | None = None) -> Rig:
         """
         A rig of these cameras; `reference` is the id of the one in whose frame poses are given, the
@@ -330,6 +334,14 @@ class Rig:
     def reference(self, /) -> str:
         """
         Id of the camera in whose frame poses are given.
+        """
+    def save(self, /, path: str | PathLike[str], *, overwrite: bool = False) -> None:
+        """
+        Writes a rig file, in metres; what is read back is equal.
+
+        - overwrite: whether a file may be replaced
+
+        Raises FileExistsError where there is one, OSError where it cannot be written.
         """
     def to_json(self, /) -> str:
         """
@@ -518,6 +530,13 @@ def encode_rays(camera_rays: ArrayLike, ref_from_cam: ArrayLike, encoding: str =
     - returns: (N, 3, 6 or 9), float32; 0 where there is no ray
     """
 
+def eval_bop(args: SupportsGetItem[int, str]) -> str:
+    """
+    What `mvtop-cli eval bop --json` prints; `args` follow these words.
+
+    Raises ValueError for what it refuses.
+    """
+
 def read_models_info(path: str | PathLike[str]) -> dict[int, ModelInfo]:
     """
     What models_info.json says of each object, by its number.
@@ -533,7 +552,8 @@ def read_scene(folder: str | PathLike[str], *, whole: bool = False) -> list[Imag
     - whole: whether what is incomplete is refused, images that are listed but not unpacked and
       annotations without a camera, instead of left out
 
-    Raises OSError for a file that cannot be read, ValueError for one that is not BOP's.
+    Raises OSError for a file that cannot be read, ValueError for one that is not BOP's. Warns of what
+    is doubtful: rotations that were made exact, images that are missing, cameras in metres.
     """
 
 def recall(errors: ArrayLike, threshold: SupportsFloat | SupportsIndex) -> float | None:
@@ -570,9 +590,11 @@ def rotation_from_6d(values: ArrayLike) -> NDArray[float64]:
     Raises ValueError where a or b is 0, or the two are parallel.
     """
 
-def run_cli(args: SupportsGetItem[int, str]) -> int:
+def run_cli(args: SupportsGetItem[int, str], shipped: str | PathLike[str]) -> int:
     """
     The command line `mvtop-cli`: `args` begin with the program's name. Returns the exit code.
+
+    - shipped: the folder with the package's model and example
     """
 
 def set_num_threads(count: SupportsIndex) -> None:

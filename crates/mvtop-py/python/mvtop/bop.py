@@ -1,5 +1,73 @@
-"""Data sets in BOP's layout, read as `mvtop-cli eval bop` reads them (docs/bop.md), in metres."""
+"""Data sets in BOP's layout, and scores of results in its format (docs/bop.md).
 
-from mvtop._mvtop import Image, Instance, ModelInfo, read_models_info, read_scene
+Read as `mvtop-cli eval bop` reads them, in metres.
+"""
 
-__all__ = ["Image", "Instance", "ModelInfo", "read_models_info", "read_scene"]
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from mvtop._mvtop import Image, Instance, ModelInfo, eval_bop, read_models_info, read_scene
+
+__all__ = ["Image", "Instance", "ModelInfo", "evaluate", "read_models_info", "read_scene"]
+
+AnyPath = str | os.PathLike[str]
+
+
+def evaluate(
+    dataset: AnyPath,
+    predictions: AnyPath | Iterable[AnyPath],
+    *,
+    split: str = "test",
+    targets: AnyPath | None = None,
+    sensor: str | None = None,
+    objects: Iterable[int] | None = None,
+    names: Mapping[str, int] | None = None,
+    vsd_delta_mm: float = 15.0,
+    report: AnyPath | None = None,
+    force: bool = False,
+) -> dict[str, Any]:
+    """Scores of results in BOP's format, as `mvtop-cli eval bop --predictions` gives them.
+
+    - dataset: folder of the data set, with its models and splits
+    - predictions: a CSV file, or several
+    - targets: a file of BOP's test targets; every image by default
+    - sensor: CAM of scene_camera_CAM.json, where there are several
+    - objects: ids of those to evaluate; all by default
+    - names: ids of objects that the files give by name
+    - vsd_delta_mm: how far a surface may lie behind the measured one and still count as seen
+    - report: folder for summary.json, groups.jsonl and report.html; what an evaluation of the same
+      files wrote there is gone on with, with force=True begun anew
+    - returns: of one file what summary.json holds (docs/bop.md); of several that, by the files'
+      names without their ending
+
+    Raises OSError for files that are not there, ValueError for what is refused. Warnings go to
+    stderr.
+    """
+    several = not isinstance(predictions, (str, os.PathLike))
+    files = [predictions] if isinstance(predictions, (str, os.PathLike)) else list(predictions)
+    if not files:
+        raise ValueError("predictions: expected at least one file, got none")
+    for path in (dataset, *files, *([targets] if targets is not None else [])):
+        os.stat(path)
+    options = {
+        "--dataset": os.fspath(dataset),
+        "--split": split,
+        "--targets": targets and os.fspath(targets),
+        "--sensor": sensor,
+        "--objects": None if objects is None else ",".join(str(id) for id in objects),
+        "--vsd-delta-mm": str(vsd_delta_mm),
+        "--report": report and os.fspath(report),
+    }
+    arguments = [f"{name}={value}" for name, value in options.items() if value is not None]
+    arguments += [f"--predictions={os.fspath(path)}" for path in files]
+    arguments += [f"--map={name}={id}" for name, id in (names or {}).items()]
+    answer: dict[str, Any] = json.loads(
+        eval_bop([*arguments, "--json", *(["--force"] if force else [])])
+    )
+    if several and len(files) == 1:
+        return {os.path.splitext(os.path.basename(files[0]))[0]: answer}
+    return answer

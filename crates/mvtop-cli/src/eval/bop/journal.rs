@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::score::Scored;
+use super::tally::Tally;
 use crate::failure::{Failure, Result};
 use crate::write::{self, failed};
 
@@ -25,12 +26,14 @@ pub struct Line {
     pub sensor: String,
     /// Number of the reference image.
     pub image: u32,
-    /// Seconds from decoded images to poses.
-    pub time_s: f64,
+    /// Seconds from decoded images to poses, where they are known.
+    pub time_s: Option<f64>,
     /// Predictions that no object of the truth was matched with.
     pub extra: usize,
     /// In the reference image.
     pub estimates: Vec<Estimate>,
+    /// What BOP's evaluation counts, by object.
+    pub tallies: Vec<Tally>,
     pub objects: Vec<Scored>,
 }
 
@@ -127,9 +130,10 @@ fn begun(about: &Path) -> Result<Option<Value>> {
     }
     let text = file::read_text(about, MAX_ABOUT_BYTES)?;
     let begun: Value = json::from_str(&text).unwrap_or_default();
-    match begun.get("model_sha256") {
-        Some(_) => Ok(Some(begun)),
-        None => Err(Failure(format!(
+    let source = ["model_sha256", "predictions_sha256"].map(|key| begun.get(key));
+    match source {
+        [Some(_), _] | [_, Some(_)] => Ok(Some(begun)),
+        [None, None] => Err(Failure(format!(
             "{} is not one of mvtop-cli's; name another folder",
             about.display()
         ))),

@@ -1,12 +1,13 @@
 //! What `eval bop` goes through: scenes, groups of views, and the objects in them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use mvtop_core::annotations::{GivenBoxes, TruePose};
+use mvtop_core::bundle::Class;
 use mvtop_core::pose::translation_error;
-use mvtop_core::{Camera, Estimator, Rig, ViewImage};
-use mvtop_eval::bop::{Frame, FrameId, Group, Instance, Model, Scene, Target};
+use mvtop_core::{Camera, Rig, ViewImage};
+use mvtop_eval::bop::{Doubts, Frame, FrameId, Group, Instance, Model, Scene, Target};
 use mvtop_eval::bop::{groups, load_models, load_targets, scene_ids};
 use nalgebra::Isometry3;
 
@@ -20,12 +21,14 @@ const SAME_OBJECT: f64 = 0.2;
 
 /// What is evaluated.
 pub struct Plan {
-    /// By obj_id; those that the network knows and that were asked for.
+    /// By obj_id; those that the network knows, if there is one, and that were asked for.
     pub models: BTreeMap<u32, Model>,
-    /// Name of the network's class, by obj_id.
+    /// Name of the network's class, or of the object, by obj_id.
     pub classes: BTreeMap<u32, String>,
     pub scenes: BTreeMap<u32, Scene>,
     pub groups: Vec<Group>,
+    /// What makes results doubtful, a sentence each.
+    pub warnings: Vec<String>,
 }
 
 /// `000048/000001+000036`: scene, then views.
@@ -35,32 +38,31 @@ pub fn name(group: &Group) -> String {
 }
 
 impl Plan {
-    pub fn new(args: &BopArgs, estimator: &Estimator) -> Result<Self> {
+    /// - `known`: the network's classes; without it, each image is looked at alone, as in results in
+    ///   BOP's format
+    pub fn new(args: &BopArgs, known: Option<&[Class]>) -> Result<Self> {
         let options = &args.split;
         let root: &Path = &options.dataset;
         let asked = |id: &u32| options.objects.as_ref().is_none_or(|ids| ids.contains(id));
-        let known = estimator.bundle().classes.iter();
-        let classes: BTreeMap<u32, String> = known
-            .filter_map(|class| Some((u32::try_from(class.id).ok()?, class.name.clone())))
-            .filter(|(id, _)| asked(id))
-            .collect();
-        let models = load_models(root, |id| classes.contains_key(&id))?;
-        check_names(&models, &classes)?;
-        if let Some(id) = classes.keys().find(|id| !models.contains_key(id)) {
-            return Err(Failure(format!(
-                "{}: expected object {id} in models_info.json, as the model's class `{}` has this \
-                 id, got none; choose objects with --objects",
-                root.display(),
-                classes[id]
-            )));
-        }
-        if classes.is_empty() {
-            return Err(Failure(
-                "the model knows none of the objects in --objects; leave it out to evaluate those \
-                 it knows"
-                    .into(),
-            ));
-        }
+        let (models, classes) = match known {
+            Some(known) => of_network(args, known, asked)?,
+            None => {
+                let models = load_models(root, |id| asked(&id))?;
+                let mut ids = options.objects.iter().flatten();
+                if let Some(id) = ids.find(|id| !models.contains_key(*id)) {
+                    return Err(Failure(format!(
+                        "{}: expected object {id} of --objects in models_info.json, got none",
+                        root.display()
+                    )));
+                }
+                let name = |(&id, model): (&u32, &Model)| {
+                    let name = model.name.clone();
+                    (id, name.unwrap_or_else(|| format!("obj_{id:06}")))
+                };
+                let classes = models.iter().map(name).collect();
+                (models, classes)
+            }
+        };
         let folder = root.join(&options.split);
         let targets = options.targets.as_deref().map(load_targets).transpose()?;
         let ids = scene_ids(&folder)?;
@@ -76,6 +78,7 @@ impl Plan {
             classes,
             scenes: BTreeMap::new(),
             groups: Vec::new(),
+            warnings: Vec::new(),
         };
         for id in ids {
             let of_scene = |all: &Vec<Target>| -> Vec<Target> {
@@ -86,7 +89,10 @@ impl Plan {
                 continue;
             }
             let scene = Scene::load(&folder, id)?;
-            let views = args.trial.views.map(|views| views as usize);
+            let views = match known {
+                Some(_) => args.trial.views.map(|views| views as usize),
+                None => Some(1),
+            };
             let sensor = options.sensor.as_deref();
             let mut found = groups(&scene, options.grouping, views, sensor, of_scene)?;
             found.retain(|group| plan.asks(&scene, group));
@@ -94,15 +100,101 @@ impl Plan {
             plan.scenes.insert(id, scene);
         }
         if plan.groups.is_empty() {
-            let known: Vec<String> = plan.classes.keys().map(u32::to_string).collect();
+            let ids: Vec<String> = plan.classes.keys().map(u32::to_string).collect();
             return Err(Failure(format!(
-                "{}: no image shows any of the objects {}, which the model knows; choose another \
-                 --split or another --model",
+                "{}: no image shows any of the objects {}{}",
                 folder.display(),
-                known.join(", ")
+                ids.join(", "),
+                match known {
+                    Some(_) => ", which the model knows; choose another --split or another --model",
+                    None => "; choose another --split or other --objects",
+                }
             )));
         }
+        if known.is_none() {
+            plan.keep_images_once(options.sensor.as_deref())?;
+        }
+        plan.warnings = plan.doubts(args, known.is_some());
         Ok(plan)
+    }
+
+    /// For results, which name an image by scene and number: each is evaluated once.
+    fn keep_images_once(&mut self, sensor: Option<&str>) -> Result<()> {
+        let mut seen = BTreeSet::new();
+        self.groups.retain(|group| {
+            let asked = sensor.is_none_or(|sensor| group.views[0].sensor == sensor);
+            asked && seen.insert(name(group))
+        });
+        let sensors = self
+            .groups
+            .iter()
+            .map(|group| group.views[0].sensor.as_str());
+        let sensors: BTreeSet<&str> = sensors.collect();
+        if sensors.len() > 1 {
+            return Err(Failure(format!(
+                "--targets names images of several sensors ({}), which results do not tell apart; \
+                 choose one with --sensor",
+                sensors.into_iter().collect::<Vec<_>>().join(", ")
+            )));
+        }
+        Ok(())
+    }
+
+    /// What of the data set and of what is asked for makes results doubtful.
+    fn doubts(&self, args: &BopArgs, network: bool) -> Vec<String> {
+        let mut doubts = Doubts::default();
+        for scene in self.scenes.values() {
+            doubts.extend(scene.doubts.clone());
+        }
+        let mut sentences = doubts.sentences();
+        let views = args.trial.views;
+        let count = |few: &dyn Fn(usize) -> bool| {
+            let few = self.groups.iter().filter(|group| few(group.views.len()));
+            let first = few.clone().next().map(name).unwrap_or_default();
+            (few.count(), first)
+        };
+        let all = self.groups.len();
+        let (alone, first) = count(&|views| views == 1);
+        if network && alone > 0 && views != Some(1) {
+            sentences.push(format!(
+                "{alone} of {all} groups have one view, the first is {first}: poses in them are those \
+                 of a single camera"
+            ));
+        }
+        if let Some(views) = views.filter(|_| network) {
+            let (fewer, first) = count(&|count| count > 1 && count < views as usize);
+            if fewer > 0 {
+                sentences.push(format!(
+                    "{fewer} of {all} groups in --targets have fewer than {views} views, the first is \
+                     {first}"
+                ));
+            }
+        }
+        let without = self.scenes.values().filter(|scene| {
+            let mut objects = scene
+                .frames
+                .values()
+                .flat_map(|frame| &frame.objects)
+                .peekable();
+            objects.peek().is_some() && objects.all(|object| object.bbox.is_none())
+        });
+        let without: Vec<&Scene> = without.collect();
+        if let (true, Some(first)) = (args.trial.true_boxes, without.first()) {
+            sentences.push(format!(
+                "{} scenes have no bbox_obj in scene_gt_info.json, the first is {}: --true-boxes gives \
+                 none there, so nothing is found; add the file, or leave out --true-boxes",
+                without.len(),
+                first.folder.display()
+            ));
+        }
+        sentences
+    }
+
+    /// The number of an object by its name, in models_info.json or in --map.
+    pub fn names(&self, args: &BopArgs) -> BTreeMap<String, u32> {
+        let models = self.models.values();
+        let names = models.filter_map(|model| Some((model.name.clone()?, model.id)));
+        names.chain(args.map.iter().cloned()).collect()
     }
 
     /// Whether there is something to predict in a group; of images without annotations that is not
@@ -115,7 +207,34 @@ impl Plan {
     /// Whether a group asks for an object.
     pub fn wanted(&self, group: &Group, object: u32) -> bool {
         let targets = group.objects.as_ref();
-        targets.is_none_or(|ids| ids.contains(&object)) && self.models.contains_key(&object)
+        targets.is_none_or(|counts| counts.contains_key(&object))
+            && self.models.contains_key(&object)
+    }
+
+    /// Of many, as many of each object as the group's targets ask for, those that come first by some
+    /// order; they stay in the order given.
+    ///
+    /// - `sort`: what orders them, the greatest first
+    pub fn first<T>(
+        &self,
+        group: &Group,
+        many: Vec<T>,
+        object: impl Fn(&T) -> u32,
+        sort: impl Fn(&T) -> f64,
+    ) -> Vec<T> {
+        let mut order: Vec<usize> = (0..many.len()).collect();
+        order.sort_by(|&a, &b| sort(&many[b]).total_cmp(&sort(&many[a])));
+        let mut taken: BTreeMap<u32, usize> = BTreeMap::new();
+        let mut kept = vec![false; many.len()];
+        for i in order {
+            let id = object(&many[i]);
+            let most = group.objects.as_ref().and_then(|counts| *counts.get(&id)?);
+            let taken = taken.entry(id).or_default();
+            kept[i] = most.is_none_or(|most| *taken < most);
+            *taken += usize::from(kept[i]);
+        }
+        let many = many.into_iter().zip(kept);
+        many.filter_map(|(one, kept)| kept.then_some(one)).collect()
     }
 
     /// obj_id of a class.
@@ -129,12 +248,22 @@ impl Plan {
         self.groups.iter().find(|group| name(group) == wanted)
     }
 
-    /// The images of a group, a rig of their cameras, and the objects annotated in the reference.
+    /// The images of a group, a rig of their cameras, and the objects of the targets in the reference.
     pub fn load(&self, group: &Group) -> Result<Sample> {
+        let mut sample = self.known(group)?;
+        let frames = &self.scenes[&group.scene].frames;
+        for (camera, id) in group.views.iter().enumerate() {
+            let image = mvtop_core::image::load(&frames[id].path, &sample.rig.cameras()[camera])?;
+            sample.images.push(ViewImage { camera, image });
+        }
+        Ok(sample)
+    }
+
+    /// The same without the images.
+    pub fn known(&self, group: &Group) -> Result<Sample> {
         let scene = &self.scenes[&group.scene];
         let views: Vec<&Frame> = group.views.iter().map(|id| &scene.frames[id]).collect();
         let mut cameras = Vec::new();
-        let mut images = Vec::new();
         for view in &views {
             let size = mvtop_core::image::size(&view.path)?;
             let world_from_cam = match view.world_from_cam {
@@ -152,12 +281,7 @@ impl Plan {
                 }
             };
             let (id, intrinsics) = (view.id.camera_id(), view.intrinsics.clone());
-            let camera = Camera::new(id, size, intrinsics, world_from_cam)?;
-            images.push(ViewImage {
-                camera: cameras.len(),
-                image: mvtop_core::image::load(&view.path, &camera)?,
-            });
-            cameras.push(camera);
+            cameras.push(Camera::new(id, size, intrinsics, world_from_cam)?);
         }
         let rig = Rig::new(cameras, 0)?;
         for (view, camera) in views.iter().zip(rig.cameras()) {
@@ -173,10 +297,13 @@ impl Plan {
         };
         let annotated = views[0].objects.iter();
         let wanted = annotated.filter(|object| self.wanted(group, object.object));
+        let visible = |object: &&Instance| object.visible.unwrap_or(1.0);
+        // Targets are the most visible instances, as BOP has it.
+        let targets = self.first(group, wanted.collect(), |object| object.object, visible);
         Ok(Sample {
             name: name(group),
-            truth: wanted.map(known).collect(),
-            images,
+            truth: targets.into_iter().map(known).collect(),
+            images: Vec::new(),
             rig,
         })
     }
@@ -238,14 +365,77 @@ impl Plan {
     }
 }
 
+/// The objects that a network's classes are, and the names of these.
+fn of_network(
+    args: &BopArgs,
+    known: &[Class],
+    asked: impl Fn(&u32) -> bool,
+) -> Result<(BTreeMap<u32, Model>, BTreeMap<u32, String>)> {
+    if let Some((name, _)) = args
+        .map
+        .iter()
+        .find(|(name, _)| known.iter().all(|c| c.name != *name))
+    {
+        let names: Vec<&str> = known.iter().map(|class| class.name.as_str()).collect();
+        return Err(Failure(format!(
+            "--map: no class `{name}` in the model, expected one of: {}",
+            names.join(", ")
+        )));
+    }
+    let mut classes: BTreeMap<u32, String> = BTreeMap::new();
+    for class in known {
+        let mapped = args.map.iter().find(|(name, _)| *name == class.name);
+        let id = mapped
+            .map(|(_, id)| *id)
+            .or_else(|| u32::try_from(class.id).ok());
+        let Some(id) = id.filter(&asked) else {
+            continue;
+        };
+        if let Some(other) = classes.insert(id, class.name.clone()) {
+            return Err(Failure(format!(
+                "object {id} would be both of the model's classes `{other}` and `{}`; say which with \
+                 --map NAME=ID",
+                class.name
+            )));
+        }
+    }
+    if classes.is_empty() {
+        return Err(Failure(
+            "the model knows none of the objects in --objects; leave it out to evaluate those it \
+             knows, or give a --model that was trained on this data set (docs/training.md)"
+                .into(),
+        ));
+    }
+    let root = &args.split.dataset;
+    let models = load_models(root, |id| classes.contains_key(&id))?;
+    check_names(&models, &classes, args)?;
+    if let Some(id) = classes.keys().find(|id| !models.contains_key(id)) {
+        return Err(Failure(format!(
+            "{}: expected object {id} in models_info.json, as the model's class `{}` has this id, got \
+             none; choose objects with --objects, say which object a class is with --map NAME=ID, or \
+             give a --model that was trained on this data set (docs/training.md)",
+            root.display(),
+            classes[id]
+        )));
+    }
+    Ok((models, classes))
+}
+
 /// A data set's object and a class of the same number may be different things.
-fn check_names(models: &BTreeMap<u32, Model>, classes: &BTreeMap<u32, String>) -> Result<()> {
+fn check_names(
+    models: &BTreeMap<u32, Model>,
+    classes: &BTreeMap<u32, String>,
+    args: &BopArgs,
+) -> Result<()> {
     for (id, model) in models {
         let class = &classes[id];
+        if args.map.iter().any(|(name, _)| name == class) {
+            continue;
+        }
         if let Some(name) = model.name.as_ref().filter(|name| *name != class) {
             return Err(Failure(format!(
                 "object {id} is `{name}` in models_info.json and `{class}` in the model; give the \
-                 model that was trained on this data set"
+                 model that was trained on this data set, or --map {class}={id} if they are the same"
             )));
         }
     }

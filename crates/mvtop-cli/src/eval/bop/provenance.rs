@@ -18,10 +18,12 @@ const MAX_FILE_BYTES: u64 = 1 << 30;
 
 /// What results depend on, for `run.json`. Where files lie is no part of it, but for the names of the
 /// data set.
-pub fn about(args: &BopArgs, bundle: &Path, plan: &Plan) -> Result<Value> {
+///
+/// - `sources`: what poses come from, a file and what to call it
+pub fn about(args: &BopArgs, sources: &[(&str, PathBuf)], plan: &Plan) -> Result<Value> {
     let (split, trial) = (&args.split, &args.trial);
     let targets = split.targets.as_deref().map(|path| hash([path]));
-    Ok(json!({
+    let mut about = json!({
         "tool": concat!("mvtop-cli ", env!("CARGO_PKG_VERSION")),
         "dataset": folder_name(&split.dataset),
         "split": split.split,
@@ -33,8 +35,7 @@ pub fn about(args: &BopArgs, bundle: &Path, plan: &Plan) -> Result<Value> {
         "annotations_sha256": annotations(plan)?,
         "images_sha256": images(plan)?,
         "meshes_sha256": hash(plan.models.values().map(|model| model.path.as_path()))?,
-        // It holds the hashes of all other files of the bundle.
-        "model_sha256": hash([bundle.join("model.json").as_path()])?,
+        "map": args.map,
         "true_boxes": trial.true_boxes,
         "min_views": trial.detection.min_views,
         "box_noise": trial.noise.boxes,
@@ -42,7 +43,11 @@ pub fn about(args: &BopArgs, bundle: &Path, plan: &Plan) -> Result<Value> {
         "rig_noise_mm": trial.noise.rig_mm,
         "noise_seed": trial.noise.seed,
         "vsd_delta_mm": args.vsd_delta_mm,
-    }))
+    });
+    for (name, path) in sources {
+        about[name] = hash([path.as_path()])?.into();
+    }
+    Ok(about)
 }
 
 /// Name of a folder, however it was given.

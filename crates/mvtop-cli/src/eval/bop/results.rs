@@ -2,10 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use mvtop_eval::statistics::mean;
 use serde::Serialize;
 
 use super::journal::Line;
 use super::score::{Scored, Scores};
+use super::tally::Tally;
 use crate::eval::outcome::Outcome;
 use crate::eval::summary::{Bounds, Summary};
 
@@ -17,6 +19,10 @@ pub struct Results {
     pub all: Scores,
     /// By obj_id.
     pub objects: BTreeMap<u32, Scores>,
+    /// Mean time of an image, seconds, where results of a file say it of all; measured times differ
+    /// from run to run, and are in the CSV.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub time_mean_s: Option<f64>,
 }
 
 /// A column of the tables.
@@ -65,28 +71,33 @@ fn number(x: Option<f64>, unit: f64) -> String {
 }
 
 impl Results {
-    pub fn new(lines: &[Line], bounds: Bounds) -> Self {
+    /// - `measured`: whether times were measured here, rather than read
+    pub fn new(lines: &[Line], bounds: Bounds, measured: bool) -> Self {
         let scored: Vec<&Scored> = lines.iter().flat_map(|line| &line.objects).collect();
+        let tallies: Vec<&Tally> = lines.iter().flat_map(|line| &line.tallies).collect();
         let outcomes: Vec<Outcome> = scored.iter().map(|s| s.outcome.clone()).collect();
         let views = outcomes.iter().map(|outcome| outcome.views).max();
         let extra = lines.iter().map(|line| line.extra).sum();
-        let mut by_object: BTreeMap<u32, Vec<&Scored>> = BTreeMap::new();
+        let mut by_object: BTreeMap<u32, (Vec<&Scored>, Vec<&Tally>)> = BTreeMap::new();
         for &scored in &scored {
-            by_object.entry(scored.obj_id).or_default().push(scored);
+            by_object.entry(scored.obj_id).or_default().0.push(scored);
         }
-        let predicted = |id: Option<u32>| {
-            let estimates = lines.iter().flat_map(|line| &line.estimates);
-            estimates
-                .filter(|e| id.is_none_or(|id| e.obj_id == id))
-                .count()
+        for &tally in &tallies {
+            // Objects that are nowhere have no row.
+            if let Some((_, of_object)) = by_object.get_mut(&tally.obj_id) {
+                of_object.push(tally);
+            }
+        }
+        let scores = |(id, (scored, tallies)): (u32, (Vec<&Scored>, Vec<&Tally>))| {
+            (id, Scores::new(&scored, &tallies, &bounds))
         };
-        let scores = |(id, scored): (u32, Vec<&Scored>)| {
-            (id, Scores::new(&scored, predicted(Some(id)), &bounds))
-        };
+        let with_poses = lines.iter().filter(|line| !line.estimates.is_empty());
+        let times: Option<Vec<f64>> = with_poses.map(|line| line.time_s).collect();
         Self {
             summary: Summary::new(views.unwrap_or(0), lines.len(), extra, &outcomes, bounds),
-            all: Scores::new(&scored, predicted(None), &bounds),
+            all: Scores::new(&scored, &tallies, &bounds),
             objects: by_object.into_iter().map(scores).collect(),
+            time_mean_s: times.filter(|_| !measured).and_then(|times| mean(&times)),
         }
     }
 
@@ -100,20 +111,33 @@ impl Results {
     }
 
     pub fn text(&self, classes: &BTreeMap<u32, String>) -> String {
-        let columns = || COLUMNS.iter().filter(|column| column.main);
-        let rows = self.rows(classes);
-        let names = rows.iter().map(|(name, _)| name.chars().count());
-        let width = names.max().unwrap_or(0).max("object".len());
-        let mut lines = vec![self.summary.text("groups", self.all.objects), String::new()];
-        let header = columns().map(|column| format!("  {}", column.name));
-        lines.push(format!("{:width$}{}", "object", header.collect::<String>()));
-        for (name, scores) in &rows {
-            let cells = columns().map(|column| {
-                let width = column.name.chars().count() + 2;
-                format!("{:>width$}", (column.cell)(scores))
-            });
-            lines.push(format!("{name:width$}{}", cells.collect::<String>()));
-        }
-        lines.join("\n")
+        let summary = self.summary.text("groups", self.all.objects);
+        let table = table("object", &self.rows(classes));
+        format!("{summary}\n\n{table}")
     }
+}
+
+/// Scores of several results, a row each.
+pub fn side_by_side(results: &[(String, Results)]) -> String {
+    let rows = results
+        .iter()
+        .map(|(name, results)| (name.clone(), &results.all));
+    table("results", &rows.collect::<Vec<_>>())
+}
+
+/// - `what`: the rows are of
+fn table(what: &str, rows: &[(String, &Scores)]) -> String {
+    let columns = || COLUMNS.iter().filter(|column| column.main);
+    let names = rows.iter().map(|(name, _)| name.chars().count());
+    let width = names.max().unwrap_or(0).max(what.len());
+    let header = columns().map(|column| format!("  {}", column.name));
+    let mut lines = vec![format!("{what:width$}{}", header.collect::<String>())];
+    for (name, scores) in rows {
+        let cells = columns().map(|column| {
+            let width = column.name.chars().count() + 2;
+            format!("{:>width$}", (column.cell)(scores))
+        });
+        lines.push(format!("{name:width$}{}", cells.collect::<String>()));
+    }
+    lines.join("\n")
 }

@@ -5,14 +5,14 @@ use mvtop_core::annotations::TruePose;
 use mvtop_core::prediction::ObjectPose;
 use mvtop_eval::bop::Model;
 use mvtop_eval::metrics::{
-    DepthImage, MSPD_THRESHOLDS_PX, MSSD_THRESHOLDS, MatchingCost, PixelCenter, VSD_TAUS,
-    VSD_THRESHOLDS, VsdOptions, auc_exact, auc_poet, auc_posecnn, average_recall, recall,
-    rotation_error_deg, translation_error, vsd,
+    DepthImage, MatchingCost, PixelCenter, VSD_TAUS, VsdOptions, auc_exact, auc_poet, auc_posecnn,
+    recall, rotation_error_deg, translation_error, vsd,
 };
 use mvtop_eval::statistics::median;
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
+use super::tally::{Recalls, Tally};
 use crate::eval::outcome::{Errors, Outcome};
 use crate::eval::summary::{Bounds, Right};
 use crate::failure::Result;
@@ -73,6 +73,8 @@ pub struct Scores {
     pub add_s: Areas,
     /// ADD-(S): ADD-S of objects that have symmetries in models_info.json, ADD of others.
     pub add_or_add_s: Areas,
+    /// Average recalls of BOP, whose matching of estimates and targets is another one for each
+    /// threshold: see [`Tally`].
     pub ar_mssd: Option<f64>,
     pub ar_mspd: Option<f64>,
     /// Over the objects in images with depth.
@@ -107,16 +109,12 @@ impl Scored {
         let cam_from_world = camera.world_from_cam().inverse();
         let seen = |pose: &Isometry3<f64>| cam_from_world * pose;
         let (surface, symmetries) = (&model.surface, &model.symmetries);
-        let mspd = estimate.map(|pose| {
-            let px = surface.mspd(&seen(truth), &seen(pose), symmetries, camera.intrinsics());
-            px * MSPD_WIDTH / f64::from(camera.width())
-        });
-        let rendered = camera.intrinsics().is_pinhole()
-            // Models for evaluation may be points alone.
-            && !model.mesh.triangles().is_empty();
-        let vsd = view.depth.filter(|_| rendered).map(|depth| match estimate {
-            Some(pose) => view.vsd(depth, model, &seen(truth), &seen(pose)),
-            None => Ok(vec![1.0; VSD_TAUS.len()]),
+        let mspd = estimate.map(|pose| view.mspd_px640(model, &seen(truth), &seen(pose)));
+        let estimates: Vec<Isometry3<f64>> = estimate.map(seen).into_iter().collect();
+        let vsd = view.vsd_of_all(model, &[seen(truth)], &estimates)?;
+        let vsd = vsd.map(|by_tau| {
+            let error = |errors: &Vec<Vec<f64>>| errors.first().map_or(1.0, |of| of[0]);
+            by_tau.iter().map(error).collect()
         });
         Ok(Self {
             outcome,
@@ -127,7 +125,7 @@ impl Scored {
             mssd_m: estimate.map(|pose| surface.mssd(truth, pose, symmetries)),
             // JSON has no infinity; a pose behind the camera is as wrong as none.
             mspd_px640: mspd.filter(|px| px.is_finite()),
-            vsd: vsd.transpose()?,
+            vsd,
         })
     }
 
@@ -145,31 +143,72 @@ impl Scored {
 }
 
 impl View<'_> {
-    /// Like bop_toolkit: its renderers sample pixels half a pixel beside the measured ones.
-    fn vsd(
+    /// Infinite where a pose is behind the camera.
+    ///
+    /// - `truth`, `estimate`: camera frame
+    pub fn mspd_px640(
         &self,
-        measured: &DepthImage,
         model: &Model,
         truth: &Isometry3<f64>,
         estimate: &Isometry3<f64>,
-    ) -> Result<Vec<f64>> {
+    ) -> f64 {
         let intrinsics = self.camera.intrinsics();
+        let px = model
+            .surface
+            .mspd(truth, estimate, &model.symmetries, intrinsics);
+        px * MSPD_WIDTH / f64::from(self.camera.width())
+    }
+
+    /// VSD by tolerance, then estimate, then truth; `None` where it cannot be measured. Like
+    /// bop_toolkit: its renderers sample pixels half a pixel beside the measured ones.
+    ///
+    /// - `truth`, `estimates`: camera frame
+    pub fn vsd_of_all(
+        &self,
+        model: &Model,
+        truth: &[Isometry3<f64>],
+        estimates: &[Isometry3<f64>],
+    ) -> Result<Option<Vec<Vec<Vec<f64>>>>> {
+        let intrinsics = self.camera.intrinsics();
+        // Models for evaluation may be points alone.
+        let rendered = intrinsics.is_pinhole() && !model.mesh.triangles().is_empty();
+        let Some(measured) = self.depth.filter(|_| rendered) else {
+            return Ok(None);
+        };
         let size = [self.camera.width(), self.camera.height()];
-        let depth = |pose| model.mesh.depth(pose, intrinsics, size, PixelCenter::Half);
+        let depths = |poses: &[Isometry3<f64>]| -> Result<Vec<DepthImage>> {
+            let depth = |pose| model.mesh.depth(pose, intrinsics, size, PixelCenter::Half);
+            poses.iter().map(|pose| Ok(depth(pose)?)).collect()
+        };
         let options = VsdOptions {
             delta: self.vsd_delta,
             taus: VSD_TAUS.to_vec(),
             diameter: Some(model.diameter_m),
             cost: MatchingCost::Step,
         };
-        let (estimate, truth) = (depth(estimate)?, depth(truth)?);
-        Ok(vsd(&estimate, &truth, measured, intrinsics, &options)?)
+        let truth = depths(truth)?;
+        let mut by_tau = vec![Vec::with_capacity(estimates.len()); VSD_TAUS.len()];
+        for estimate in estimates {
+            // One at a time: there may be hundreds.
+            let estimate = &depths(std::slice::from_ref(estimate))?[0];
+            let mut of_estimate = vec![Vec::with_capacity(truth.len()); VSD_TAUS.len()];
+            for truth in &truth {
+                let errors = vsd(estimate, truth, measured, intrinsics, &options)?;
+                for (tau, error) in of_estimate.iter_mut().zip(errors) {
+                    tau.push(error);
+                }
+            }
+            for (tau, errors) in by_tau.iter_mut().zip(of_estimate) {
+                tau.push(errors);
+            }
+        }
+        Ok(Some(by_tau))
     }
 }
 
 impl Scores {
-    /// - `predicted`: how many such objects there were said to be
-    pub fn new(scored: &[&Scored], predicted: usize, bounds: &Bounds) -> Self {
+    /// - `tallies`: of the same objects
+    pub fn new(scored: &[&Scored], tallies: &[&Tally], bounds: &Bounds) -> Self {
         let in_diameters = |error: &dyn Fn(&Scored) -> Option<f64>| -> Vec<f64> {
             let share = |s: &&Scored| error(s).unwrap_or(f64::INFINITY) / s.diameter_m;
             scored.iter().map(share).collect()
@@ -188,18 +227,8 @@ impl Scores {
         let median_of = |error: &dyn Fn(&Scored) -> Option<f64>| {
             median(&scored.iter().filter_map(|s| error(s)).collect::<Vec<_>>())
         };
-        let pixels = scored.iter().map(|s| s.mspd_px640.unwrap_or(f64::INFINITY));
-        let ar_mssd = average_recall(&in_diameters(&|s| s.mssd_m), &MSSD_THRESHOLDS);
-        let ar_mspd = average_recall(&pixels.collect::<Vec<_>>(), &MSPD_THRESHOLDS_PX);
-        let vsd: Vec<f64> = scored
-            .iter()
-            .flat_map(|s| &s.vsd)
-            .flatten()
-            .copied()
-            .collect();
-        // As many errors for each object, so that the mean over all is that over tolerances, too.
-        let ar_vsd = average_recall(&vsd, &VSD_THRESHOLDS);
-        let ar = || Some((ar_mssd? + ar_mspd? + ar_vsd?) / 3.0);
+        let recalls = Recalls::new(tallies);
+        let predicted = tallies.iter().map(|tally| tally.estimates).sum();
         Self {
             objects: scored.len(),
             found: scored.iter().filter(|s| s.outcome.found).count(),
@@ -208,10 +237,10 @@ impl Scores {
             add: areas(&|s| s.outcome.add_m),
             add_s: areas(&|s| s.add_s_m),
             add_or_add_s: areas(&Scored::add_or_add_s),
-            ar_mssd,
-            ar_mspd,
-            ar_vsd,
-            ar: ar().filter(|_| scored.iter().all(|s| s.vsd.is_some())),
+            ar_mssd: recalls.mssd,
+            ar_mspd: recalls.mspd,
+            ar_vsd: recalls.vsd,
+            ar: recalls.all,
             right: Right::new(scored.iter().map(|s| &s.outcome), predicted, bounds),
         }
     }
@@ -262,7 +291,7 @@ mod tests {
 
     /// - `shift`: of the estimate, camera frame, metres; not found without it
     /// - `depth`: everywhere, metres
-    fn scored(shift: Option<[f64; 3]>, depth: Option<f32>) -> Scored {
+    fn scored(shift: Option<[f64; 3]>, depth: Option<f32>) -> (Scored, Tally) {
         let camera = camera();
         let pose =
             |[x, y, z]: [f64; 3]| camera.world_from_cam() * Isometry3::translation(x, y, 1.0 + z);
@@ -312,14 +341,24 @@ mod tests {
             depth: depth.as_ref(),
             vsd_delta: 0.015,
         };
-        Scored::new(outcome, &known, found.as_ref(), &plate, &view).unwrap()
+        let estimates: Vec<_> = found.iter().map(|found| found.world_from_obj).collect();
+        let tally = Tally::new(&[known.world_from_obj], &estimates, &plate, &view).unwrap();
+        let scored = Scored::new(outcome, &known, found.as_ref(), &plate, &view).unwrap();
+        (scored, tally)
+    }
+
+    fn scores(of: &[&(Scored, Tally)]) -> Scores {
+        let scored: Vec<&Scored> = of.iter().map(|(scored, _)| scored).collect();
+        let tallies: Vec<&Tally> = of.iter().map(|(_, tally)| tally).collect();
+        Scores::new(&scored, &tallies, &bounds())
     }
 
     #[test]
     fn errors_of_a_shifted_plate_are_those_worked_by_hand() {
         // 22 mm to the right: 11 of 100 px are shown by one pose only, on either side, so that 22
         // of 111 differ, whatever the tolerance.
-        let off = scored(Some([0.022, 0.0, 0.0]), Some(0.0));
+        let both = scored(Some([0.022, 0.0, 0.0]), Some(0.0));
+        let off = &both.0;
         assert!(off.outcome.rot_deg.unwrap() < 1e-6);
         assert!((off.outcome.trans_m.unwrap() - 0.022).abs() < 1e-12);
         assert!((off.outcome.add_m.unwrap() - 0.022).abs() < 1e-12);
@@ -328,7 +367,7 @@ mod tests {
         for error in off.vsd.as_ref().unwrap() {
             assert!((error - 22.0 / 111.0).abs() < 1e-9, "{error}");
         }
-        let scores = Scores::new(&[&off], 1, &bounds());
+        let scores = scores(&[&both]);
         // 0.0778 diameters: below 0.1, 0.15, ..., 0.5.
         assert_eq!(scores.ar_mssd, Some(0.9));
         // 22 px: below 25, 30, ..., 50.
@@ -341,12 +380,12 @@ mod tests {
     #[test]
     fn hidden_plates_and_those_not_found_count_as_wrong() {
         let hidden = scored(Some([0.0; 3]), Some(0.9));
-        assert_eq!(hidden.vsd, Some(vec![1.0; 10]));
+        assert_eq!(hidden.0.vsd, Some(vec![1.0; 10]));
         let missed = scored(None, Some(1.0));
-        assert_eq!(missed.vsd, Some(vec![1.0; 10]));
+        assert_eq!(missed.0.vsd, Some(vec![1.0; 10]));
         let right = scored(Some([0.0; 3]), Some(1.0));
-        assert_eq!(right.vsd, Some(vec![0.0; 10]));
-        let scores = Scores::new(&[&hidden, &missed, &right], 2, &bounds());
+        assert_eq!(right.0.vsd, Some(vec![0.0; 10]));
+        let scores = scores(&[&hidden, &missed, &right]);
         assert!((scores.ar_vsd.unwrap() - 1.0 / 3.0).abs() < 1e-12);
         assert!((scores.ar_mssd.unwrap() - 2.0 / 3.0).abs() < 1e-12);
     }
@@ -354,11 +393,11 @@ mod tests {
     #[test]
     fn without_depth_there_is_no_vsd() {
         let without = scored(Some([0.0; 3]), None);
-        assert_eq!(without.vsd, None);
-        let scores = Scores::new(&[&without], 1, &bounds());
-        assert_eq!((scores.ar_vsd, scores.ar), (None, None));
+        assert_eq!(without.0.vsd, None);
+        let alone = scores(&[&without]);
+        assert_eq!((alone.ar_vsd, alone.ar), (None, None));
         let with = scored(Some([0.0; 3]), Some(1.0));
-        let scores = Scores::new(&[&without, &with], 2, &bounds());
+        let scores = scores(&[&without, &with]);
         assert_eq!((scores.ar_vsd, scores.ar), (Some(1.0), None));
     }
 }
