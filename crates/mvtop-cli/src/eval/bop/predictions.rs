@@ -86,6 +86,7 @@ impl Predictions {
                     rot_deg: 0.0,
                     t_m: 0.0,
                 },
+                support: None,
                 symmetry: Symmetry::default(),
                 cameras: Vec::new(),
             });
