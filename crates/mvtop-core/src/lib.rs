@@ -32,6 +32,9 @@ pub mod rays;
 /// The sampling of feature maps, as the network's operator does it.
 pub mod sampling;
 
+/// Surfaces of objects as triangles, from PLY files.
+pub mod mesh;
+
 /// A model: its folder, checked.
 pub mod bundle;
 

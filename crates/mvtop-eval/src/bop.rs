@@ -9,7 +9,6 @@ mod depth;
 mod group;
 mod json;
 mod models;
-mod ply;
 mod results;
 mod scene;
 mod targets;

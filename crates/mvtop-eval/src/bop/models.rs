@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use mvtop_core::mesh::load_ply;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use serde::Deserialize;
 
 use super::json::{MM, motion, read};
-use super::ply::load_ply;
 use crate::metrics::{BOP_MAX_STEP, ContinuousSymmetry, Mesh, Surface, Symmetries};
 use crate::{Error, Result};
 
@@ -163,6 +163,7 @@ impl ModelInfo {
     fn model(self, id: u32, folder: &Path) -> Result<Model> {
         let path = folder.join(format!("obj_{id:06}.ply"));
         let mesh = load_ply(&path, MM)?;
+        let mesh = Mesh::new(mesh.vertices().to_vec(), mesh.triangles().to_vec())?;
         check_diameter(&path, mesh.vertices(), self.diameter_m)?;
         Ok(Model {
             id,
