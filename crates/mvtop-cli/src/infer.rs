@@ -25,6 +25,7 @@ pub fn run(args: &Infer) -> Result<()> {
         reference: args.reference.clone(),
         boxes: boxes.transpose()?,
         min_views: args.detection.min_views as usize,
+        refine: args.refinement.wanted(),
     };
     let truth = args.truth.as_deref().map(annotations::load_truth);
     let truth = truth.transpose()?;

@@ -81,6 +81,7 @@ mod tests {
                 rot_deg: 1.0,
                 t_m: 0.01,
             },
+            refinement: None,
             symmetry: mvtop_core::symmetry::Symmetry::default(),
             cameras: Vec::new(),
         });

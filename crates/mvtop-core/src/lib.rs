@@ -51,6 +51,9 @@ mod associate;
 /// What a box shows, through a virtual camera of its own.
 pub mod closeup;
 
+/// Poses made exact on the images, by the object's mesh.
+pub mod refine;
+
 /// Rotations, and errors of poses.
 pub mod pose;
 

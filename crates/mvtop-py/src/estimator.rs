@@ -99,6 +99,7 @@ impl NativeEstimator {
         reference: Option<String>,
         boxes: Option<Vec<Boxes>>,
         min_views: usize,
+        refine: Option<bool>,
     ) -> PyResult<NativePrediction> {
         let rig = rig.core().clone();
         let images = load(py, &rig, images)?;
@@ -113,6 +114,7 @@ impl NativeEstimator {
             reference,
             boxes,
             min_views,
+            refine,
         };
         let prediction = compute(py, || self.estimator.predict(&rig, &images, &options))?;
         let prediction = prediction.map_err(python)?;

@@ -23,22 +23,31 @@ NEAREST = 4  # of these points, whose mean a vertex has
 
 
 def ball() -> trimesh.Trimesh:
-    """The MV-ball as three spheres, metres: what is within another is not seen."""
+    """The MV-ball, metres: three spheres united, so that its edges are where they meet."""
     parts = [("ball", np.zeros(3), mvball.BALL_RADIUS, 3)]
     parts += [
         (name, axis * mvball.BUMP_CENTER, mvball.BUMP_RADIUS, 2)
         for name, axis in mvball.BUMPS.items()
     ]
     spheres = []
-    for name, center, radius, subdivisions in parts:
+    for _, center, radius, subdivisions in parts:
         sphere = trimesh.creation.icosphere(subdivisions)
         # Of the true volume: as much of the surface lies outside the true one as inside.
         sphere.apply_scale(radius * (4 / 3 * np.pi / sphere.volume) ** (1 / 3))
         sphere.apply_translation(center)
-        color = np.round(np.array(mvball.COLORS[name]) * 255).astype(np.uint8)
-        sphere.visual.vertex_colors = np.tile(color, (len(sphere.vertices), 1))
         spheres.append(sphere)
-    return trimesh.util.concatenate(spheres)
+    united = trimesh.boolean.union(spheres, engine="manifold")
+    off = [
+        np.abs(np.linalg.norm(united.triangles_center - center, axis=1) - radius)
+        for _, center, radius, _ in parts
+    ]
+    part = np.argmin(off, axis=0)
+    colors = np.round(np.array([mvball.COLORS[name] for name, *_ in parts]) * 255)
+    # Each triangle has vertices of its own, as those on a border have two colors.
+    return trimesh.Trimesh(
+        united.triangles.reshape(-1, 3), np.arange(3 * len(part)).reshape(-1, 3), process=False,
+        vertex_colors=np.repeat(colors[part], 3, axis=0).astype(np.uint8),
+    )  # fmt: skip
 
 
 def decimated(mesh: trimesh.Trimesh, triangles: int = TRIANGLES) -> trimesh.Trimesh:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         ObjectClass,
         ObjectPose,
         PredictionWarning,
+        Refinement,
         Sigma,
         Undetermined,
     )
@@ -44,6 +45,7 @@ __all__ = [
     "ObjectPose",
     "Prediction",
     "PredictionWarning",
+    "Refinement",
     "Rig",
     "Sigma",
     "Undetermined",
@@ -69,6 +71,7 @@ _HOMES = {
     "ObjectPose": "mvtop._objects",
     "Prediction": "mvtop._prediction",
     "PredictionWarning": "mvtop._objects",
+    "Refinement": "mvtop._objects",
     "Sigma": "mvtop._objects",
     "Undetermined": "mvtop._objects",
 }

@@ -37,6 +37,7 @@ pub fn about(args: &BopArgs, bundle: &Path, plan: &Plan) -> Result<Value> {
         "model_sha256": hash([bundle.join("model.json").as_path()])?,
         "true_boxes": trial.true_boxes,
         "min_views": trial.detection.min_views,
+        "refine": trial.refinement.wanted(),
         "box_noise": trial.noise.boxes,
         "rig_noise_deg": trial.noise.rig_deg,
         "rig_noise_mm": trial.noise.rig_mm,
