@@ -276,15 +276,17 @@ fn around(vertices: &[Point3<f64>], camera: &Camera, pose: &Isometry3<f64>) -> O
 }
 
 /// The expected errors of a pose, by its inverse covariance.
+///
+/// The network says one number for turns about any axis, though mostly one axis is what it does not
+/// know; so the least known axis counts for all of them.
 fn expected(information: &Matrix6<f64>) -> Option<Sigma> {
     let covariance = information.cholesky()?.inverse();
-    let deviation = |first: usize| {
-        let sum: f64 = (first..first + 3).map(|i| covariance[(i, i)]).sum();
-        (sum / 3.0).sqrt()
-    };
+    let turns = covariance.fixed_view::<3, 3>(0, 0).into_owned();
+    let shifts = covariance.fixed_view::<3, 3>(3, 3).trace();
+    let widest = turns.symmetric_eigenvalues().max();
     Some(Sigma {
-        rot_deg: (deviation(0) * ANGLE_PER_AXIS).to_degrees(),
-        t_m: deviation(3),
+        rot_deg: (widest.sqrt() * ANGLE_PER_AXIS).to_degrees(),
+        t_m: (shifts / 3.0).sqrt(),
     })
 }
 

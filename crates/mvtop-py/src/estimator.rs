@@ -91,6 +91,7 @@ impl NativeEstimator {
     }
 
     /// Images are given by the index of their camera.
+    #[allow(clippy::too_many_arguments)] // Python's keywords
     fn predict<'py>(
         &self,
         py: Python<'py>,
