@@ -72,6 +72,9 @@ pub struct Infer {
     #[command(flatten)]
     pub detection: Detection,
 
+    #[command(flatten)]
+    pub refinement: Refinement,
+
     /// Print JSON instead of text
     #[arg(long, conflicts_with = "truth")]
     pub json: bool,
@@ -99,6 +102,28 @@ pub struct Detection {
     /// costs those that only one image shows
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     pub min_views: u32,
+}
+
+#[derive(Args)]
+pub struct Refinement {
+    /// Refine poses on the images; an error where the model has no mesh [default: where it has]
+    #[arg(long, overrides_with = "no_refine")]
+    refine: bool,
+
+    /// Give poses as the network finds them
+    #[arg(long, overrides_with = "refine")]
+    no_refine: bool,
+}
+
+impl Refinement {
+    /// What was asked for, if anything.
+    pub fn wanted(&self) -> Option<bool> {
+        match (self.refine, self.no_refine) {
+            (true, _) => Some(true),
+            (_, true) => Some(false),
+            _ => None,
+        }
+    }
 }
 
 #[derive(Args)]

@@ -31,6 +31,7 @@ pub fn run(args: &Infer) -> Result<()> {
         reference: args.reference.clone(),
         boxes: boxes.transpose()?,
         min_views: args.detection.min_views as usize,
+        refine: args.refinement.wanted(),
     };
     let truth = truth_file.as_deref().map(annotations::load_truth);
     let truth = truth.transpose()?;

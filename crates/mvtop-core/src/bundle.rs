@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 use self::manifest::{Header, Manifest, ManifestClass, read_points};
+use crate::mesh::Mesh;
 use crate::rays::LosEncoding;
 use crate::symmetry::Symmetry;
 use crate::{Error, Result, file, json};
@@ -97,6 +98,8 @@ pub struct Class {
     pub diameter_m: f64,
     /// Points on the surface.
     pub points: Vec<SurfacePoint>,
+    /// The surface with colors, metres; without it poses cannot be refined.
+    pub mesh: Option<Mesh>,
     /// Motions after which it looks the same.
     pub symmetry: Symmetry,
     /// Unit of the object coordinates that the network gives for close-ups, metres; all classes of a
@@ -211,6 +214,7 @@ impl Bundle {
             class.check_points(&points).map_err(refuse)?;
             Ok(Class {
                 symmetry: class.symmetry().map_err(refuse)?,
+                mesh: class.read_mesh(dir, &points)?,
                 points,
                 id: class.id,
                 name: class.name,

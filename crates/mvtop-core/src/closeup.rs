@@ -88,7 +88,18 @@ impl CloseUp {
         std: [f32; 3],
     ) -> Array3<f32> {
         let size = self.camera.width() as usize;
-        let mut pixels = vec![[0.0; 3]; size * size];
+        let pixels = self.pixels(real, image);
+        Array3::from_shape_fn((3, size, size), |(c, v, u)| {
+            pixels[v * size + u].map_or(0.0, |rgb| (rgb[c] / 255.0 - mean[c]) / std[c])
+        })
+    }
+
+    /// R, G and B, 0 to 255, of its pixels, row by row, from the `image` of the real camera.
+    ///
+    /// A pixel is the mean of some bilinear samples; `None` where its center is off the image.
+    pub fn pixels(&self, real: &Camera, image: &RgbImage) -> Vec<Option<[f32; 3]>> {
+        let size = self.camera.width() as usize;
+        let mut pixels = vec![None; size * size];
         pixels.par_iter_mut().enumerate().for_each(|(i, pixel)| {
             let (u, v) = ((i % size) as f64, (i / size) as f64);
             if !self.on_image(real, self.direction(u, v)) {
@@ -106,11 +117,9 @@ impl CloseUp {
                     }
                 }
             }
-            if count > 0.0 {
-                *pixel = std::array::from_fn(|c| (sum[c] / count / 255.0 - mean[c]) / std[c]);
-            }
+            *pixel = (count > 0.0).then(|| sum.map(|sum| sum / count));
         });
-        Array3::from_shape_fn((3, size, size), |(c, v, u)| pixels[v * size + u][c])
+        pixels
     }
 
     /// Direction in which each feature cell looks, in the close-up's frame; 0 for cells whose center

@@ -6,6 +6,7 @@ mod decode;
 mod fit;
 mod picture;
 mod pose;
+mod refined;
 mod sightings;
 mod view;
 
@@ -24,6 +25,7 @@ use crate::bundle::{Bundle, Class, CloseUps, PoseInput};
 use crate::image::ViewImage;
 use crate::network::{Network, OnnxNetwork};
 use crate::prediction::{CameraPose, ObjectPose, Prediction, Timings};
+use crate::refine::Refiner;
 use crate::{Error, Result, Rig, onnx};
 
 /// How to run the network.
@@ -45,6 +47,8 @@ pub struct PredictOptions {
     /// Fewest images in which an object must be detected; 0 and 1 keep all. Given boxes are taken as
     /// they are.
     pub min_views: usize,
+    /// Whether poses are refined on the images; by default those of classes with a mesh are.
+    pub refine: Option<bool>,
 }
 
 /// A loaded network, ready for any number of predictions with any rigs.
@@ -52,6 +56,8 @@ pub struct Estimator {
     bundle: Bundle,
     /// Least and greatest half width of each class, metres.
     radii: Vec<[f64; 2]>,
+    /// Of each class with a mesh.
+    refiners: Vec<Option<Refiner>>,
     network: Box<dyn Network>,
 }
 
@@ -77,9 +83,12 @@ impl Estimator {
     /// An estimator with a network that something other than ONNX Runtime runs.
     pub fn new(bundle: Bundle, network: Box<dyn Network>) -> Self {
         let radii = bundle.classes.iter().map(Class::half_widths).collect();
+        let refiner = |class: &Class| Some(Refiner::new(class.mesh.as_ref()?, class.diameter_m));
+        let refiners = bundle.classes.iter().map(refiner).collect();
         Self {
             bundle,
             radii,
+            refiners,
             network,
         }
     }
@@ -129,6 +138,13 @@ impl Estimator {
             Some(id) => rig.find("reference", id)?,
             None => rig.reference(),
         };
+        if options.refine == Some(true) && self.refiners.iter().all(Option::is_none) {
+            return Err(Error::Input(format!(
+                "refine: expected a model bundle with a mesh, got {} without; add it with `python \
+                 -m mvtop_train.export.mesh`, or do not ask for refinement",
+                self.bundle.dir.display()
+            )));
+        }
         let views = view::gather(&self.bundle, rig, images)?;
         let needed = options.min_views.max(1);
         if views.len() < needed {
@@ -194,12 +210,23 @@ impl Estimator {
         found.iter().try_for_each(seen)?;
         let decode = clock.lap();
 
+        let mut refinements = vec![None; found.len()];
+        let mut refine = 0.0;
+        if options.refine != Some(false) {
+            refinements = refined::on_images(&self.refiners, &views, &self.bundle, &mut found);
+            refine = clock.lap();
+        }
+
         let ref_from_world = rig.cameras()[reference].world_from_cam().inverse();
         Ok(Prediction {
             reference,
             objects: found
                 .into_iter()
-                .map(|(object, pose)| self.object_pose(&views, &ref_from_world, &object, pose))
+                .zip(refinements)
+                .map(|((object, pose), refinement)| ObjectPose {
+                    refinement,
+                    ..self.object_pose(&views, &ref_from_world, &object, pose)
+                })
                 .collect(),
             timings: Timings {
                 prepare,
@@ -207,6 +234,7 @@ impl Estimator {
                 detect,
                 closeup,
                 decode,
+                refine,
                 total: clock.total(),
             },
             provider: self.network.provider().to_owned(),
@@ -275,6 +303,7 @@ impl Estimator {
             world_from_obj: pose.world_from_obj,
             sigma: pose.sigma,
             support: pose.support,
+            refinement: None,
             symmetry: class.symmetry.clone(),
             cameras: cameras.collect(),
         }

@@ -32,6 +32,9 @@ pub mod rays;
 /// The sampling of feature maps, as the network's operator does it.
 pub mod sampling;
 
+/// Surfaces of objects as triangles, from PLY files.
+pub mod mesh;
+
 /// A model: its folder, checked.
 pub mod bundle;
 
@@ -47,6 +50,9 @@ mod associate;
 
 /// What a box shows, through a virtual camera of its own.
 pub mod closeup;
+
+/// Poses made exact on the images, by the object's mesh.
+pub mod refine;
 
 /// Rotations, and errors of poses.
 pub mod pose;

@@ -55,12 +55,14 @@ pub struct ObjectPose {
     pub ref_from_obj: Isometry3<f64>,
     /// Object frame to the world frame, metres.
     pub world_from_obj: Isometry3<f64>,
-    /// How far the network expects to be off.
+    /// How far the pose is expected to be off: by the network, or by the refinement.
     pub sigma: Sigma,
     /// Of what the object would cover in the images at this pose, the share that shows it so, by the
     /// object coordinates, 0 to 1: less where much of it is hidden, and least where it is something
     /// else. `None` where the network gives no object coordinates.
     pub support: Option<f64>,
+    /// How the refinement of the pose on the images went; `None` where there was none.
+    pub refinement: Option<Refinement>,
     /// What no view tells: motions of the object after which it looks the same. Of the poses that
     /// look alike the one is given whose axes are nearest to those of the world frame.
     pub symmetry: Symmetry,
@@ -68,7 +70,18 @@ pub struct ObjectPose {
     pub cameras: Vec<CameraPose>,
 }
 
-/// The error that the network expects of its own pose.
+/// How the refinement of a pose went, see [`crate::refine`].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Refinement {
+    /// Whether the images fit the refined pose better than the one before; otherwise that was kept.
+    pub accepted: bool,
+    /// Share of the mesh's visible edges that the images show where the pose has them.
+    pub supported: f64,
+    /// Mean distance of these edges from where the images show them, px of close-ups.
+    pub residual_px: f64,
+}
+
+/// The error that is expected of a pose.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Sigma {
     /// Expected angle between the true and the predicted rotation, degrees.
@@ -101,6 +114,9 @@ pub struct Timings {
     pub closeup: f64,
     /// Pose decoder.
     pub decode: f64,
+    /// Poses refined on the images; 0 where none is.
+    #[serde(default)]
+    pub refine: f64,
     /// All of these together.
     pub total: f64,
 }

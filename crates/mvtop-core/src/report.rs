@@ -4,7 +4,9 @@ use nalgebra::Isometry3;
 use serde::Serialize;
 
 use crate::pose::wxyz;
-use crate::prediction::{CameraPose, ObjectPose, Prediction, Sigma, Timings, Warning, WarningCode};
+use crate::prediction::{
+    CameraPose, ObjectPose, Prediction, Refinement, Sigma, Timings, Warning, WarningCode,
+};
 use crate::symmetry::{Axis, Symmetry};
 use crate::{BBox, Camera, Rig};
 
@@ -58,10 +60,12 @@ pub struct Object {
     pub t_m: [f64; 3],
     /// Rotation of `T_ref_obj` as a unit quaternion, `w >= 0`.
     pub q_wxyz: [f64; 4],
-    /// How far the network expects to be off.
+    /// How far the pose is expected to be off.
     pub sigma: Sigma,
     /// Share of what the object would cover that shows it so, [`ObjectPose::support`].
     pub support: Option<f64>,
+    /// How its refinement went; null where there was none.
+    pub refinement: Option<Refinement>,
     /// What no view tells; null where the pose is the only one that looks like this.
     pub symmetry: Option<Undetermined>,
     /// Every camera that gave an image.
@@ -142,6 +146,7 @@ impl Object {
             q_wxyz: wxyz(&object.ref_from_obj.rotation),
             sigma: object.sigma,
             support: object.support,
+            refinement: object.refinement,
             symmetry: Undetermined::of(&object.symmetry),
             cameras: object.cameras.iter().map(in_camera).collect(),
         }
@@ -188,6 +193,11 @@ mod tests {
                     t_m: 0.01,
                 },
                 support: None,
+                refinement: Some(Refinement {
+                    accepted: true,
+                    supported: 0.75,
+                    residual_px: 0.5,
+                }),
                 symmetry: Symmetry {
                     discrete: vec![Isometry3::identity(); 5],
                     axis: None,
@@ -220,6 +230,10 @@ mod tests {
         assert_eq!(
             object["symmetry"],
             serde_json::json!({"poses": 6, "axis": null})
+        );
+        assert_eq!(
+            object["refinement"],
+            serde_json::json!({"accepted": true, "supported": 0.75, "residual_px": 0.5})
         );
         assert_eq!(object["t_m"], serde_json::json!([1.0, 2.0, 3.0]));
         assert_eq!(

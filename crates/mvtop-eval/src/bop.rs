@@ -12,7 +12,6 @@ mod json;
 mod matching;
 mod models;
 mod obj;
-mod ply;
 mod results;
 mod scene;
 mod targets;

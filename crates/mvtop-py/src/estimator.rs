@@ -91,6 +91,7 @@ impl NativeEstimator {
     }
 
     /// Images are given by the index of their camera.
+    #[allow(clippy::too_many_arguments)] // Python's keywords
     fn predict<'py>(
         &self,
         py: Python<'py>,
@@ -99,6 +100,7 @@ impl NativeEstimator {
         reference: Option<String>,
         boxes: Option<Vec<Boxes>>,
         min_views: usize,
+        refine: Option<bool>,
     ) -> PyResult<NativePrediction> {
         let rig = rig.core().clone();
         let images = load(py, &rig, images)?;
@@ -113,6 +115,7 @@ impl NativeEstimator {
             reference,
             boxes,
             min_views,
+            refine,
         };
         let prediction = compute(py, || self.estimator.predict(&rig, &images, &options))?;
         let prediction = prediction.map_err(python)?;

@@ -13,10 +13,11 @@ from pathlib import Path
 import torch
 
 from ..data import objects
-from ..errors import argument_parser, command
+from ..errors import UserError, argument_parser, command
 from ..network import config as configs
 from ..network.model import Mvtop
 from ..training.checkpoint import load_weights
+from . import mesh
 from .bundle import write_bundle
 
 
@@ -73,6 +74,10 @@ def main():
         model, args.out, provenance, args.portable, args.score_threshold, known,
         args.agree_threshold, args.bits, args.support_threshold,
     )  # fmt: skip
+    try:
+        mesh.add(args.out, mesh.meshes_of(args.data, known))
+    except UserError as error:  # the bundle is whole without them
+        print(f"without meshes, on which poses are refined: {error}")
     size = sum(f.stat().st_size for f in args.out.iterdir()) / 1e6
     print(f"{args.out}: {config.preset}, {step} steps, {size:.1f} MB")
 

@@ -4,7 +4,7 @@
 Rust finds the boxes and computes the lines of sight. Networks with close-ups have a third,
 `closeup.onnx`, which runs once on these, and the first then only detects. The deformable sampling
 is the custom operator `mvtop::DeformableSampling`;
-portable bundles have standard operators instead.
+portable bundles have standard operators instead. Meshes are added by `mesh.py`.
 """
 
 import contextlib

@@ -7,7 +7,7 @@ use mvtop_eval::bop::Grouping;
 
 use super::noise::Noise;
 use super::summary::Bounds;
-use crate::args::{Detection, NetworkArgs, not_negative};
+use crate::args::{Detection, NetworkArgs, Refinement, not_negative};
 
 #[derive(Subcommand)]
 pub enum Eval {
@@ -147,6 +147,9 @@ pub struct Trial {
 
     #[command(flatten)]
     pub detection: Detection,
+
+    #[command(flatten)]
+    pub refinement: Refinement,
 
     /// Use the true boxes instead of detecting objects
     #[arg(long, conflicts_with = "min_views")]

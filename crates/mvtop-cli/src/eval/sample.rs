@@ -79,6 +79,7 @@ impl Sample {
             reference: None,
             boxes: trial.true_boxes.then(|| self.boxes(noise)),
             min_views: trial.detection.min_views as usize,
+            refine: trial.refinement.wanted(),
         };
         let rig = noise.disturb_rig(&self.rig, &self.name)?;
         Ok(estimator.predict(&rig, &self.images, &options)?)

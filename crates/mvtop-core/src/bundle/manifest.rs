@@ -9,6 +9,7 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
 use super::{CloseUps, Detector, Input, PoseInput, SurfacePoint};
+use crate::mesh::{Mesh, load_ply};
 use crate::rays::LosEncoding;
 use crate::symmetry::{Axis, Symmetry};
 use crate::transform::from_matrix;
@@ -21,6 +22,9 @@ const MAX_SIDE: u32 = 16_384;
 /// Most pixels of the network's input or of a close-up: 16 times those of any network so far, and low
 /// enough that a picture of them fits into memory.
 const MAX_PIXELS: u32 = 1 << 24;
+/// Most triangles of a mesh: ten times those that a bundle is written with, and few enough to be
+/// drawn some times in each view.
+const MAX_TRIANGLES: usize = 20_000;
 /// Largest text of a bundle that is read, bytes.
 const MAX_TEXT_BYTES: u64 = 1 << 28;
 
@@ -55,6 +59,8 @@ pub(super) struct ManifestClass {
     pub name: String,
     pub diameter_m: f64,
     pub points: String,
+    #[serde(default)]
+    pub mesh: Option<String>,
     /// Rows of homogeneous matrices, metres, as the next ones.
     #[serde(default)]
     pub coordinates_extent_m: Option<f64>,
@@ -96,6 +102,42 @@ impl ManifestClass {
              one object, in metres",
             self.name, self.diameter_m
         ))
+    }
+
+    /// The mesh in a bundle's folder, if it has one.
+    ///
+    /// - `dir`: the bundle's folder
+    /// - `points`: of the same class
+    pub fn read_mesh(&self, dir: &Path, points: &[SurfacePoint]) -> Result<Option<Mesh>> {
+        let Some(name) = &self.mesh else {
+            return Ok(None);
+        };
+        let path = dir.join(name);
+        let refuse = |problem: String| Error::Bundle {
+            path: path.clone(),
+            problem,
+        };
+        let mesh = load_ply(&path, 1.0).map_err(|error| refuse(format!("is no mesh: {error}")))?;
+        let (count, colored) = (mesh.triangles().len(), !mesh.colors().is_empty());
+        if !(1..=MAX_TRIANGLES).contains(&count) || !colored {
+            return Err(refuse(format!(
+                "has {count} triangles {} colors, expected 1 to {MAX_TRIANGLES} with the color of \
+                 each vertex; write it with `python -m mvtop_train.export.mesh`",
+                if colored { "with" } else { "without" }
+            )));
+        }
+        let reach = |distances: &mut dyn Iterator<Item = f64>| distances.fold(0.0, f64::max);
+        let surface = reach(&mut mesh.vertices().iter().map(|v| v.coords.norm()));
+        let known = reach(&mut points.iter().map(|p| Vector3::from(p.position).norm()));
+        // A few points show nothing of the size.
+        if points.len() > 3 && (surface - known).abs() > 0.1 * self.diameter_m {
+            return Err(refuse(format!(
+                "reaches {surface} m from the object's origin, but the points of class `{}` reach \
+                 {known} m, expected both of one object, in metres",
+                self.name
+            )));
+        }
+        Ok(Some(mesh))
     }
 
     /// The text is the problem. Of several axes, as a ball has, the first counts.
@@ -231,8 +273,10 @@ impl Manifest {
                 return Err(format!("file `{name}` lies outside the bundle"));
             }
         }
-        let points = self.classes.iter().map(|class| &class.points);
-        let mut used = self.graphs.files().chain(points);
+        let of_classes = self.classes.iter();
+        let of_classes =
+            of_classes.flat_map(|class| [&class.points].into_iter().chain(&class.mesh));
+        let mut used = self.graphs.files().chain(of_classes);
         if let Some(name) = used.find(|name| !self.files.contains_key(*name)) {
             return Err(format!("file `{name}` is used but not listed in `files`"));
         }

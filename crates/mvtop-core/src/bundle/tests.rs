@@ -152,6 +152,7 @@ fn half_widths_of_a_bar_are_its_thickness_and_its_length() {
         name: "bar".into(),
         diameter_m: 0.128,
         symmetry: Symmetry::default(),
+        mesh: None,
         coordinates_extent_m: None,
         points: points.collect(),
     };
@@ -353,4 +354,49 @@ fn points_that_are_none_are_refused() {
         let error = read_points(&path).unwrap_err().to_string();
         assert!(error.contains(part) && error.contains("p.json"), "{error}");
     }
+}
+
+#[test]
+fn mesh_of_a_class_is_read_and_checked() {
+    let ply = |last: &str| {
+        format!(
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+             property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n\
+             element face 1\nproperty list uchar int vertex_indices\nend_header\n\
+             0 0 0 9 8 7\n0.01 0 0 9 8 7\n{last}\n3 0 1 2\n"
+        )
+    };
+    let with_mesh = |text: String| {
+        let dir = bundle(|_| ());
+        std::fs::write(dir.path().join("m.ply"), &text).unwrap();
+        let path = dir.path().join("model.json");
+        let mut model: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+        let sha256 = digest(File::open(dir.path().join("m.ply")).unwrap()).unwrap();
+        model["files"]["m.ply"] = json!({ "bytes": text.len(), "sha256": sha256 });
+        model["classes"][0]["mesh"] = json!("m.ply");
+        std::fs::write(&path, model.to_string()).unwrap();
+        Bundle::load(dir.path())
+    };
+    let read = with_mesh(ply("0 0.01 0 1 2 3")).unwrap().classes.remove(0);
+    let mesh = read.mesh.unwrap();
+    assert_eq!(mesh.triangles(), [[0, 1, 2]]);
+    assert_eq!(mesh.colors(), [[9, 8, 7], [9, 8, 7], [1, 2, 3]]);
+
+    let without_colors = ply("0 0.01 0 1 2 3").replace("green", "alpha");
+    for (text, problem) in [
+        ("solid".to_owned(), "is no mesh"),
+        (
+            ply("0 0.01 0 1 2 3").replace("3 0 1 2", "0"),
+            "has 0 triangles",
+        ),
+        (without_colors, "without colors"),
+    ] {
+        let error = with_mesh(text).unwrap_err().to_string();
+        assert!(
+            error.contains("m.ply") && error.contains(problem),
+            "{error}"
+        );
+    }
+    let unlisted = refusal(|m| m["classes"][0]["mesh"] = json!("m.ply"));
+    assert!(unlisted.contains("used but not listed"), "{unlisted}");
 }

@@ -38,6 +38,7 @@ fn bundle() -> Bundle {
             name: "ball".into(),
             diameter_m: 2.0 * RADIUS,
             symmetry: Symmetry::default(),
+            mesh: None,
             coordinates_extent_m: None,
             points: vec![],
         }],

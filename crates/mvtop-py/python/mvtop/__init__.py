@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         ObjectClass,
         ObjectPose,
         PredictionWarning,
+        Refinement,
         Sigma,
         Undetermined,
     )
@@ -45,6 +46,7 @@ __all__ = [
     "ObjectPose",
     "Prediction",
     "PredictionWarning",
+    "Refinement",
     "Rig",
     "Sigma",
     "Undetermined",
@@ -71,6 +73,7 @@ _HOMES = {
     "ObjectPose": "mvtop._objects",
     "Prediction": "mvtop._prediction",
     "PredictionWarning": "mvtop._objects",
+    "Refinement": "mvtop._objects",
     "Sigma": "mvtop._objects",
     "Undetermined": "mvtop._objects",
     "example": "mvtop._shipped",

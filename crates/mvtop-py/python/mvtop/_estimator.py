@@ -87,6 +87,7 @@ class Estimator:
         reference: str | None = None,
         boxes: Boxes | None = None,
         min_views: int = 1,
+        refine: bool | None = None,
     ) -> Prediction:
         """Finds the objects that the network knows, and their poses.
 
@@ -98,6 +99,8 @@ class Estimator:
 
         - min_views: leaves out objects that are detected in fewer images; 2 spares nearly all false
           ones, and costs those that only one image shows
+        - refine: whether poses are refined on the images; by default those of classes with a mesh
+          are, True refuses a bundle without any
 
         Raises ValueError where images, reference, boxes or min_views do not fit the rig or the
         network.
@@ -108,7 +111,7 @@ class Estimator:
             )
         given = _by_camera(images, rig)
         native = self._here()
-        prediction = native.predict(rig, given, reference, _boxes(boxes), min_views)
+        prediction = native.predict(rig, given, reference, _boxes(boxes), min_views, refine)
         return Prediction.of(rig, Source(native, prediction, given))
 
     def __repr__(self) -> str:

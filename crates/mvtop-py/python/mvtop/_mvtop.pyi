@@ -249,7 +249,7 @@ class NativeEstimator:
         """
         (P, 3), points on the surface of a class, metres.
         """
-    def predict(self, /, rig: Rig, images: SupportsGetItem[int, tuple[SupportsIndex, Any]], reference: str | None, boxes: SupportsGetItem[int, tuple[str, dict[str, SupportsLenAndGetItem[SupportsFloat | SupportsIndex]]]] | None, min_views: SupportsIndex) -> NativePrediction:
+    def predict(self, /, rig: Rig, images: SupportsGetItem[int, tuple[SupportsIndex, Any]], reference: str | None, boxes: SupportsGetItem[int, tuple[str, dict[str, SupportsLenAndGetItem[SupportsFloat | SupportsIndex]]]] | None, min_views: SupportsIndex, refine: bool | None) -> NativePrediction:
         """
         Images are given by the index of their camera.
         """

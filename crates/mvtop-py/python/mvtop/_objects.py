@@ -50,12 +50,24 @@ class PredictionWarning:
 
 @dataclass(frozen=True)
 class Sigma:
-    """The error that the network expects of its own pose."""
+    """The error that is expected of a pose, by the network or by the refinement."""
 
     rot_deg: float
     """Expected angle between the true and the predicted rotation, degrees."""
     t_m: float
     """Standard deviation of the translation, metres."""
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """How the refinement of a pose on the images went (docs/refinement.md)."""
+
+    accepted: bool
+    """Whether the images fit the refined pose better; otherwise the one before was kept."""
+    supported: float
+    """Share of the mesh's visible edges that the images show where the pose has them."""
+    residual_px: float
+    """Mean distance of these edges from where the images show them, px of close-ups."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +111,8 @@ class ObjectPose:
     """Of what the object would cover in the images at this pose, the share that shows it so, 0 to 1:
     less where it is hidden, least where it is something else. None where the model gives no object
     coordinates."""
+    refinement: Refinement | None
+    """None where there was none."""
     symmetry: Undetermined | None
     """None where the pose is the only one that looks like this."""
     cameras: dict[str, CameraPose]

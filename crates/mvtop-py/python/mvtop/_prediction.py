@@ -12,6 +12,7 @@ from mvtop._objects import (
     CameraPose,
     ObjectPose,
     PredictionWarning,
+    Refinement,
     Sigma,
     Undetermined,
     object_classes,
@@ -174,6 +175,7 @@ def _object(found: dict[str, Any]) -> ObjectPose:
         quat_wxyz=np.array(found["q_wxyz"]),
         sigma=Sigma(**found["sigma"]),
         support=found["support"],
+        refinement=Refinement(**found["refinement"]) if found["refinement"] else None,
         symmetry=None if found["symmetry"] is None else undetermined(found["symmetry"]),
         cameras={seen["id"]: camera(seen) for seen in found["cameras"]},
     )

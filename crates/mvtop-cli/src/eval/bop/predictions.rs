@@ -87,6 +87,7 @@ impl Predictions {
                     t_m: 0.0,
                 },
                 support: None,
+                refinement: None,
                 symmetry: Symmetry::default(),
                 cameras: Vec::new(),
             });

@@ -306,6 +306,7 @@ mod tests {
                 t_m: 0.01,
             },
             support: None,
+            refinement: None,
             symmetry: mvtop_core::symmetry::Symmetry::default(),
             cameras: Vec::new(),
         });

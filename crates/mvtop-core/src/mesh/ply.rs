@@ -7,11 +7,10 @@
 
 use std::path::Path;
 
-use mvtop_core::file;
 use nalgebra::Point3;
 
-use crate::metrics::Mesh;
-use crate::{Error, Result};
+use super::Mesh;
+use crate::{Error, Result, file};
 
 /// Largest file that is read.
 const MAX_FILE_BYTES: u64 = 1 << 30;
@@ -45,14 +44,15 @@ struct Body<'a> {
     format: Format,
 }
 
-/// Reads vertices and faces; faces of more than three vertices become fans of triangles.
+/// Reads vertices, their colors (`red`, `green`, `blue`) and faces; faces of more than three
+/// vertices become fans of triangles.
 ///
 /// - `unit`: what a unit of the file is to become; 0.001 gives BOP's models in metres
 ///
 /// # Errors
 /// [`Error::Read`] where the file cannot be read, [`Error::Data`] where it is no PLY file with
 /// vertices or a face names a vertex that is not there.
-pub(super) fn load_ply(path: &Path, unit: f64) -> Result<Mesh> {
+pub fn load_ply(path: &Path, unit: f64) -> Result<Mesh> {
     let refuse = |problem: String| {
         Error::Data(format!(
             "{}: expected a PLY file with vertices and faces, got: {problem}",
@@ -60,7 +60,11 @@ pub(super) fn load_ply(path: &Path, unit: f64) -> Result<Mesh> {
         ))
     };
     let bytes = file::read(path, MAX_FILE_BYTES)?;
-    let (vertices, faces) = parse(&bytes).map_err(&refuse)?;
+    let Contents {
+        vertices,
+        colors,
+        faces,
+    } = parse(&bytes).map_err(&refuse)?;
     let mut triangles = Vec::new();
     for (i, face) in faces.iter().enumerate() {
         // Saturates: a number that is no index is none of a vertex either.
@@ -75,7 +79,7 @@ pub(super) fn load_ply(path: &Path, unit: f64) -> Result<Mesh> {
         }
     }
     let vertices = vertices.into_iter().map(|v| Point3::from(v) * unit);
-    Mesh::new(vertices.collect(), triangles).map_err(|error| refuse(error.to_string()))
+    Mesh::new(vertices.collect(), colors, triangles).map_err(|error| refuse(error.to_string()))
 }
 
 type Parsed<T> = Result<T, String>;
@@ -83,9 +87,18 @@ type Parsed<T> = Result<T, String>;
 /// Numbers of a face's vertices, not checked yet.
 type Face = Vec<f64>;
 
-fn parse(bytes: &[u8]) -> Parsed<(Vec<[f64; 3]>, Vec<Face>)> {
+/// What a file holds of a mesh.
+#[derive(Default)]
+struct Contents {
+    vertices: Vec<[f64; 3]>,
+    /// Of each vertex, or empty.
+    colors: Vec<[u8; 3]>,
+    faces: Vec<Face>,
+}
+
+fn parse(bytes: &[u8]) -> Parsed<Contents> {
     let (elements, mut body) = header(bytes)?;
-    let (mut vertices, mut faces) = (Vec::new(), Vec::new());
+    let mut contents = Contents::default();
     for Element {
         name,
         count,
@@ -97,6 +110,7 @@ fn parse(bytes: &[u8]) -> Parsed<(Vec<[f64; 3]>, Vec<Face>)> {
             properties.iter().position(is)
         };
         let axes = [place(&["x"]), place(&["y"]), place(&["z"])];
+        let channels = [place(&["red"]), place(&["green"]), place(&["blue"])];
         let indices = place(&["vertex_indices", "vertex_index"]);
         let mut values: Vec<Vec<f64>> = vec![Vec::new(); properties.len()];
         for row in 0..count {
@@ -106,18 +120,24 @@ fn parse(bytes: &[u8]) -> Parsed<(Vec<[f64; 3]>, Vec<Face>)> {
             }
             match (name.as_str(), axes, indices) {
                 ("vertex", [Some(x), Some(y), Some(z)], _) => {
-                    let axis = |i: usize| values[i].first().copied().unwrap_or(f64::NAN);
-                    vertices.push([axis(x), axis(y), axis(z)]);
+                    let number = |i: usize| values[i].first().copied().unwrap_or(f64::NAN);
+                    contents.vertices.push([x, y, z].map(number));
+                    if let [Some(red), Some(green), Some(blue)] = channels {
+                        let color = [red, green, blue].map(|i| number(i) as u8);
+                        contents.colors.push(color);
+                    }
                 }
-                ("face", _, Some(indices)) => faces.push(std::mem::take(&mut values[indices])),
+                ("face", _, Some(indices)) => {
+                    contents.faces.push(std::mem::take(&mut values[indices]));
+                }
                 _ => {}
             }
         }
     }
-    if vertices.is_empty() {
+    if contents.vertices.is_empty() {
         return Err("no vertex with x, y and z".into());
     }
-    Ok((vertices, faces))
+    Ok(contents)
 }
 
 fn header(bytes: &[u8]) -> Parsed<(Vec<Element>, Body<'_>)> {
@@ -279,6 +299,20 @@ mod tests {
             assert_eq!(mesh.vertices(), expected);
             assert_eq!(mesh.triangles(), [[0, 1, 2], [0, 1, 2], [0, 2, 3]]);
         }
+    }
+
+    #[test]
+    fn vertices_may_have_colors() {
+        let text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+            property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n\
+            element face 1\nproperty list uchar int vertex_indices\nend_header\n\
+            0 0 0 255 0 7\n1 0 0 1 2 3\n0 1 0 0 0 0\n3 0 1 2\n";
+        let colored = file(text.as_bytes());
+        let colors = load_ply(colored.path(), 1.0).unwrap().colors().to_vec();
+        assert_eq!(colors, [[255, 0, 7], [1, 2, 3], [0, 0, 0]]);
+        let plain = text.replace("property uchar green", "property uchar alpha");
+        let plain = load_ply(file(plain.as_bytes()).path(), 1.0).unwrap();
+        assert_eq!(plain.colors(), [[0; 3]; 0]);
     }
 
     #[test]

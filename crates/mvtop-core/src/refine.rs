@@ -1,0 +1,294 @@
+//! Poses made exact on the images: the edges of the object's mesh are brought to where the images
+//! show them, in all views at once.
+//!
+//! Each view is a close-up ([`crate::closeup`]) of the pose as it is, so that every lens is a pinhole
+//! here. The mesh is drawn into it; along lines across its outline, its sharp edges and the borders
+//! of its colors the true edge is searched for, by how colors are distributed to both sides; six
+//! numbers, a turn and a shift, bring all of them there (Gauss-Newton, lines and views losing weight
+//! as they disagree). From coarse to fine, the mesh being drawn anew each time. What the network
+//! expected counts as a measurement, too: what the images do not tell stays as it was.
+
+mod contour;
+mod part;
+mod raster;
+mod region;
+mod solve;
+
+use image::RgbImage;
+use nalgebra::{Isometry3, Matrix6, Point3};
+use rayon::prelude::*;
+
+use self::contour::EdgePoint;
+use self::part::Part;
+use self::raster::Raster;
+use self::region::{Colors, Picture};
+use self::solve::{ANGLE_PER_AXIS, Prior, Row};
+use crate::closeup::{CloseUp, FILL};
+use crate::mesh::Mesh;
+use crate::prediction::Sigma;
+use crate::{BBox, Camera};
+
+/// Steps of the lines, px of the close-up, one after the other.
+const STEPS: [f64; 8] = [4.0, 4.0, 3.0, 2.0, 1.0, 1.0, 1.0, 1.0];
+/// Least and largest side of a close-up, px.
+const SIDES: [f64; 2] = [96.0, 224.0];
+/// An edge that is found within this of where it is expected is supported, px.
+const SUPPORTED: f64 = 1.5;
+/// An edge is not supported where its place is less certain than this, px².
+const UNSURE: f64 = 4.0;
+/// Step at which poses are compared, px.
+const COMPARED: f64 = 1.5;
+
+/// How much worse one kind of edges may fit where another fits better, bits.
+const WORSE: f64 = 0.05;
+
+/// A camera's image in which the object may be seen.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'a> {
+    /// With its true lens.
+    pub camera: &'a Camera,
+    /// What it saw.
+    pub image: &'a RgbImage,
+}
+
+/// A refined pose.
+#[derive(Debug, Clone)]
+pub struct Refined {
+    /// Object frame to world frame, metres; the start where the refinement was not accepted.
+    pub world_from_obj: Isometry3<f64>,
+    /// How far it is expected to be off.
+    pub sigma: Sigma,
+    /// Inverse covariance of a turn about the object's center (radians) and a shift (metres), world
+    /// frame: what the images tell and what was known.
+    pub information: Matrix6<f64>,
+    /// Share of the edge points that the images show within 1.5 px.
+    pub supported: f64,
+    /// Mean distance of the edges from where the images show them, px of the close-ups.
+    pub residual_px: f64,
+    /// Whether the images fit it better than the start.
+    pub accepted: bool,
+}
+
+/// What refines poses of one object.
+pub struct Refiner {
+    part: Part,
+    diameter: f64,
+}
+
+/// A view at work; its memory is used again from step to step.
+struct Working {
+    closeup: CloseUp,
+    picture: Picture,
+    raster: Raster,
+    points: Vec<EdgePoint>,
+    colors: Colors,
+    rows: Vec<Row>,
+}
+
+/// How well the images fit a pose.
+#[derive(Debug, Clone, Copy, Default)]
+struct Fit {
+    /// Of all views, bits: by the outline, and by what lies within it.
+    separation: [f64; 2],
+    supported: f64,
+    residual_px: f64,
+}
+
+impl Refiner {
+    /// - `diameter_m`: largest distance between two points of the surface
+    pub fn new(mesh: &Mesh, diameter_m: f64) -> Self {
+        Self {
+            part: Part::new(mesh),
+            diameter: diameter_m,
+        }
+    }
+
+    /// The pose near `world_from_obj` at which the images show the mesh's edges; `None` where no view
+    /// shows the object.
+    ///
+    /// - `sigma`: how far the pose is expected to be off
+    pub fn refine(
+        &self,
+        views: &[View],
+        world_from_obj: &Isometry3<f64>,
+        sigma: Sigma,
+    ) -> Option<Refined> {
+        let mut working: Vec<Working> = views
+            .par_iter()
+            .filter_map(|view| Working::new(self, view, world_from_obj))
+            .collect();
+        if working.is_empty() {
+            return None;
+        }
+        let prior = Prior::new(*world_from_obj, sigma);
+        let before = self.fit(&mut working, world_from_obj)?;
+        let (mut pose, mut information) = (*world_from_obj, Matrix6::zeros());
+        for step in STEPS {
+            working
+                .par_iter_mut()
+                .for_each(|view| view.look(self, &pose, step));
+            let rows: Vec<&[Row]> = working.iter().map(|view| &view.rows[..]).collect();
+            let center = &self.part.center;
+            let (radius, scale) = (self.diameter / 4.0, 1.0 + 1.5 * step);
+            let found = solve::step(&rows, &prior, &pose, center, radius, scale)?;
+            pose = solve::moved(&pose, center, &found.motion);
+            information = found.information;
+        }
+        let after = self.fit(&mut working, &pose).unwrap_or_default();
+        // What lies within may not be given up for the outline, nor the other way round.
+        let better = |i: usize| after.separation[i] - before.separation[i];
+        let accepted = better(0) + better(1) > 0.0 && better(0).min(better(1)) > -WORSE;
+        let (pose, fit) = if accepted {
+            (pose, after)
+        } else {
+            (*world_from_obj, before)
+        };
+        Some(Refined {
+            world_from_obj: pose,
+            sigma: if accepted {
+                expected(&information).unwrap_or(sigma)
+            } else {
+                sigma
+            },
+            information,
+            supported: fit.supported,
+            residual_px: fit.residual_px,
+            accepted,
+        })
+    }
+
+    /// How well the images fit a pose; `None` where no edge can be seen.
+    fn fit(&self, working: &mut [Working], pose: &Isometry3<f64>) -> Option<Fit> {
+        let tints = &self.part.tints;
+        let fits: Vec<(Fit, [Option<f64>; 2])> = working
+            .par_iter_mut()
+            .map(|view| {
+                view.look(self, pose, 1.0);
+                let Working {
+                    picture,
+                    colors,
+                    raster,
+                    points,
+                    rows,
+                    ..
+                } = view;
+                let count = rows.len().max(1) as f64;
+                let near = |row: &&Row| row.offset.abs() < SUPPORTED && row.variance < UNSURE;
+                let fit = Fit {
+                    separation: [0.0; 2],
+                    supported: rows.iter().filter(near).count() as f64 / count,
+                    residual_px: rows.iter().map(|row| row.offset.abs()).sum::<f64>() / count,
+                };
+                let bits = region::separation(picture, colors, raster, points, COMPARED, tints);
+                (fit, bits)
+            })
+            .collect();
+        let shown: Vec<_> = fits.iter().filter(|(_, bits)| bits[0].is_some()).collect();
+        let count = shown.len() as f64;
+        let mean =
+            |number: fn(&Fit) -> f64| shown.iter().map(|(fit, _)| number(fit)).sum::<f64>() / count;
+        (count > 0.0).then(|| Fit {
+            separation: [0, 1].map(|i| {
+                let known = || fits.iter().filter_map(|(_, bits)| bits[i]);
+                known().sum::<f64>() / known().count().max(1) as f64
+            }),
+            supported: mean(|fit| fit.supported),
+            residual_px: mean(|fit| fit.residual_px),
+        })
+    }
+}
+
+impl Working {
+    /// `None` where the object does not lie in the image.
+    fn new(refiner: &Refiner, view: &View, pose: &Isometry3<f64>) -> Option<Self> {
+        let camera = view.camera;
+        let bbox = around(&refiner.part.vertices, camera, pose)?;
+        bbox.clip(camera.width(), camera.height())?;
+        let side = (bbox.width().max(bbox.height()) / FILL).clamp(SIDES[0], SIDES[1]) as u32;
+        let closeup = CloseUp::new(camera, bbox, side)?;
+        let pixels = closeup.pixels(camera, view.image);
+        Some(Self {
+            picture: Picture::new(side as usize, &pixels),
+            closeup,
+            raster: Raster::default(),
+            points: Vec::new(),
+            colors: Colors::default(),
+            rows: Vec::new(),
+        })
+    }
+
+    /// Finds the edges of the object, as it lies at this pose.
+    fn look(&mut self, refiner: &Refiner, pose: &Isometry3<f64>, step: f64) {
+        let (part, camera) = (&refiner.part, &self.closeup.camera);
+        let world_from_cam = camera.world_from_cam();
+        let cam_from_obj = world_from_cam.inv_mul(pose);
+        let (pinhole, size) = (camera.intrinsics(), camera.width() as usize);
+        self.rows.clear();
+        self.points.clear();
+        if !self.raster.draw(part, &cam_from_obj, pinhole, size) {
+            return;
+        }
+        contour::points(part, &self.raster, refiner.diameter, &mut self.points);
+        let Self {
+            picture,
+            raster,
+            colors,
+            points,
+            rows,
+            ..
+        } = self;
+        colors.count(picture, raster, points, part.tints.len());
+        let center = pose * part.center;
+        for point in points.iter() {
+            let Some(found) = region::find(picture, colors, raster, point, step, &part.tints)
+            else {
+                continue;
+            };
+            let EdgePoint { point, normal, .. } = point;
+            rows.push(Row {
+                by_pose: solve::by_pose(world_from_cam, pinhole.fx(), point, normal, &center),
+                offset: found.offset,
+                variance: found.variance,
+            });
+        }
+    }
+}
+
+/// The box around all vertices in a camera's image; `None` where one cannot be imaged.
+fn around(vertices: &[Point3<f64>], camera: &Camera, pose: &Isometry3<f64>) -> Option<BBox> {
+    let cam_from_obj = camera.world_from_cam().inv_mul(pose);
+    let mut around = [
+        f64::INFINITY,
+        f64::INFINITY,
+        f64::NEG_INFINITY,
+        f64::NEG_INFINITY,
+    ];
+    for vertex in vertices {
+        let at = camera.intrinsics().project(&(cam_from_obj * vertex))?;
+        around = [
+            around[0].min(at.x),
+            around[1].min(at.y),
+            around[2].max(at.x),
+            around[3].max(at.y),
+        ];
+    }
+    Some(around.into())
+}
+
+/// The expected errors of a pose, by its inverse covariance.
+///
+/// The network says one number for turns about any axis, though mostly one axis is what it does not
+/// know; so the least known axis counts for all of them.
+fn expected(information: &Matrix6<f64>) -> Option<Sigma> {
+    let covariance = information.cholesky()?.inverse();
+    let turns = covariance.fixed_view::<3, 3>(0, 0).into_owned();
+    let shifts = covariance.fixed_view::<3, 3>(3, 3).trace();
+    let widest = turns.symmetric_eigenvalues().max();
+    Some(Sigma {
+        rot_deg: (widest.sqrt() * ANGLE_PER_AXIS).to_degrees(),
+        t_m: (shifts / 3.0).sqrt(),
+    })
+}
+
+#[cfg(test)]
+mod tests;

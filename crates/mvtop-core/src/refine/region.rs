@@ -1,0 +1,332 @@
+//! How likely a pixel's color is in each part of the picture, and where along a line one part ends.
+
+use std::sync::LazyLock;
+
+use nalgebra::{Point2, Vector3};
+
+use super::contour::EdgePoint;
+use super::part::BACKGROUND;
+use super::raster::Raster;
+
+/// Levels of each channel that colors are counted in.
+const LEVELS: usize = 16;
+const BINS: usize = LEVELS * LEVELS * LEVELS;
+/// Bin of a pixel that is off the image.
+const UNKNOWN: u16 = u16::MAX;
+/// How far from the outline the background is looked at, px.
+const AROUND: usize = 24;
+/// Sum of R, G and B below which a pixel's tint is not known.
+const DARK: f32 = 30.0;
+/// How far, in shares of the brightness, a tint is from another part's where either is as likely.
+const TINTED: f32 = 0.06;
+/// Greatest odds by the tint, as a logarithm.
+const BY_TINT: f64 = 2.0;
+/// Steps of a line to each side.
+pub const REACH: i32 = 8;
+/// Steps to each side within which the edge is searched for.
+const SEARCHED: i32 = 5;
+/// How sure a pixel's color is at most of its part: lines are never certain of themselves.
+const SURE: f64 = 0.43;
+
+/// How likely a pixel is of the side within, by its steps outwards of the edge.
+static INNER: LazyLock<[f64; 2 * (REACH + SEARCHED) as usize + 1]> = LazyLock::new(|| {
+    std::array::from_fn(|i| 0.5 - SURE * (i as f64 - f64::from(REACH + SEARCHED)).tanh())
+});
+
+/// What the real image shows in a close-up.
+pub struct Picture {
+    size: usize,
+    /// Of each pixel.
+    bins: Vec<u16>,
+    /// Of each pixel, 0 to 1.
+    brightness: Vec<f32>,
+    /// Of each pixel: shares of R, G and B in its brightness; not finite where it is too dark.
+    tints: Vec<Vector3<f32>>,
+}
+
+/// What is found along a line across an edge.
+#[derive(Debug, Clone, Copy)]
+pub struct Found {
+    /// How far outwards of where it was expected the edge is, px.
+    pub offset: f64,
+    /// Variance of that, px².
+    pub variance: f64,
+}
+
+/// How often each color is seen in each part.
+#[derive(Default)]
+pub struct Colors {
+    /// By label, then by bin; the sum over the bins is 1.
+    shares: Vec<Vec<f32>>,
+    /// By label: mean tint of what shows it, and of how many pixels.
+    tints: Vec<(Vector3<f32>, f32)>,
+    scratch: Vec<f32>,
+}
+
+impl Picture {
+    /// - `pixels`: R, G and B, 0 to 255, row by row
+    pub fn new(size: usize, pixels: &[Option<[f32; 3]>]) -> Self {
+        let bin = |rgb: &Option<[f32; 3]>| {
+            rgb.map_or(UNKNOWN, |rgb| {
+                let level = |x: f32| (x as usize * LEVELS / 256).min(LEVELS - 1);
+                let [r, g, b] = rgb.map(level);
+                ((r * LEVELS + g) * LEVELS + b) as u16
+            })
+        };
+        let brightness =
+            |rgb: &Option<[f32; 3]>| rgb.map_or(f32::NAN, |[r, g, b]| (r + g + b) / 765.0);
+        let tint = |rgb: &Option<[f32; 3]>| {
+            let rgb = Vector3::from(rgb.unwrap_or_default());
+            let sum = if rgb.sum() < DARK {
+                f32::NAN
+            } else {
+                rgb.sum()
+            };
+            rgb / sum
+        };
+        Self {
+            size,
+            bins: pixels.iter().map(bin).collect(),
+            brightness: pixels.iter().map(brightness).collect(),
+            tints: pixels.iter().map(tint).collect(),
+        }
+    }
+
+    fn brightness(&self, raster: &Raster, at: Point2<f64>) -> Option<f64> {
+        let value = f64::from(self.brightness[raster.index(at)?]);
+        value.is_finite().then_some(value)
+    }
+}
+
+impl Colors {
+    /// Counts anew where the parts are now.
+    ///
+    /// - `labels`: how many there are
+    pub fn count(
+        &mut self,
+        picture: &Picture,
+        raster: &Raster,
+        points: &[EdgePoint],
+        labels: usize,
+    ) {
+        self.tints.clear();
+        self.tints.resize(labels, (Vector3::zeros(), 0.0));
+        for (tint, &label) in picture.tints.iter().zip(raster.labels()) {
+            if label != BACKGROUND && tint.x.is_finite() {
+                let (sum, count) = &mut self.tints[usize::from(label)];
+                *sum += tint;
+                *count += 1.0;
+            }
+        }
+        for (tint, count) in &mut self.tints {
+            *tint /= count.max(1.0);
+        }
+        self.shares.resize_with(labels, Vec::new);
+        for share in &mut self.shares {
+            share.clear();
+            share.resize(BINS, 0.0);
+        }
+        for (&bin, &label) in picture.bins.iter().zip(raster.labels()) {
+            if bin != UNKNOWN && label != BACKGROUND {
+                self.shares[usize::from(label)][usize::from(bin)] += 1.0;
+            }
+        }
+        let background = &mut self.shares[usize::from(BACKGROUND)];
+        for point in points.iter().filter(|point| point.is_outline()) {
+            for step in 1..=AROUND {
+                let at = point.pixel + point.normal * step as f64;
+                if let Some(index) = raster.index(at)
+                    && picture.bins[index] != UNKNOWN
+                    && raster.label(index) == BACKGROUND
+                {
+                    background[usize::from(picture.bins[index])] += 1.0;
+                }
+            }
+        }
+        for share in &mut self.shares {
+            spread(share, &mut self.scratch);
+            let sum: f32 = share.iter().sum();
+            if sum > 0.0 {
+                share.iter_mut().for_each(|x| *x /= sum);
+            }
+        }
+    }
+
+    /// Odds that a pixel is of the first of two parts, as a logarithm: by where colors are seen, and
+    /// between two parts of the object by the colors that these have.
+    fn odds(&self, picture: &Picture, index: usize, sides: [u8; 2], tints: &[Vector3<f32>]) -> f64 {
+        let bin = usize::from(picture.bins[index]);
+        let [a, b] = sides.map(|s| f64::from(self.shares[usize::from(s)][bin]) + 1e-5);
+        let odds = (a / b).ln();
+        if sides.contains(&BACKGROUND) {
+            return odds;
+        }
+        // The larger part's tint is known from the image, whatever light there is; the other one's
+        // differs from it in a direction that the mesh says.
+        let [first, second] = sides.map(usize::from);
+        let (known, other, sign) = match self.tints[first].1 > self.tints[second].1 {
+            true => (first, second, -1.0),
+            false => (second, first, 1.0),
+        };
+        let apart = (tints[other] - tints[known]).normalize();
+        let along = (picture.tints[index] - self.tints[known].0).dot(&apart);
+        let by_tint = f64::from((along - TINTED) / TINTED).clamp(-1.0, 1.0) * BY_TINT;
+        if by_tint.is_finite() {
+            odds + sign * by_tint
+        } else {
+            odds
+        }
+    }
+}
+
+/// Shares some of each bin's count with its neighbours, so that few pixels tell of more colors.
+fn spread(bins: &mut Vec<f32>, scratch: &mut Vec<f32>) {
+    for stride in [1, LEVELS, LEVELS * LEVELS] {
+        scratch.clear();
+        scratch.extend(bins.iter().enumerate().map(|(i, &own)| {
+            let level = i / stride % LEVELS;
+            let below = if level > 0 { bins[i - stride] } else { own };
+            let above = if level + 1 < LEVELS {
+                bins[i + stride]
+            } else {
+                own
+            };
+            0.25 * below + 0.5 * own + 0.25 * above
+        }));
+        std::mem::swap(bins, scratch);
+    }
+}
+
+/// Where the edge is along the line through a point: by the regions to both sides of it, or by the
+/// change of brightness where there are none.
+///
+/// Source: Stoiber et al., "SRT3D: A Sparse Region-Based 3D Object Tracking Approach for the Real
+/// World", 2022, for regions: the probability of every place of the edge, given the pixels.
+///
+/// - `step`: px between what is looked at
+/// - `tints`: of the mesh, by label
+pub fn find(
+    picture: &Picture,
+    colors: &Colors,
+    raster: &Raster,
+    point: &EdgePoint,
+    step: f64,
+    tints: &[Vector3<f32>],
+) -> Option<Found> {
+    debug_assert_eq!(picture.size, raster.size);
+    let mut weights = [0.0; 2 * SEARCHED as usize + 1];
+    if point.parts_regions() {
+        let within = line(picture, colors, raster, point, step, tints)?;
+        for (place, weight) in (-SEARCHED..=SEARCHED).zip(&mut weights) {
+            *weight = 1.0;
+            for (i, p) in (-REACH..=REACH).zip(within) {
+                let p = p.unwrap_or(0.5);
+                let inner = INNER[(i - place + REACH + SEARCHED) as usize];
+                *weight *= inner * p + (1.0 - inner) * (1.0 - p);
+            }
+        }
+    } else {
+        for (place, weight) in (-SEARCHED..=SEARCHED).zip(&mut weights) {
+            let side = |half: f64| {
+                let at = point.pixel + point.normal * ((f64::from(place) + half) * step);
+                picture.brightness(raster, at)
+            };
+            let change = side(0.75)? - side(-0.75)?;
+            *weight = change * change + 4e-4;
+        }
+    }
+    let sum: f64 = weights.iter().sum();
+    let places = || (-SEARCHED..=SEARCHED).map(f64::from).zip(&weights);
+    let mean = places().map(|(place, weight)| place * weight).sum::<f64>() / sum;
+    let off = |place: f64| (place - mean) * (place - mean);
+    let variance = places()
+        .map(|(place, weight)| off(place) * weight)
+        .sum::<f64>()
+        / sum;
+    let found = Found {
+        offset: mean * step,
+        // No line is more exact than its steps.
+        variance: (variance + 0.1) * step * step,
+    };
+    found.offset.is_finite().then_some(found)
+}
+
+/// Along a line, from within outwards: the probability that a step shows the side within; `None`
+/// where it is of neither side, by the pose as it is, or off the image.
+fn line(
+    picture: &Picture,
+    colors: &Colors,
+    raster: &Raster,
+    point: &EdgePoint,
+    step: f64,
+    tints: &[Vector3<f32>],
+) -> Option<[Option<f64>; 2 * REACH as usize + 1]> {
+    let mut within = [None; 2 * REACH as usize + 1];
+    let middle = REACH as usize;
+    let mut known = 0;
+    let pixels = step.ceil() as i32;
+    for (direction, side) in [(-1, point.sides[0]), (1, point.sides[1])] {
+        'side: for i in 0..=REACH {
+            if i == 0 && direction == 1 {
+                continue;
+            }
+            // The mean of what lies between this step and the next, as odds.
+            let (mut odds, mut count) = (0.0, 0);
+            for j in 0..pixels {
+                let along = f64::from(i) * f64::from(direction)
+                    + (f64::from(j) + 0.5) / f64::from(pixels)
+                    - 0.5;
+                let Some(index) = raster.index(point.pixel + point.normal * (along * step)) else {
+                    break 'side;
+                };
+                // Next to the edge the other side's pixels are expected as well.
+                if i > 1 && raster.label(index) != side {
+                    break 'side;
+                }
+                let bin = picture.bins[index];
+                if bin != UNKNOWN {
+                    odds += colors.odds(picture, index, point.sides, tints);
+                    count += 1;
+                }
+            }
+            if count > 0 {
+                let odds = odds / f64::from(count);
+                let place = middle as i32 + i * direction;
+                within[place as usize] = Some(1.0 / (1.0 + (-odds).exp()));
+                known += 1;
+            }
+        }
+    }
+    (known >= 4).then_some(within)
+}
+
+/// How well colors tell the two sides of the edges apart, in bits per pixel looked at: 1 where they
+/// do so everywhere, 0 or less where they do not. Of the outline, and of what lies within it.
+pub fn separation(
+    picture: &Picture,
+    colors: &Colors,
+    raster: &Raster,
+    points: &[EdgePoint],
+    step: f64,
+    tints: &[Vector3<f32>],
+) -> [Option<f64>; 2] {
+    [true, false].map(|outline| {
+        let (mut bits, mut count) = (0.0, 0.0);
+        let wanted = |point: &&EdgePoint| point.parts_regions() && point.is_outline() == outline;
+        for point in points.iter().filter(wanted) {
+            let Some(within) = line(picture, colors, raster, point, step, tints) else {
+                continue;
+            };
+            for (i, p) in (-REACH..=REACH).zip(within) {
+                if let Some(p) = p
+                    && i != 0
+                {
+                    let right = if i < 0 { p } else { 1.0 - p };
+                    bits += 1.0 + right.max(1e-3).log2();
+                    count += 1.0;
+                }
+            }
+        }
+        (count > 0.0).then(|| bits / count)
+    })
+}

@@ -1,0 +1,126 @@
+"""Meshes of a bundle's objects, on which `mvtop-cli infer` refines poses: `<class>.mesh.ply`.
+
+    python -m mvtop_train.export.mesh --bundle models/mine --data data/mine
+
+Adds them to a bundle that was exported without; its networks stay as they are. Without --data: the
+MV-ball. Meshes of more than 2,000 triangles are decimated, with colors taken from the surface.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from scipy.spatial import cKDTree
+
+from ..data import mvball, objects
+from ..errors import UserError, argument_parser, command
+
+TRIANGLES = 2000  # at most: what refinement draws some times in each view
+COLOR_POINTS = 40_000  # on the surface, from which vertices of decimated meshes take their colors
+NEAREST = 4  # of these points, whose mean a vertex has
+
+
+def ball() -> trimesh.Trimesh:
+    """The MV-ball, metres: three spheres united, so that its edges are where they meet."""
+    parts = [("ball", np.zeros(3), mvball.BALL_RADIUS, 3)]
+    parts += [
+        (name, axis * mvball.BUMP_CENTER, mvball.BUMP_RADIUS, 2)
+        for name, axis in mvball.BUMPS.items()
+    ]
+    spheres = []
+    for _, center, radius, subdivisions in parts:
+        sphere = trimesh.creation.icosphere(subdivisions)
+        # Of the true volume: as much of the surface lies outside the true one as inside.
+        sphere.apply_scale(radius * (4 / 3 * np.pi / sphere.volume) ** (1 / 3))
+        sphere.apply_translation(center)
+        spheres.append(sphere)
+    united = trimesh.boolean.union(spheres, engine="manifold")
+    off = [
+        np.abs(np.linalg.norm(united.triangles_center - center, axis=1) - radius)
+        for _, center, radius, _ in parts
+    ]
+    part = np.argmin(off, axis=0)
+    colors = np.round(np.array([mvball.COLORS[name] for name, *_ in parts]) * 255)
+    # Each triangle has vertices of its own, as those on a border have two colors.
+    return trimesh.Trimesh(
+        united.triangles.reshape(-1, 3), np.arange(3 * len(part)).reshape(-1, 3), process=False,
+        vertex_colors=np.repeat(colors[part], 3, axis=0).astype(np.uint8),
+    )  # fmt: skip
+
+
+def decimated(mesh: trimesh.Trimesh, triangles: int = TRIANGLES) -> trimesh.Trimesh:
+    """`mesh` with at most so many triangles, and a color of each vertex."""
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    if len(faces) > triangles:
+        # Texture seams cut the surface: where they are not merged, decimation tears it there.
+        whole = trimesh.Trimesh(vertices, faces, process=False)
+        whole.merge_vertices(merge_tex=True, merge_norm=True)
+        try:
+            import fast_simplification
+        except ImportError:
+            raise UserError(
+                f"mesh of {len(faces)} triangles: expected {triangles} at most, or the package "
+                "that decimates it; fix: pip install fast-simplification"
+            ) from None
+        vertices, faces = fast_simplification.simplify(
+            np.asarray(whole.vertices, np.float32),
+            np.asarray(whole.faces, np.int32),
+            target_count=triangles,
+        )
+    points, colors = objects.sample_surface(mesh, COLOR_POINTS)
+    _, nearest = cKDTree(points).query(vertices, NEAREST)
+    colors = colors[nearest].mean(1).round().astype(np.uint8)
+    return trimesh.Trimesh(vertices, faces, process=False, vertex_colors=colors)
+
+
+def add(bundle: Path, meshes: dict[str, trimesh.Trimesh]):
+    """Write the meshes (metres) of classes, by name, into a bundle that is there."""
+    path = bundle / "model.json"
+    description = json.loads(path.read_text())
+    classes = {known["name"]: known for known in description["classes"]}
+    for name, mesh in meshes.items():
+        if name not in classes:
+            raise UserError(
+                f"{bundle}: expected a bundle of {name!r}, got one of {sorted(classes)}; "
+                "fix: --data must name the data set that it was trained on"
+            )
+        file = f"{name}.mesh.ply"
+        content = mesh.export(file_type="ply", vertex_normal=False)
+        (bundle / file).write_bytes(content)
+        classes[name]["mesh"] = file
+        digest = hashlib.sha256(content).hexdigest()
+        description["files"][file] = {"sha256": digest, "bytes": len(content)}
+    path.write_text(json.dumps(description, indent=1) + "\n")
+
+
+def meshes_of(data: Path | None, known: tuple[objects.Object, ...]) -> dict[str, trimesh.Trimesh]:
+    """By name; what the data set has as points alone is left out."""
+    if data is None:
+        return {mvball.NAME: ball()}
+    read = {obj.name: objects.read_mesh(data, obj.id) for obj in known}
+    return {
+        name: decimated(mesh) for name, mesh in read.items() if isinstance(mesh, trimesh.Trimesh)
+    }
+
+
+@command
+def main():
+    parser = argument_parser(__doc__)
+    parser.add_argument("--bundle", type=Path, required=True, help="folder of the bundle")
+    parser.add_argument("--data", type=Path, help="data set of the objects, if not MV-ball")
+    args = parser.parse_args()
+    path = args.bundle / "model.json"
+    if not path.is_file():
+        raise UserError(f"{path}: no such file; fix: --bundle must name an exported bundle")
+    known = objects.read_all(args.data) if args.data else (objects.ball(),)
+    names = {of["name"] for of in json.loads(path.read_text())["classes"]}
+    meshes = meshes_of(args.data, tuple(obj for obj in known if obj.name in names))
+    add(args.bundle, meshes)
+    for name, mesh in meshes.items():
+        print(f"{args.bundle / f'{name}.mesh.ply'}: {len(mesh.faces)} triangles")
+
+
+if __name__ == "__main__":
+    main()
