@@ -3,6 +3,7 @@
 mod external;
 mod manifest;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
@@ -46,8 +47,19 @@ pub struct Bundle {
     pub decoder: PathBuf,
     /// Whether the graphs use standard operators only.
     pub portable: bool,
+    /// What the network answers to one fixed input; bundles of earlier exports have none.
+    pub self_test: Option<SelfTest>,
     /// Where the bundle comes from, in free form.
     pub provenance: serde_json::Value,
+}
+
+/// What a network answers to one fixed input, see [`crate::Estimator::self_test`].
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct SelfTest {
+    /// How far an output may be off, as a share of the largest of its group.
+    pub tolerance: f64,
+    /// Groups of numbers by name.
+    pub outputs: BTreeMap<String, Vec<f64>>,
 }
 
 /// What the network is shown of an object to decode its pose from.
@@ -227,6 +239,7 @@ impl Bundle {
             features: dir.join(manifest.graphs.features),
             decoder: dir.join(manifest.graphs.decoder),
             portable: manifest.portable,
+            self_test: manifest.self_test,
             provenance: manifest.provenance,
         })
     }

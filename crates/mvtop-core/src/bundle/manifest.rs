@@ -8,7 +8,7 @@ use nalgebra::{Point3, Unit, Vector3};
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
-use super::{CloseUps, Detector, Input, PoseInput, SurfacePoint};
+use super::{CloseUps, Detector, Input, PoseInput, SelfTest, SurfacePoint};
 use crate::rays::LosEncoding;
 use crate::symmetry::{Axis, Symmetry};
 use crate::transform::from_matrix;
@@ -38,6 +38,8 @@ pub(super) struct Manifest {
     pub graphs: Graphs,
     pub portable: bool,
     pub files: BTreeMap<String, FileRecord>,
+    #[serde(default)]
+    pub self_test: Option<SelfTest>,
     #[serde(default)]
     pub provenance: serde_json::Value,
 }
@@ -223,6 +225,13 @@ impl Manifest {
                 let problem = format!("has coordinates_extent_m {extent}, expected it above 0");
                 return Err(format!("class `{name}` {problem}"));
             }
+        }
+        if let Some(SelfTest { tolerance, .. }) = self.self_test
+            && !(0.0..=1.0).contains(&tolerance)
+        {
+            return Err(format!(
+                "self_test has the tolerance {tolerance}, expected a share from 0 to 1"
+            ));
         }
         for name in self.files.keys() {
             let mut parts = Path::new(name).components();

@@ -4,6 +4,7 @@ mod arguments;
 mod closeups;
 mod completed;
 mod detected;
+mod doubts;
 mod frames;
 
 use super::pose::mean_rotation;
@@ -52,6 +53,7 @@ fn bundle() -> Bundle {
         features: "features.onnx".into(),
         decoder: "decoder.onnx".into(),
         portable: false,
+        self_test: None,
         provenance: serde_json::Value::Null,
     }
 }

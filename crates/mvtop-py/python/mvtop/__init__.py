@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         ObjectClass,
         ObjectPose,
         PredictionWarning,
+        RigConsistency,
         Sigma,
         Undetermined,
     )
@@ -45,6 +46,7 @@ __all__ = [
     "Prediction",
     "PredictionWarning",
     "Rig",
+    "RigConsistency",
     "Sigma",
     "Undetermined",
     "bop",
@@ -69,6 +71,7 @@ _HOMES = {
     "ObjectPose": "mvtop._objects",
     "Prediction": "mvtop._prediction",
     "PredictionWarning": "mvtop._objects",
+    "RigConsistency": "mvtop._objects",
     "Sigma": "mvtop._objects",
     "Undetermined": "mvtop._objects",
 }
