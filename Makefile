@@ -21,6 +21,7 @@ SPLIT ?= hard
 SEED ?= 0
 PAIRS ?= 100
 VIEWS ?= 2
+CASES ?= 100000
 MODEL ?= models/mvball
 SAMPLES = out/eval/$(SPLIT)-seed$(SEED)-views$(VIEWS)-$(PAIRS)
 
@@ -29,7 +30,7 @@ MOST_hard = 8
 MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
-.PHONY: help demo test built-tests test-rust test-python lint fixtures eval tables pictures bench \
+.PHONY: help demo test built-tests test-rust test-python lint fuzz fixtures eval tables pictures bench \
   wheel release-wheel test-wheel stubs licences test-ray
 
 help:  ## this list
@@ -91,6 +92,9 @@ licences:  ## gather the licences of the crates that the wheel is built of anew
 
 test-ray: test-wheel .venv/ray.done  ## a whole BOP data set on a local Ray cluster, a worker killed
 	$(PY) -m pytest -q examples
+
+fuzz:  ## readers of every kind of file, on good ones changed at random: CASES=n for each
+	PROPTEST_CASES=$(CASES) PROPTEST_RNG_SEED=$$RANDOM cargo test --release -p mvtop-core -p mvtop-eval --test fuzz
 
 fixtures: .venv/test.done $(MVTOP)  ## write the parity fixtures anew
 	$(PY) -m mvtop_train.export.fixtures

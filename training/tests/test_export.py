@@ -9,7 +9,7 @@ import pytest
 import torch
 from conftest import MVBALL
 
-from mvtop_train.export import bundle
+from mvtop_train.export import bundle, self_test
 from mvtop_train.network import config
 from mvtop_train.network.model import Mvtop
 
@@ -48,6 +48,32 @@ def portable(tiny, tmp_path_factory):
     out = tmp_path_factory.mktemp("portable")
     bundle.write_bundle(tiny, out, {}, portable=True)
     return out
+
+
+def test_self_test_is_in_the_manifest_and_what_the_graphs_answer(tiny, portable):
+    # Multiples of 0.618..., less whole numbers, times two less one.
+    first = self_test.numbers(3).tolist()
+    assert first == pytest.approx([-1.0, 0.236068, -0.527864], abs=1e-6)
+    expected = json.loads((portable / "model.json").read_text())["self_test"]
+    c = tiny.config
+    inputs = {
+        "images": self_test.numbers(1, 3, c.height, c.width),
+        "camera_rays": self_test.rays(sum(h * w for h, w in c.level_shapes())),
+    }
+    memory, scores, boxes = run(onnxruntime.InferenceSession(portable / "features.onnx"), inputs)
+    got = {
+        "det_scores": [scores.mean(), scores.max()],
+        "det_boxes": boxes.mean((0, 2, 3)),
+        "memory": [memory.mean(), np.abs(memory).mean()],
+    }
+    for name, numbers in got.items():
+        np.testing.assert_allclose(numbers, expected["outputs"][name], rtol=1e-3, atol=1e-5)
+    assert [len(expected["outputs"][x]) for x in ("rotation_6d", "translation", "sigma")] == [
+        6,
+        3,
+        2,
+    ]
+    assert 0 < expected["tolerance"] <= 0.05
 
 
 @pytest.mark.parametrize("views, queries", [(1, 1), (2, 1), (3, 2), (4, 3)])

@@ -21,8 +21,12 @@ pub fn run(args: &NetworkArgs) -> Result<()> {
         print(&format!("Model  {}\n  found in   {by}", dir.display()))?;
         check_bundle(&dir)?;
         if runtime.is_ok() {
-            args.load(&dir)?;
-            print(&format!("  networks   load and run on `{}`", args.provider))?;
+            let estimator = args.load(&dir)?;
+            print(&format!("  networks   load on `{}`", args.provider))?;
+            print(match estimator.self_test()? {
+                true => "  self-test  answers as when it was exported",
+                false => "  self-test  none in this bundle; export it again to have one",
+            })?;
         }
         Ok(())
     });

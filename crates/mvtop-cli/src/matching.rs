@@ -89,6 +89,7 @@ mod tests {
         let prediction = Prediction {
             reference: 0,
             objects: predicted.to_vec(),
+            rig_consistency: None,
             timings: Timings::default(),
             provider: String::new(),
             warnings: Vec::new(),

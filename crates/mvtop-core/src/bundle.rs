@@ -3,6 +3,7 @@
 mod external;
 mod manifest;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
@@ -47,8 +48,19 @@ pub struct Bundle {
     pub decoder: PathBuf,
     /// Whether the graphs use standard operators only.
     pub portable: bool,
+    /// What the network answers to one fixed input; bundles of earlier exports have none.
+    pub self_test: Option<SelfTest>,
     /// Where the bundle comes from, in free form.
     pub provenance: serde_json::Value,
+}
+
+/// What a network answers to one fixed input, see [`crate::Estimator::self_test`].
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct SelfTest {
+    /// How far an output may be off, as a share of the largest of its group.
+    pub tolerance: f64,
+    /// Groups of numbers by name.
+    pub outputs: BTreeMap<String, Vec<f64>>,
 }
 
 /// What the network is shown of an object to decode its pose from.
@@ -129,8 +141,16 @@ pub struct Detector {
     /// where the bundle does not say.
     #[serde(default)]
     pub support_threshold: f64,
+    /// Standard deviation of a box's center, as a share of its side; that of the shipped detector of
+    /// MV-ball where the bundle does not say.
+    #[serde(default = "shipped_box_error")]
+    pub box_error: f64,
     /// Overlap (intersection over union) above which the weaker of two boxes is dropped.
     pub nms_iou: f32,
+}
+
+fn shipped_box_error() -> f64 {
+    crate::consistency::OFFSET_SIGMA
 }
 
 impl Detector {
@@ -235,6 +255,7 @@ impl Bundle {
             features: dir.join(manifest.graphs.features),
             decoder: dir.join(manifest.graphs.decoder),
             portable: manifest.portable,
+            self_test: manifest.self_test,
             provenance: manifest.provenance,
         })
     }

@@ -3,10 +3,12 @@
 mod believed;
 mod complete;
 mod decode;
+mod doubts;
 mod fit;
 mod picture;
 mod pose;
 mod refined;
+mod self_test;
 mod sightings;
 mod view;
 
@@ -96,6 +98,15 @@ impl Estimator {
     /// What the network was made for.
     pub fn bundle(&self) -> &Bundle {
         &self.bundle
+    }
+
+    /// Runs the network once on a fixed input and compares its answers with those that the bundle
+    /// says it gives; `false` for bundles of earlier exports, which do not say.
+    ///
+    /// # Errors
+    /// [`Error::Bundle`] where they differ, and those of running the network.
+    pub fn self_test(&self) -> Result<bool> {
+        self_test::run(&self.bundle, self.network.as_ref())
     }
 
     /// Finds the objects of the bundle's classes, and their poses.
@@ -206,8 +217,10 @@ impl Estimator {
             let least = self.bundle.detector.support_threshold;
             found = believed(found, least, &self.radii);
         }
-        let seen = |(_, pose): &(Sighting, DecodedPose)| pose.check_in_front(&views);
-        found.iter().try_for_each(seen)?;
+        for (object, pose) in &found {
+            pose.check_in_front(&views)?;
+            pose.check_near(&views, &self.bundle.classes[object.class])?;
+        }
         let decode = clock.lap();
 
         let mut refinements = vec![None; found.len()];
@@ -218,16 +231,21 @@ impl Estimator {
         }
 
         let ref_from_world = rig.cameras()[reference].world_from_cam().inverse();
+        let mut objects: Vec<ObjectPose> = found
+            .into_iter()
+            .zip(refinements)
+            .map(|((object, pose), refinement)| ObjectPose {
+                refinement,
+                ..self.object_pose(&views, &ref_from_world, &object, pose)
+            })
+            .collect();
+        let (rig_consistency, doubts) = doubts::of(&self.bundle, rig, &mut objects);
+        let mut warnings = view::warnings(&views);
+        warnings.extend(doubts);
         Ok(Prediction {
             reference,
-            objects: found
-                .into_iter()
-                .zip(refinements)
-                .map(|((object, pose), refinement)| ObjectPose {
-                    refinement,
-                    ..self.object_pose(&views, &ref_from_world, &object, pose)
-                })
-                .collect(),
+            objects,
+            rig_consistency,
             timings: Timings {
                 prepare,
                 features,
@@ -238,7 +256,7 @@ impl Estimator {
                 total: clock.total(),
             },
             provider: self.network.provider().to_owned(),
-            warnings: view::warnings(&views),
+            warnings,
         })
     }
 

@@ -60,6 +60,9 @@ pub mod pose;
 /// What no view tells: turns after which an object looks the same.
 pub mod symmetry;
 
+/// How well boxes, poses and the calibration agree.
+pub mod consistency;
+
 /// What the estimator answers.
 pub mod prediction;
 

@@ -13,6 +13,8 @@ pub struct Prediction {
     pub reference: usize,
     /// Best score first, or in the order of the given boxes; empty where nothing was detected.
     pub objects: Vec<ObjectPose>,
+    /// How well the rig fits what was found; `None` where no object is seen by two cameras.
+    pub rig_consistency: Option<RigConsistency>,
     /// How long each stage took.
     pub timings: Timings,
     /// What executed the dense layers, for example `cpu`.
@@ -26,8 +28,10 @@ pub struct Prediction {
 pub struct Warning {
     /// What it is, for programs.
     pub code: WarningCode,
-    /// Index in the rig of the camera that it is about.
-    pub camera: usize,
+    /// Index in the rig of the camera that it is about, where it is one.
+    pub camera: Option<usize>,
+    /// Index of the object that it is about, or that shows it most, where there is one.
+    pub object: Option<usize>,
     /// One sentence: what was seen, and what to do.
     pub message: String,
 }
@@ -39,6 +43,25 @@ pub struct Warning {
 pub enum WarningCode {
     /// An image is of one color, up to noise: its camera is covered, dead or blinded.
     OneColor,
+    /// Lines of sight through the boxes of one object miss each other.
+    LinesMiss,
+    /// Boxes of one object have another size than their distances by the rig give them.
+    SizesDisagree,
+    /// One camera alone finds an object in view of another, which finds its own elsewhere.
+    ViewsContradict,
+    /// Cameras find objects of one class, but none that two of them see.
+    NothingMatches,
+}
+
+/// How well the rig fits what was found, see [`crate::consistency`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RigConsistency {
+    /// How far the objects' projections are beside their boxes where these agree best: root mean
+    /// square over the objects, of the camera where it is greatest, px.
+    pub px: f64,
+    /// Index in the rig of that camera; `None` where two cameras show objects, of which none is known
+    /// to be the wrong one.
+    pub worst_camera: Option<usize>,
 }
 
 /// One object.
@@ -55,7 +78,8 @@ pub struct ObjectPose {
     pub ref_from_obj: Isometry3<f64>,
     /// Object frame to the world frame, metres.
     pub world_from_obj: Isometry3<f64>,
-    /// How far the pose is expected to be off: by the network, or by the refinement.
+    /// How far the pose is expected to be off, by the network or by the refinement; of the position,
+    /// at least what lines of sight miss each other by.
     pub sigma: Sigma,
     /// Of what the object would cover in the images at this pose, the share that shows it so, by the
     /// object coordinates, 0 to 1: less where much of it is hidden, and least where it is something

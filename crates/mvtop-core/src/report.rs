@@ -22,6 +22,8 @@ pub struct Report {
     pub reference: String,
     /// Best score first, or in the order of the given boxes.
     pub objects: Vec<Object>,
+    /// How well the rig fits what was found; null where no object is seen by two cameras.
+    pub rig_consistency: Option<ReportedConsistency>,
     /// Wall time of each stage, milliseconds.
     pub timings_ms: Timings,
     /// What executed the dense layers.
@@ -35,10 +37,21 @@ pub struct Report {
 pub struct ReportedWarning {
     /// What it is, for programs.
     pub code: WarningCode,
-    /// Id of the camera that it is about.
-    pub camera: String,
+    /// Id of the camera that it is about, null where it is not one.
+    pub camera: Option<String>,
+    /// Index of the object that it is about, or that shows it most, null where there is none.
+    pub object: Option<usize>,
     /// One sentence: what was seen, and what to do.
     pub message: String,
+}
+
+/// A [`crate::prediction::RigConsistency`].
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ReportedConsistency {
+    /// How far projections are beside their boxes, px.
+    pub px: f64,
+    /// Id of the camera where that is most, null of two cameras.
+    pub worst_camera: Option<String>,
 }
 
 /// One object.
@@ -114,13 +127,18 @@ impl Report {
         let objects = prediction.objects.iter();
         let warning = |warning: &Warning| ReportedWarning {
             code: warning.code,
-            camera: id(warning.camera),
+            camera: warning.camera.map(id),
+            object: warning.object,
             message: warning.message.clone(),
         };
         Self {
             schema_version: SCHEMA_VERSION,
             reference: id(prediction.reference),
             objects: objects.map(|object| Object::new(object, id)).collect(),
+            rig_consistency: prediction.rig_consistency.map(|fit| ReportedConsistency {
+                px: fit.px,
+                worst_camera: fit.worst_camera.map(id),
+            }),
             timings_ms: prediction.timings,
             provider: prediction.provider.clone(),
             warnings: prediction.warnings.iter().map(warning).collect(),
@@ -162,6 +180,7 @@ pub fn rows(pose: &Isometry3<f64>) -> [[f64; 4]; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::prediction::RigConsistency;
     use crate::{Intrinsics, Projection};
     use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
@@ -209,11 +228,24 @@ mod tests {
                 ..Timings::default()
             },
             provider: "cpu".into(),
-            warnings: vec![Warning {
-                code: WarningCode::OneColor,
-                camera: 1,
-                message: "dark".into(),
-            }],
+            rig_consistency: Some(RigConsistency {
+                px: 1.5,
+                worst_camera: None,
+            }),
+            warnings: vec![
+                Warning {
+                    code: WarningCode::OneColor,
+                    camera: Some(1),
+                    object: None,
+                    message: "dark".into(),
+                },
+                Warning {
+                    code: WarningCode::LinesMiss,
+                    camera: None,
+                    object: Some(0),
+                    message: "beside".into(),
+                },
+            ],
         };
         let json = serde_json::to_value(Report::new(&prediction, &rig)).unwrap();
 
@@ -223,7 +255,14 @@ mod tests {
         assert_eq!(json["provider"], "cpu");
         assert_eq!(
             json["warnings"],
-            serde_json::json!([{"code": "one_color", "camera": "right", "message": "dark"}])
+            serde_json::json!([
+                {"code": "one_color", "camera": "right", "object": null, "message": "dark"},
+                {"code": "lines_miss", "camera": null, "object": 0, "message": "beside"}
+            ])
+        );
+        assert_eq!(
+            json["rig_consistency"],
+            serde_json::json!({"px": 1.5, "worst_camera": null})
         );
         let object = &json["objects"][0];
         assert_eq!(object["class"], "mvball");

@@ -244,8 +244,27 @@ def test_array_that_is_larger_than_the_memory_is_refused_before_it_is_copied(
 
 
 def test_covered_camera_is_warned_of(estimator, rig, arrays):
-    assert estimator.predict(arrays, rig).warnings == []
-    dark = [np.zeros_like(arrays[0]), *arrays[1:]]
-    (warning,) = estimator.predict(dark, rig).warnings
-    assert (warning.code, warning.camera) == ("one_color", rig.cameras[0].id)
+    def covered(images):
+        warnings = estimator.predict(images, rig).warnings
+        return [warning for warning in warnings if warning.code == "one_color"]
+
+    assert covered(arrays) == []
+    (warning,) = covered([np.zeros_like(arrays[0]), *arrays[1:]])
+    assert (warning.camera, warning.object) == (rig.cameras[0].id, None)
     assert "is of one color" in warning.message
+
+
+def test_wrong_calibration_is_warned_of(estimator, rig, arrays):
+    fit = estimator.predict(arrays, rig).rig_consistency
+    assert isinstance(fit, mvtop.RigConsistency)
+    assert fit.px < 5
+    half_turn = np.diag([1.0, -1, -1, 1])
+    cameras = [
+        mvtop.Camera(c.K, c.size, world_from_cam=np.array(c.world_from_cam) @ half_turn, id=c.id)
+        for c in rig.cameras
+    ]
+    prediction = estimator.predict(arrays, mvtop.Rig(cameras))  # OpenGL's axes
+    (warning,) = prediction.warnings
+    assert (warning.code, warning.camera) == ("nothing_matches", None)
+    assert "at no place is it seen by two cameras" in warning.message
+    assert prediction.rig_consistency is None

@@ -25,6 +25,7 @@ from ..network import sampling
 from ..network.config import ObjectClass
 from ..network.decoder import Boxes
 from ..network.model import Mvtop
+from . import self_test
 
 OPSET = 17
 
@@ -291,6 +292,7 @@ def write_bundle(
         "graphs": {name: f"{name}.onnx" for name in graphs},
         "portable": portable,
         "files": {name: _entry(out / name) for name in files},
+        "self_test": self_test.of(model),
         "provenance": provenance,
     }  # fmt: skip
     (out / "model.json").write_text(json.dumps(description, indent=1) + "\n")

@@ -16,12 +16,60 @@ fn doctor_says_what_was_found_or_what_to_do() {
     ] {
         assert!(text.contains(found), "{found} is missing in:\n{text}");
     }
+    assert!(
+        text.contains("self-test  answers as when it was exported"),
+        "{text}"
+    );
+    let text = stdout(&mvtop(&["doctor", "--model", "models/mvball"]));
+    assert!(
+        text.contains("self-test  answers as when it was exported"),
+        "{text}"
+    );
     let output = mvtop(&["doctor", "--ort-lib", "none.so"]);
     assert!(refusal(&output).contains("none.so"));
     assert!(String::from_utf8_lossy(&output.stdout).contains("checksums  match"));
     let output = mvtop(&["doctor", "--model", "none"]);
     assert!(refusal(&output).contains("none"));
     assert!(String::from_utf8_lossy(&output.stdout).contains("found in   --model"));
+}
+
+/// The tiny bundle with another description.
+fn changed(change: impl FnOnce(&mut serde_json::Value)) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for entry in std::fs::read_dir(root().join("fixtures/tiny")).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_file() {
+            std::fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
+        }
+    }
+    let about = folder.path().join("model.json");
+    let mut model = serde_json::from_slice(&std::fs::read(&about).unwrap()).unwrap();
+    change(&mut model);
+    std::fs::write(&about, model.to_string()).unwrap();
+    folder
+}
+
+#[test]
+fn network_that_answers_otherwise_is_refused() {
+    let folder = changed(|model| {
+        let sigma = &mut model["self_test"]["outputs"]["sigma"][0];
+        *sigma = (1.2 * sigma.as_f64().unwrap()).into();
+    });
+    let error = refusal(&mvtop(&[
+        "doctor",
+        "--model",
+        folder.path().to_str().unwrap(),
+    ]));
+    assert!(
+        error.contains("answers the self-test with sigma"),
+        "{error}"
+    );
+    // It is not run at each load, and bundles of earlier exports have none.
+    let old = changed(|model| {
+        model.as_object_mut().unwrap().remove("self_test");
+    });
+    let text = stdout(&mvtop(&["doctor", "--model", old.path().to_str().unwrap()]));
+    assert!(text.contains("self-test  none in this bundle"), "{text}");
 }
 
 #[test]

@@ -418,3 +418,48 @@ fn example_needs_no_files_to_be_named() {
         assert!(error.contains("--example"), "{error}");
     }
 }
+
+#[test]
+fn wrong_calibration_is_warned_of_on_stderr_and_in_the_json() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = std::fs::read(root().join("examples/mvball/rig.json")).unwrap();
+    let mut rig: Value = serde_json::from_slice(&text).unwrap();
+    let infer = |rig: &Value| {
+        let path = folder.path().join("rig.json");
+        std::fs::write(&path, rig.to_string()).unwrap();
+        mvtop(&[
+            "infer",
+            "--rig",
+            path.to_str().unwrap(),
+            "examples/mvball/cam0.png",
+            "examples/mvball/cam1.png",
+            "--model",
+            "models/mvball",
+            "--json",
+        ])
+    };
+    let output = infer(&rig);
+    let json: Value = serde_json::from_str(&stdout(&output)).unwrap();
+    assert_eq!(json["warnings"], serde_json::json!([]));
+    assert_eq!(String::from_utf8_lossy(&output.stderr), "");
+    assert!(json["rig_consistency"]["px"].as_f64().unwrap() < 1.0);
+    assert_eq!(json["rig_consistency"]["worst_camera"], Value::Null);
+
+    for camera in rig["cameras"].as_array_mut().unwrap() {
+        for key in ["fx", "fy"] {
+            camera[key] = (1.1 * camera[key].as_f64().unwrap()).into();
+        }
+    }
+    let output = infer(&rig);
+    let json: Value = serde_json::from_str(&stdout(&output)).unwrap();
+    let codes = ["lines_miss", "sizes_disagree", "views_contradict"];
+    let warning = &json["warnings"][0];
+    assert!(
+        codes.contains(&warning["code"].as_str().unwrap()),
+        "{warning}"
+    );
+    assert_eq!(warning["camera"], Value::Null);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    let message = warning["message"].as_str().unwrap();
+    assert_eq!(stderr.trim_end(), format!("warning: {message}"));
+}

@@ -8,7 +8,7 @@ use nalgebra::{Point3, Unit, Vector3};
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
-use super::{CloseUps, Detector, Input, PoseInput, SurfacePoint};
+use super::{CloseUps, Detector, Input, PoseInput, SelfTest, SurfacePoint};
 use crate::mesh::{Mesh, load_ply};
 use crate::rays::LosEncoding;
 use crate::symmetry::{Axis, Symmetry};
@@ -42,6 +42,8 @@ pub(super) struct Manifest {
     pub graphs: Graphs,
     pub portable: bool,
     pub files: BTreeMap<String, FileRecord>,
+    #[serde(default)]
+    pub self_test: Option<SelfTest>,
     #[serde(default)]
     pub provenance: serde_json::Value,
 }
@@ -236,9 +238,10 @@ impl Manifest {
         let shares = [detector.score_threshold, detector.nms_iou];
         let mut shares = shares.into_iter().chain(detector.agree_threshold);
         let supported = (0.0..=1.0).contains(&detector.support_threshold);
-        if !(supported && shares.all(|x| (0.0..=1.0).contains(&x))) {
+        let known = detector.box_error > 0.0 && detector.box_error.is_finite();
+        if !(supported && known && shares.all(|x| (0.0..=1.0).contains(&x))) {
             return Err(format!(
-                "detector has {detector:?}, expected numbers from 0 to 1"
+                "detector has {detector:?}, expected numbers from 0 to 1, and a box_error above 0"
             ));
         }
         if self.classes.is_empty() {
@@ -266,6 +269,13 @@ impl Manifest {
                 let problem = format!("has coordinates_extent_m {extent}, expected it above 0");
                 return Err(format!("class `{name}` {problem}"));
             }
+        }
+        if let Some(SelfTest { tolerance, .. }) = self.self_test
+            && !(0.0..=1.0).contains(&tolerance)
+        {
+            return Err(format!(
+                "self_test has the tolerance {tolerance}, expected a share from 0 to 1"
+            ));
         }
         for name in self.files.keys() {
             let mut parts = Path::new(name).components();

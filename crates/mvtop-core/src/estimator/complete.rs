@@ -1,12 +1,13 @@
 //! What a view has missed, told by the poses that the other views have settled.
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::Isometry3;
 
 use super::pose::DecodedPose;
 use super::sightings::Sighting;
 use super::view::View;
 use crate::BBox;
 use crate::bundle::Class;
+use crate::consistency::extent;
 use crate::rays::BoxRays;
 
 /// A box shows the object that is projected there if they overlap by this (intersection over union).
@@ -41,8 +42,12 @@ pub fn merge(
         let owner = settled.iter_mut().find(|(object, pose, _)| {
             object.class == single.class
                 && object.boxes[view].is_none()
-                && extent(&classes[object.class], &views[view], &pose.world_from_obj)
-                    .is_some_and(|expected| expected.iou(&bbox) >= SAME_BOX)
+                && extent(
+                    &classes[object.class].points,
+                    views[view].camera,
+                    &pose.world_from_obj,
+                )
+                .is_some_and(|expected| expected.iou(&bbox) >= SAME_BOX)
         });
         match owner {
             Some((object, _, gained)) => {
@@ -82,28 +87,8 @@ pub fn filled_in(
 
 /// The part in the image of the object's extent there, if it is most of it.
 fn shown(class: &Class, view: &View, world_from_obj: &Isometry3<f64>) -> Option<BBox> {
-    let whole = extent(class, view, world_from_obj)?;
+    let whole = extent(&class.points, view.camera, world_from_obj)?;
     let bbox = whole.clip(view.camera.width(), view.camera.height())?;
     let share = bbox.width() * bbox.height() / (whole.width() * whole.height());
     (share >= LEAST_IN_IMAGE && BoxRays::new(view.camera, bbox).is_some()).then_some(bbox)
-}
-
-/// The extent of an object's points in a view; `None` where the lens does not image all of them.
-fn extent(class: &Class, view: &View, world_from_obj: &Isometry3<f64>) -> Option<BBox> {
-    let cam_from_obj = view.camera.world_from_cam().inv_mul(world_from_obj);
-    let mut bbox: Option<BBox> = None;
-    for point in &class.points {
-        let in_cam = cam_from_obj * Point3::from(point.position);
-        let pixel = view.camera.intrinsics().project(&in_cam)?;
-        let grown = bbox.map_or([pixel.x, pixel.y, pixel.x, pixel.y], |b| {
-            [
-                b.x0.min(pixel.x),
-                b.y0.min(pixel.y),
-                b.x1.max(pixel.x),
-                b.y1.max(pixel.y),
-            ]
-        });
-        bbox = Some(grown.into());
-    }
-    bbox.filter(BBox::is_proper)
 }

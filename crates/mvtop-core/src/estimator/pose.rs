@@ -53,7 +53,26 @@ impl DecodedPose {
     }
 }
 
+/// Objects farther away than this, in diameters, are less than a pixel wide in any image.
+const FARTHEST: f64 = 1e4;
+
 impl DecodedPose {
+    /// Refuses a pose that is too far from all cameras that gave an image to be seen.
+    pub fn check_near(&self, views: &[View], class: &Class) -> Result<()> {
+        let distance = |view: &View| {
+            let camera = view.camera.world_from_cam().translation.vector;
+            (self.world_from_obj.translation.vector - camera).norm()
+        };
+        let nearest = views.iter().map(distance).fold(f64::INFINITY, f64::min);
+        if nearest <= FARTHEST * class.diameter_m {
+            return Ok(());
+        }
+        Err(Error::Pose(format!(
+            "decoder: expected objects near enough to be seen, got `{}` of {} m at {nearest:.0} m",
+            class.name, class.diameter_m
+        )))
+    }
+
     /// Refuses a pose behind all cameras that gave an image; a fisheye may see what is behind it.
     pub fn check_in_front(&self, views: &[View]) -> Result<()> {
         let origin = Point3::from(self.world_from_obj.translation.vector);

@@ -4,6 +4,7 @@ mod arguments;
 mod closeups;
 mod completed;
 mod detected;
+mod doubts;
 mod frames;
 
 use super::pose::mean_rotation;
@@ -46,6 +47,7 @@ fn bundle() -> Bundle {
             score_threshold: 0.3,
             agree_threshold: None,
             support_threshold: 0.0,
+            box_error: 0.006,
             nms_iou: 0.5,
         },
         poses: PoseInput::WholeImages {
@@ -54,6 +56,7 @@ fn bundle() -> Bundle {
         features: "features.onnx".into(),
         decoder: "decoder.onnx".into(),
         portable: false,
+        self_test: None,
         provenance: serde_json::Value::Null,
     }
 }

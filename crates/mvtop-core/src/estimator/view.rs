@@ -63,7 +63,8 @@ pub fn warnings(views: &[View]) -> Vec<Warning> {
     let dark = views.iter().filter(|view| is_one_color(view.image));
     dark.map(|view| Warning {
         code: WarningCode::OneColor,
-        camera: view.index,
+        camera: Some(view.index),
+        object: None,
         message: format!(
             "image of camera `{}` is of one color, so it shows nothing; check that the camera is \
              neither covered nor dead, and its exposure",

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         ObjectPose,
         PredictionWarning,
         Refinement,
+        RigConsistency,
         Sigma,
         Undetermined,
     )
@@ -48,6 +49,7 @@ __all__ = [
     "PredictionWarning",
     "Refinement",
     "Rig",
+    "RigConsistency",
     "Sigma",
     "Undetermined",
     "bop",
@@ -74,6 +76,7 @@ _HOMES = {
     "Prediction": "mvtop._prediction",
     "PredictionWarning": "mvtop._objects",
     "Refinement": "mvtop._objects",
+    "RigConsistency": "mvtop._objects",
     "Sigma": "mvtop._objects",
     "Undetermined": "mvtop._objects",
     "example": "mvtop._shipped",

@@ -41,11 +41,24 @@ class PredictionWarning:
     """What makes poses doubtful, though it is no error."""
 
     code: str
-    """What it is, for programs: "one_color" for an image that shows nothing."""
-    camera: str
-    """Id of the camera that it is about."""
+    """What it is, for programs: "one_color" for an image that shows nothing (docs/warnings.md)."""
+    camera: str | None
+    """Id of the camera that it is about; None where it is not one."""
+    object: int | None
+    """Index of the object that it is about, or that shows it most; None where there is none."""
     message: str
     """One sentence: what was seen, and what to do."""
+
+
+@dataclass(frozen=True)
+class RigConsistency:
+    """How well the rig fits what was found."""
+
+    px: float
+    """How far projections are beside their boxes where these agree best: root mean square over the
+    objects, of the camera where it is greatest, px."""
+    worst_camera: str | None
+    """Id of that camera; None where only two show objects, of which none is known to be wrong."""
 
 
 @dataclass(frozen=True)

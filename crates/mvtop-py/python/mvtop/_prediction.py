@@ -13,6 +13,7 @@ from mvtop._objects import (
     ObjectPose,
     PredictionWarning,
     Refinement,
+    RigConsistency,
     Sigma,
     Undetermined,
     object_classes,
@@ -45,6 +46,8 @@ class Prediction:
     """Id of the reference camera."""
     objects: list[ObjectPose]
     """Best score first, or in the order of given boxes; empty where nothing was detected."""
+    rig_consistency: RigConsistency | None
+    """How well the rig fits what was found; None where no object is seen by two cameras."""
     timings_ms: dict[str, float]
     """Wall time of each stage and their total, milliseconds."""
     provider: str
@@ -60,9 +63,11 @@ class Prediction:
         """What the core answered about images of this rig."""
         text = source.prediction.to_json()
         report = json.loads(text)
+        fit = report["rig_consistency"]
         return cls(
             reference=report["reference"],
             objects=[_object(found) for found in report["objects"]],
+            rig_consistency=None if fit is None else RigConsistency(**fit),
             timings_ms=report["timings_ms"],
             provider=report["provider"],
             warnings=[PredictionWarning(**warning) for warning in report["warnings"]],

@@ -96,6 +96,7 @@ impl Predictions {
         let prediction = Prediction {
             reference: camera,
             objects,
+            rig_consistency: None,
             timings: Timings {
                 total: 1e3 * time_s.unwrap_or(0.0),
                 ..Timings::default()

@@ -46,7 +46,10 @@ fn image_of_one_color_is_warned_of() {
     let [warning] = &warned(&images)[..] else {
         panic!("expected one warning");
     };
-    assert_eq!((warning.code, warning.camera), (WarningCode::OneColor, 2));
+    assert_eq!(
+        (warning.code, warning.camera),
+        (WarningCode::OneColor, Some(2))
+    );
     assert!(
         warning.message.contains("camera `right` is of one color"),
         "{}",
@@ -210,6 +213,9 @@ fn network_in_disorder_is_an_error() {
     assert!(matches!(error(|d| d.sigma[(0, 0)] = -1.0), Error::Pose(_)));
     let behind = error(|d| d.translation *= -1.0);
     assert!(behind.to_string().contains("behind all 1"), "{behind}");
+    // 0.14 m, seen from about 1.5 m.
+    let far = error(|d| d.translation *= 1000.0).to_string();
+    assert!(far.contains("near enough to be seen, got `ball`"), "{far}");
     assert!(matches!(
         error(|d| d.rotation_6d.fill(0.0)),
         Error::Rotation6d(_)

@@ -1,0 +1,88 @@
+//! Readers answer any file with a value or a sentence, never with a panic: real files, changed at
+//! random. `make fuzz` draws new ones for as long as one likes.
+
+mod mutate;
+
+use std::path::{Path, PathBuf};
+
+use mutate::{changed, edits};
+use mvtop_core::bundle::Bundle;
+use mvtop_core::{Camera, Intrinsics, Projection, Rig, annotations, image};
+use nalgebra::Isometry3;
+use proptest::prelude::*;
+
+fn repo(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../..")
+        .join(path)
+}
+
+fn good(path: &str) -> Vec<u8> {
+    std::fs::read(repo(path)).unwrap()
+}
+
+/// A sentence, or a value.
+fn answered<T>(answer: mvtop_core::Result<T>) -> Option<T> {
+    match answer {
+        Ok(value) => Some(value),
+        Err(error) => {
+            assert!(error.to_string().len() > 10, "{error}");
+            None
+        }
+    }
+}
+
+proptest! {
+    #[test]
+    fn rigs(edits in edits(), which in 0..2usize) {
+        let file = ["examples/mvball/rig.json", "fixtures/six/rig.json"][which];
+        let text = changed(&good(file), &edits);
+        if let Some(rig) = answered(Rig::from_json(&String::from_utf8_lossy(&text))) {
+            // What is read is written so that it is read again.
+            prop_assert_eq!(Rig::from_json(&rig.to_json()).unwrap(), rig);
+        }
+    }
+
+    #[test]
+    fn boxes_and_true_poses(edits in edits()) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("truth.json");
+        std::fs::write(&path, changed(&good("fixtures/six/truth.json"), &edits)).unwrap();
+        answered(annotations::load_boxes(&path));
+        for known in answered(annotations::load_truth(&path)).unwrap_or_default() {
+            let rotation = known.world_from_obj.rotation;
+            prop_assert!((rotation.norm() - 1.0).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn manifests_and_points(edits in edits(), which in 0..2usize) {
+        let folder = tempfile::tempdir().unwrap();
+        for entry in std::fs::read_dir(repo("fixtures/whole")).unwrap() {
+            let from = entry.unwrap().path();
+            if from.is_file() && from.extension().is_some_and(|end| end != "pt") {
+                std::fs::copy(&from, folder.path().join(from.file_name().unwrap())).unwrap();
+            }
+        }
+        let name = ["model.json", "mvball.points.json"][which];
+        let bytes = changed(&good(&format!("fixtures/whole/{name}")), &edits);
+        std::fs::write(folder.path().join(name), bytes).unwrap();
+        if let Some(bundle) = answered(Bundle::load(folder.path())) {
+            let classes = bundle.classes.iter();
+            prop_assert!(classes.clone().all(|class| !class.points.is_empty()));
+            prop_assert!(classes.clone().all(|class| class.diameter_m > 0.0));
+        }
+    }
+
+    #[test]
+    fn images(edits in edits()) {
+        let intrinsics = Intrinsics::new(90., 90., 79.5, 59.5, Projection::Pinhole).unwrap();
+        let camera = Camera::new("cam0", [160, 120], intrinsics, Isometry3::identity()).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cam0.png");
+        std::fs::write(&path, changed(&good("fixtures/tiny/sample/cam0.png"), &edits)).unwrap();
+        if let Some(image) = answered(image::load(&path, &camera)) {
+            prop_assert_eq!(image.dimensions(), (160, 120));
+        }
+    }
+}
