@@ -54,6 +54,11 @@ def main():
         "--support-threshold", type=float, default=0.0,
         help="least share of an object's cells that agree with its pose",
     )  # fmt: skip
+    parser.add_argument(
+        "--box-error", type=float,
+        help="standard deviation of a box's center, as a share of its side, from which on views "
+        "that disagree are warned of",
+    )  # fmt: skip
     args = parser.parse_args()
     ids = (args.object,) if args.object else ()
     known = objects.read_all(args.data, ids) if args.data else (objects.ball(),)
@@ -72,7 +77,7 @@ def main():
     }
     write_bundle(
         model, args.out, provenance, args.portable, args.score_threshold, known,
-        args.agree_threshold, args.bits, args.support_threshold,
+        args.agree_threshold, args.bits, args.support_threshold, args.box_error,
     )  # fmt: skip
     try:
         mesh.add(args.out, mesh.meshes_of(args.data, known))

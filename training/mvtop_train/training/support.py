@@ -46,7 +46,7 @@ def found_in(bundle: Path, scenes: list[list[bop.Image]], known: tuple[Object, .
             place = np.linalg.inv(image.cam_from_world) @ one.cam_from_obj
             there.append([one.obj_id, place[:3, 3], False])
         wanted += len(there)
-        for one in estimator.predict(pictures, rig).objects:
+        for one in estimator.predict(pictures, rig, refine=False).objects:
             if one.support is None:
                 continue
             reach = RIGHT * by_id[one.class_id].diameter_m
