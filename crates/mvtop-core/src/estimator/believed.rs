@@ -8,8 +8,8 @@ use super::sightings::Sighting;
 const APART: f64 = 0.5;
 
 /// Without objects that the close-ups do not support, and of objects in each other's place without
-/// the one that is supported less: a network that knows several classes may take one thing for two.
-/// Objects without support (networks without object coordinates) stay as they are.
+/// the one that fewer views show, or that is supported less: a network that knows several classes may
+/// take one thing for two. Objects without support (networks without object coordinates) stay.
 ///
 /// - `least`: support of an object that is kept
 /// - `radii`: least and greatest half width of each class, metres
@@ -18,19 +18,17 @@ pub fn believed(
     least: f64,
     radii: &[[f64; 2]],
 ) -> Vec<(Sighting, DecodedPose)> {
-    let in_place_of = |(a, pose_a): &(Sighting, DecodedPose), (b, pose_b): &_| {
-        let (b, pose_b): (&Sighting, &DecodedPose) = (b, pose_b);
-        let between =
-            pose_a.world_from_obj.translation.vector - pose_b.world_from_obj.translation.vector;
-        let reach = radii[a.class][0] + radii[b.class][0];
-        let less = pose_a.support < pose_b.support;
-        less && between.norm() < APART * reach
+    let standing = |(object, pose): &(Sighting, DecodedPose)| (object.views(), pose.support);
+    let place = |(_, pose): &(Sighting, DecodedPose)| pose.world_from_obj.translation.vector;
+    let gives_way = |one: &(Sighting, DecodedPose), other: &(Sighting, DecodedPose)| {
+        let reach = radii[one.0.class][0] + radii[other.0.class][0];
+        let together = (place(one) - place(other)).norm() < APART * reach;
+        together && standing(one) < standing(other)
     };
     let keeps = |one: &(Sighting, DecodedPose)| {
-        let Some(support) = one.1.support else {
-            return true;
-        };
-        support >= least && !found.iter().any(|other| in_place_of(one, other))
+        let supported =
+            |support| support >= least && !found.iter().any(|other| gives_way(one, other));
+        one.1.support.is_none_or(supported)
     };
     let kept: Vec<bool> = found.iter().map(keeps).collect();
     let pairs = found.into_iter().zip(kept);
@@ -87,6 +85,11 @@ mod tests {
         assert_eq!(left(within), [(1, 0.029)]);
         let alike = vec![object(0, 0.0, Some(0.8)), object(0, 0.03, Some(0.5))];
         assert_eq!(left(alike), [(0, 0.0)]);
+        // What two views show stands above what one shows, however well.
+        let mut witnessed = vec![object(0, 0.0, Some(0.5)), object(1, 0.0, Some(0.9))];
+        witnessed[0].0.boxes = vec![Some([0., 0., 9., 9.].into()); 2];
+        witnessed[1].0.boxes[0] = Some([0., 0., 9., 9.].into());
+        assert_eq!(left(witnessed), [(0, 0.0)]);
     }
 
     #[test]
