@@ -11,7 +11,7 @@ from test_export import decoder_inputs, run
 
 from mvtop_train.data import closeup
 from mvtop_train.data.views import warp
-from mvtop_train.export import bundle
+from mvtop_train.export import bundle, self_test
 from mvtop_train.network import config
 from mvtop_train.network.model import Mvtop
 
@@ -89,6 +89,18 @@ def test_exported_closeups_match_torch(model, tmp_path, bits):
         for ours, theirs in zip(run(session, inputs), expected, strict=True):
             scale = theirs.abs().max().item()
             assert np.abs(ours - theirs.numpy()).max() < tolerance * scale, name
+
+
+def test_the_self_test_is_of_the_weights_that_are_stored(model, tmp_path):
+    bundle.write_bundle(model, tmp_path, {}, portable=True, bits=8)
+    told = json.loads((tmp_path / "model.json").read_text())["self_test"]["outputs"]
+    exact = self_test.outputs(bundle.fold_batch_norm(model))
+    shape = 1, 3, model.config.height, model.config.width
+    session = onnxruntime.InferenceSession(tmp_path / "features.onnx")
+    _, boxes = run(session, {"images": self_test.numbers(*shape)})
+    answer = boxes.mean((0, 2, 3))
+    off, off_exact = (np.abs(answer - x["det_boxes"]).max() for x in (told, exact))
+    assert off < 1e-3 and off < 0.1 * off_exact
 
 
 def test_fewer_bits_make_smaller_files(model, tmp_path):

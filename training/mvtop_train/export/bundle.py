@@ -28,6 +28,7 @@ from ..network.model import Mvtop
 from . import self_test
 
 OPSET = 17
+LARGE = 1024  # weights of a tensor from which on it is worth storing them in fewer bits
 
 
 class ExportedFeatures(nn.Module):
@@ -177,11 +178,10 @@ def store_in_bytes(graph: onnx.ModelProto):
     """
 
     def restored(name, values):
-        scale = np.abs(values).max((1, 2, 3), keepdims=True).clip(1e-12) / 127
-        codes = np.rint(values / scale).astype(np.int8)
+        codes, scale = in_bytes(values)
         made = [
             onnx.numpy_helper.from_array(codes, f"{name}.codes"),
-            onnx.numpy_helper.from_array(scale.astype(np.float32), f"{name}.scale"),
+            onnx.numpy_helper.from_array(scale, f"{name}.scale"),
         ]
         steps = f"{name}.steps"
         cast = onnx.helper.make_node("Cast", [made[0].name], [steps], to=onnx.TensorProto.FLOAT)
@@ -190,12 +190,28 @@ def store_in_bytes(graph: onnx.ModelProto):
     _store(graph, lambda values: values.ndim == 4, restored)
 
 
+def in_bytes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weights [O, I, h, w] as whole numbers of a scale [O, 1, 1, 1] per output channel."""
+    scale = np.abs(values).max((1, 2, 3), keepdims=True).clip(1e-12) / 127
+    return np.rint(values / scale).astype(np.int8), scale.astype(np.float32)
+
+
+def as_stored(model: Mvtop) -> Mvtop:
+    """A copy with the weights that `store_in_bytes` leaves of it."""
+    model = copy.deepcopy(model)
+    for module in model.modules():
+        if isinstance(module, nn.Conv2d) and module.weight.numel() >= LARGE:
+            codes, scale = in_bytes(module.weight.detach().numpy())
+            module.weight.data = torch.from_numpy(codes * scale)
+    return model
+
+
 def _store(graph: onnx.ModelProto, kind, restored):
     """Replace large weights of a kind by other tensors and the nodes that make them of these."""
     kept, first = [], []
     for tensor in graph.graph.initializer:
         values = onnx.numpy_helper.to_array(tensor)
-        if values.dtype == np.float32 and values.size >= 1024 and kind(values):
+        if values.dtype == np.float32 and values.size >= LARGE and kind(values):
             tensors, nodes = restored(tensor.name, values)
             kept += tensors
             first += nodes
@@ -294,7 +310,7 @@ def write_bundle(
         "graphs": {name: f"{name}.onnx" for name in graphs},
         "portable": portable,
         "files": {name: _entry(out / name) for name in files},
-        "self_test": self_test.of(model),
+        "self_test": self_test.of(as_stored(model) if bits < 16 else model),
         "provenance": provenance,
     }  # fmt: skip
     (out / "model.json").write_text(json.dumps(description, indent=1) + "\n")
