@@ -214,6 +214,11 @@ impl Estimator {
             found = self.completed(closeups, &views, found)?;
         }
         if options.boxes.is_none() {
+            for (object, pose) in &mut found {
+                let class = &self.bundle.classes[object.class];
+                let share = complete::share_of_views(class, &views, object, pose);
+                pose.support = pose.support.map(|support| support * share);
+            }
             let least = self.bundle.detector.support_threshold;
             found = believed(found, least, &self.radii);
         }

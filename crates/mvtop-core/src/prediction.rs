@@ -82,8 +82,8 @@ pub struct ObjectPose {
     /// at least what lines of sight miss each other by.
     pub sigma: Sigma,
     /// Of what the object would cover in the images at this pose, the share that shows it so, by the
-    /// object coordinates, 0 to 1: less where much of it is hidden, and least where it is something
-    /// else. `None` where the network gives no object coordinates.
+    /// object coordinates, 0 to 1: less where much of it is hidden or only one of the views has a box
+    /// of it, and least where it is something else. `None` where the network gives no object coordinates.
     pub support: Option<f64>,
     /// How the refinement of the pose on the images went; `None` where there was none.
     pub refinement: Option<Refinement>,

@@ -20,11 +20,13 @@ fn doctor_says_what_was_found_or_what_to_do() {
         text.contains("self-test  answers as when it was exported"),
         "{text}"
     );
-    let text = stdout(&mvtop(&["doctor", "--model", "models/mvball"]));
-    assert!(
-        text.contains("self-test  answers as when it was exported"),
-        "{text}"
-    );
+    for shipped in ["models/mvball", "models/ycbv4"] {
+        let text = stdout(&mvtop(&["doctor", "--model", shipped]));
+        assert!(
+            text.contains("self-test  answers as when it was exported"),
+            "{text}"
+        );
+    }
     let output = mvtop(&["doctor", "--ort-lib", "none.so"]);
     assert!(refusal(&output).contains("none.so"));
     assert!(String::from_utf8_lossy(&output.stdout).contains("checksums  match"));

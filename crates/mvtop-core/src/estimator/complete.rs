@@ -85,6 +85,19 @@ pub fn filled_in(
     })
 }
 
+/// Of the views that have most of the object in their image, the share that has a box of it; 1 for
+/// objects that several views have seen, as these are looked for in the others.
+pub fn share_of_views(class: &Class, views: &[View], object: &Sighting, pose: &DecodedPose) -> f64 {
+    let seen = object.views();
+    if seen >= WITNESSES {
+        return 1.0;
+    }
+    let missing = views.iter().zip(&object.boxes).filter(|(view, bbox)| {
+        bbox.is_none() && shown(class, view, &pose.world_from_obj).is_some()
+    });
+    seen as f64 / (seen + missing.count()) as f64
+}
+
 /// The part in the image of the object's extent there, if it is most of it.
 fn shown(class: &Class, view: &View, world_from_obj: &Isometry3<f64>) -> Option<BBox> {
     let whole = extent(&class.points, view.camera, world_from_obj)?;

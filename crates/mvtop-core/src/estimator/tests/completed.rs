@@ -3,6 +3,7 @@
 use super::closeups::{Triangulation, closeup_bundle};
 use super::*;
 use crate::bundle::SurfacePoint;
+use crate::prediction::Sigma;
 
 /// Expects less of an error the more views it is shown.
 struct SurerWithViews(Triangulation);
@@ -114,4 +115,36 @@ fn a_box_beside_its_line_of_sight_is_not_another_object() {
     assert_eq!(objects.len(), 2);
     assert_eq!(views(&objects[0]), [true, true, false]);
     assert_eq!(views(&objects[1]), [false, false, true]);
+}
+
+#[test]
+fn what_one_view_alone_has_found_is_missed_by_the_others() {
+    let rig = rig();
+    let mut bundle = closeup_bundle();
+    bundle.classes[0].points = surface();
+    let images = images(&rig, &[0, 1, 2]);
+    let views = view::gather(&bundle, &rig, &images).unwrap();
+    let share = |place: [f64; 3], seen: [bool; 3]| {
+        let bbox = [10.0, 10.0, 20.0, 20.0].into();
+        let sighting = Sighting {
+            class: 0,
+            score: 0.5,
+            boxes: seen.map(|seen| seen.then_some(bbox)).into(),
+        };
+        let pose = DecodedPose {
+            world_from_obj: Isometry3::translation(place[0], place[1], place[2]),
+            sigma: Sigma {
+                rot_deg: 1.0,
+                t_m: 0.01,
+            },
+            support: None,
+        };
+        complete::share_of_views(&bundle.classes[0], &views, &sighting, &pose)
+    };
+    let [first, _] = BALLS;
+    let third = share(first, [true, false, false]);
+    assert!((third - 1.0 / 3.0).abs() < 1e-12, "{third}");
+    assert_eq!(share(first, [true, true, false]), 1.0, "it is looked for");
+    let beside = [first[0] + 100.0, first[1], first[2]];
+    assert_eq!(share(beside, [true, false, false]), 1.0, "off the images");
 }
