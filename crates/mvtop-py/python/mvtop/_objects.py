@@ -121,9 +121,9 @@ class ObjectPose:
     """Rotation of `ref_from_obj` as a unit quaternion, w >= 0."""
     sigma: Sigma
     support: float | None
-    """Of what the object would cover in the images at this pose, the share that shows it so, 0 to 1:
-    less where it is hidden, least where it is something else. None where the model gives no object
-    coordinates."""
+    """Of what the object would cover in the images at this pose, the share that shows it so, 0 to
+    1: less where it is hidden or only one of the views has a box of it, least where it is something
+    else. None where the model gives no object coordinates."""
     refinement: Refinement | None
     """None where there was none."""
     symmetry: Undetermined | None
