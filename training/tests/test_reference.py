@@ -71,7 +71,8 @@ def test_the_shipped_model_poses_the_shipped_example_as_pytorch_does():
     command = [
         Path(sys.executable).with_name("mvtop-cli"), "infer", "--rig", folder / "rig.json",
         *(folder / f"{camera.id}.png" for camera in cameras),
-        "--boxes", folder / "truth.json", "--model", ROOT / "models/mvball", "--no-refine", "--json",
+        "--boxes", folder / "truth.json", "--model", ROOT / "models/mvball", "--json",
+        "--no-refine",
     ]  # fmt: skip
     result = subprocess.run(command, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
