@@ -85,7 +85,7 @@ threading.Thread(target=note, daemon=True).start()
 within = 0
 for _ in range(200):
     start = time.perf_counter()
-    estimator._native.predict(rig, list(enumerate(images)), None, None, 1)
+    estimator._native.predict(rig, list(enumerate(images)), None, None, 1, None)
     end = time.perf_counter()
     margin = (end - start) / 4
     within += sum(start + margin < t < end - margin for t in list(noted))
