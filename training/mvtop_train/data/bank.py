@@ -5,6 +5,7 @@ encoder, decoder and heads are left. A bank is a folder of arrays; making one go
 """
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -127,3 +128,31 @@ class Bank:
                 done = rows.stop
                 bar.update(len(x))
                 yield done
+
+
+@torch.no_grad()
+def carry_on(trunk: Path, folder: Path, features):
+    """From a bank of a trunk's maps, the bank `folder` of what `features` makes of these.
+
+    Nothing is rendered or read anew; what the two have in common is on disk once.
+    """
+    source = np.load(trunk / "features_0.npy", mmap_mode="r")
+    folder.mkdir(parents=True, exist_ok=True)
+    device, arrays = next(features.parameters()).device, []
+    for start in tqdm(range(0, len(source), BATCH), unit="batch", desc="features"):
+        x = torch.from_numpy(source[start : start + BATCH].astype(np.float32)).to(device)
+        with torch.autocast(device.type, dtype=torch.bfloat16):
+            maps = features.look(x.contiguous(memory_format=torch.channels_last))
+        arrays = arrays or [
+            np.lib.format.open_memmap(
+                folder / f"features_{n}.npy", "w+", np.float16, (len(source), *one.shape[1:])
+            )
+            for n, one in enumerate(maps)
+        ]
+        for array, one in zip(arrays, maps, strict=True):
+            array[start : start + len(one)] = one.half().cpu().numpy()
+    for path in trunk.glob("*.npy"):
+        if not path.name.startswith("features_"):
+            (folder / path.name).unlink(missing_ok=True)
+            os.link(path, folder / path.name)
+    (folder / "state.json").write_text((trunk / "state.json").read_text())

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from ..data import batches, bop, search
+from ..data import bank, batches, bop, search
 from ..errors import UserError
 from . import checkpoint, loop, processes, runconfig, support, thresholds
 from .validate import pose_views, validate
@@ -144,6 +144,10 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
     if share:
         poses = settings.second.model_dump(exclude={"share"})
         poses |= {"backbone": str(weights), "init": "", "minutes": left * share}
+        kept = folder / "features"
+        if (kept / "state.json").exists() and not (folder / "poses" / "features").exists():
+            model, _, _ = checkpoint.load_weights(weights)
+            bank.carry_on(kept, folder / "poses" / "features", model.features)
         loop.train(settings.model_copy(update=poses), folder / "poses")
         weights = folder / "poses" / "weights.pt"
         stages.done("second stage, poses")

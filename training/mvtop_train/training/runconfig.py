@@ -23,6 +23,7 @@ from ..network import losses
 from .checkpoint import PRETRAINED
 
 MAX_FILE_BYTES = 1 << 20
+SCENES_PER_MINUTE = 8  # of a whole run: two cores render them in a tenth of it
 
 
 class Table(pydantic.BaseModel):
@@ -310,12 +311,16 @@ def of_parts(
     out: Path, minutes: float, generate: dict, backgrounds: str, changes: list[str] = ()
 ) -> RunConfig:
     """What is done about parts of which nothing but meshes and a rig is known."""
+    count = round(min(max(SCENES_PER_MINUTE * minutes, 60), 1300))
+    scenes = {"scenes": count, "start": count}
+    copies = max(2, 4 // generate.get("instances", 1))
     fields = {
-        "data": str(out / "data"), "minutes": minutes, "preset": "lite", "workers": 1,
-        "images": 48, "searched": 3,
-        "views": [0.2, 0.4, 0.3, 0.1], "warmup": 200, "backgrounds": backgrounds,
-        "generate": {**generate, "test": 60, "start": 60, "reserve": 6.0},
-        "second": {"share": 0.45, "views": [0.15, 0.4, 0.3, 0.15]},
+        "data": str(out / "data"), "minutes": minutes, "preset": "lite", "backbone": PRETRAINED,
+        "images": 64, "searched": 3, "copies": copies, "workers": 1,
+        "views": [0.2, 0.4, 0.3, 0.1], "warmup": 100, "backgrounds": backgrounds,
+        # All are rendered before features are kept of them: a tenth of the time for each.
+        "generate": {"test": 60, "views": 5, **generate, **scenes, "reserve": 6.0},
+        "second": {"share": 0.13, "copies": copies, "searched": 0, "views": [0.25, 0.35, 0.3, 0.1]},
     }  # fmt: skip
     return _validated("options", fields, changes)
 
