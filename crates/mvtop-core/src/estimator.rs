@@ -5,6 +5,7 @@ mod complete;
 mod decode;
 mod doubts;
 mod fit;
+mod hypotheses;
 mod picture;
 mod pose;
 mod refined;

@@ -113,6 +113,22 @@ pub struct Decoded {
     pub translation: Array2<f32>,
     /// `[Q, 2]`, expected rotation error in degrees, standard deviation of the translation in metres
     pub sigma: Array2<f32>,
+    /// Of networks that give several poses of each object, all of them; the ones above are those
+    /// with the highest scores.
+    pub hypotheses: Option<Hypotheses>,
+}
+
+/// Several poses of each object, of which one is meant to be right; frame and units as [`Decoded`].
+#[derive(Debug, Clone)]
+pub struct Hypotheses {
+    /// `[Q, K, 6]`
+    pub rotation_6d: Array3<f32>,
+    /// `[Q, K, 3]`
+    pub translation: Array3<f32>,
+    /// `[Q, K, 2]`, of each if it is the right one
+    pub sigma: Array3<f32>,
+    /// `[Q, K]`, the logarithm of how probable each is, but for a constant
+    pub score: Array2<f32>,
 }
 
 impl DetectorMaps {
@@ -154,12 +170,36 @@ impl DetectorMaps {
     }
 }
 
+impl Hypotheses {
+    fn take(outputs: &mut Outputs) -> Result<Self> {
+        Ok(Self {
+            rotation_6d: outputs.take("hypotheses_rotation_6d")?,
+            translation: outputs.take("hypotheses_translation")?,
+            sigma: outputs.take("hypotheses_sigma")?,
+            score: outputs.take("hypotheses_score")?,
+        })
+    }
+}
+
 impl Decoded {
     /// Refuses poses of another number of objects.
     pub(crate) fn check(&self, queries: usize) -> Result<()> {
         expect("rotation_6d", self.rotation_6d.shape(), &[queries, 6])?;
         expect("translation", self.translation.shape(), &[queries, 3])?;
-        expect("sigma", self.sigma.shape(), &[queries, 2])
+        expect("sigma", self.sigma.shape(), &[queries, 2])?;
+        let Some(several) = &self.hypotheses else {
+            return Ok(());
+        };
+        let count = several.score.ncols().max(1);
+        expect("hypotheses_score", several.score.shape(), &[queries, count])?;
+        for (name, array, length) in [
+            ("hypotheses_rotation_6d", &several.rotation_6d, 6),
+            ("hypotheses_translation", &several.translation, 3),
+            ("hypotheses_sigma", &several.sigma, 2),
+        ] {
+            expect(name, array.shape(), &[queries, count, length])?;
+        }
+        Ok(())
     }
 }
 
@@ -182,6 +222,8 @@ pub(crate) struct OnnxNetwork {
     /// Whether `closeup` gives object coordinates.
     coordinates: bool,
     decoder: Session,
+    /// Whether `decoder` gives several poses of each object.
+    hypotheses: bool,
     provider: String,
 }
 
@@ -189,6 +231,7 @@ impl OnnxNetwork {
     /// # Errors
     /// Those of [`Runtime::session`], and [`Error::Network`] where a graph does not fit the bundle.
     pub fn load(runtime: &Runtime, bundle: &Bundle, options: &SessionOptions) -> Result<Self> {
+        let decoder = runtime.session(&bundle.decoder, options)?;
         let network = Self {
             features: runtime.session(&bundle.features, options)?,
             closeup: match &bundle.poses {
@@ -196,7 +239,8 @@ impl OnnxNetwork {
                 PoseInput::CloseUps(closeups) => Some(runtime.session(&closeups.graph, options)?),
             },
             coordinates: bundle.has_coordinates(),
-            decoder: runtime.session(&bundle.decoder, options)?,
+            hypotheses: decoder.outputs().iter().any(|x| x == "hypotheses_score"),
+            decoder,
             provider: options.provider.to_string(),
         };
         network.check(bundle)?;
@@ -316,6 +360,10 @@ impl Network for OnnxNetwork {
             rotation_6d: outputs.take("rotation_6d")?,
             translation: outputs.take("translation")?,
             sigma: outputs.take("sigma")?,
+            hypotheses: self
+                .hypotheses
+                .then(|| Hypotheses::take(&mut outputs))
+                .transpose()?,
         })
     }
 

@@ -65,6 +65,9 @@ pub struct Refined {
     pub supported: f64,
     /// Mean distance of the edges from where the images show them, px of the close-ups.
     pub residual_px: f64,
+    /// How well colors tell the two sides of its edges apart, bits per pixel looked at: of several
+    /// poses of one object, the one with more is the better one.
+    pub separation: f64,
     /// Whether the images fit it better than the start.
     pub accepted: bool,
 }
@@ -153,6 +156,7 @@ impl Refiner {
             information,
             supported: fit.supported,
             residual_px: fit.residual_px,
+            separation: fit.separation[0] + fit.separation[1],
             accepted,
         })
     }

@@ -24,6 +24,7 @@ from ..errors import UserError
 from ..network import sampling
 from ..network.config import ObjectClass
 from ..network.decoder import Boxes
+from ..network.heads import Hypotheses
 from ..network.model import Mvtop
 from . import self_test
 
@@ -92,7 +93,10 @@ class ExportedDecoder(nn.Module):
         poses = self.decoder(
             memory[None], rays[None], Boxes(*inputs), class_index[None], self.shapes
         )
-        return tuple(x[0] for x in poses[-1])
+        poses = poses[-1]
+        if isinstance(poses, Hypotheses):
+            poses = (*poses.best(), *poses)
+        return tuple(x[0] for x in poses)
 
 
 def graph_of(module: nn.Module, inputs: dict, outputs: list[str], free: dict) -> onnx.ModelProto:
@@ -152,6 +156,8 @@ def _decoder_of(model: Mvtop) -> onnx.ModelProto:
         "class_index": torch.zeros(2, dtype=torch.long),
     }
     outputs = ["rotation_6d", "translation", "sigma"]
+    if config.hypotheses > 1:
+        outputs += [f"hypotheses_{name}" for name in Hypotheses._fields]
     free = {name: {0: "views"} for name in ("memory", "rays")}
     free |= {name: {0: "views", 1: "objects"} for name in of_boxes}
     free |= {name: {0: "objects"} for name in ("class_index", *outputs)}

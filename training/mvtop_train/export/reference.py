@@ -110,7 +110,7 @@ def decode(model: Mvtop, memory, inputs: dict, order: list[int]) -> dict:
     given = {name: x[order].float() for name, x in inputs.items()}
     given |= {"valid": torch.ones(len(order), 1), "class_index": torch.zeros(1, dtype=torch.long)}
     names = ("rotation_6d", "translation", "sigma")
-    return dict(zip(names, ExportedDecoder(model)(memory[order], **given), strict=True))
+    return dict(zip(names, ExportedDecoder(model)(memory[order], **given)[:3], strict=True))
 
 
 def mean_pose(poses: list[np.ndarray]) -> np.ndarray:

@@ -44,6 +44,8 @@ def outputs(model: Mvtop) -> dict[str, list[float]]:
         Boxes(centers, half_sizes, box_rays, valid),
         torch.zeros(1, 1, dtype=torch.long), config.decoder_shapes(),
     )[-1]  # fmt: skip
+    if config.hypotheses > 1:
+        poses = poses.best()
     rotation_6d, translation, sigma = (x[0, 0].tolist() for x in poses)
     probable = scores.sigmoid()
     return {

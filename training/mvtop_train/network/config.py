@@ -61,6 +61,7 @@ class Config:
     std: tuple[float, float, float] = (0.25, 0.25, 0.25)
     closeup: int = 0  # side of the close-ups that poses are decoded from, px; 0: whole images
     closeup_strides: tuple[int, ...] = ()  # of the levels that are used of close-ups
+    hypotheses: int = 1  # poses that the decoder gives of each object
 
     def __post_init__(self):
         for key, known in (

@@ -104,7 +104,8 @@ class Decoder(nn.Module):
     def forward(self, memory, rays, boxes: Boxes, class_index, level_shapes):
         """memory [B, V, N, C]; rays [B, V, N, R]; class_index [B, Q].
 
-        returns a list over layers of (rotation_6d, translation, sigma), see `heads.PoseHeads`
+        returns a list over layers of (rotation_6d, translation, sigma) or of hypotheses, see
+        `heads.PoseHeads`
         """
         memory = self.flose(memory, rays)
         at_center = self._at_centers(memory, boxes.centers, level_shapes)

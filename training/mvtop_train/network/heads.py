@@ -1,5 +1,7 @@
 """From the decoder's state to poses and their uncertainty. Axes as in `attention`."""
 
+from typing import NamedTuple
+
 import torch
 import torch.nn.functional as F
 from torch import nn
@@ -8,28 +10,59 @@ from .layers import mlp
 from .rays import BOX_RAY_GAIN
 
 
+class Hypotheses(NamedTuple):
+    """Several poses of each query, of which one is meant to be right.
+
+    rotation_6d [B, Q, K, 6]; translation [B, Q, K, 3] m; sigma [B, Q, K, 2] (deg, m), of each if it
+    is the right one; score [B, Q, K], logits of which is
+    """
+
+    rotation_6d: torch.Tensor
+    translation: torch.Tensor
+    sigma: torch.Tensor
+    score: torch.Tensor
+
+    def best(self):
+        """The pose that is most likely right, as `PoseHeads` gives a single one."""
+        index = self.score.argmax(-1)[..., None, None]
+        return tuple(
+            x.gather(-2, index.expand(*index.shape[:-1], x.shape[-1]))[..., 0, :] for x in self[:3]
+        )
+
+
 class PoseHeads(nn.Module):
-    """Class-specific 6-D rotation, translation and uncertainty of each query."""
+    """Class-specific 6-D rotation, translation and uncertainty of each query.
+
+    With `config.hypotheses` K over 1, K poses and a score of each: what the views leave open shows
+    as several poses instead of their mean.
+    """
 
     def __init__(self, config):
         super().__init__()
-        d, classes = config.d_model, len(config.classes)
-        self.rotation = mlp(d, d, d, 6 * classes)
-        self.translation = mlp(d, d, d, 3 * classes)
-        self.uncertainty = mlp(d, d, 2 * classes)
+        d, self.count = config.d_model, config.hypotheses
+        poses = len(config.classes) * self.count
+        self.rotation = mlp(d, d, d, 6 * poses)
+        self.translation = mlp(d, d, d, 3 * poses)
+        self.uncertainty = mlp(d, d, 2 * poses)
+        if self.count > 1:
+            self.score = mlp(d, d, poses)
         radii = torch.tensor([c.diameter_m / 2 for c in config.classes])
         self.register_buffer("radii", radii, persistent=False)
 
     def forward(self, x, class_index, boxes):
         """x [B, Q, C]; class_index [B, Q]; boxes see `Boxes`.
 
-        returns rotation_6d [B, Q, 6], translation [B, Q, 3] m, sigma [B, Q, 2] (deg, m)
+        returns rotation_6d [B, Q, 6], translation [B, Q, 3] m, sigma [B, Q, 2] (deg, m), or
+        `Hypotheses`
         """
+        several = self.count > 1
 
         def of_class(values, size):
-            values = values.unflatten(-1, (-1, size))
-            index = class_index[..., None, None].expand(*class_index.shape, 1, size)
-            return values.gather(-2, index)[..., 0, :]
+            """[B, Q, size], or [B, Q, K, size]"""
+            values = values.unflatten(-1, (-1, self.count * size))
+            index = class_index[..., None, None].expand(*class_index.shape, 1, self.count * size)
+            values = values.gather(-2, index)[..., 0, :]
+            return values.unflatten(-1, (self.count, size)) if several else values
 
         rotation = of_class(self.rotation(x), 6)
         translation = self._placed(of_class(self.translation(x), 3), class_index, boxes)
@@ -37,7 +70,9 @@ class PoseHeads(nn.Module):
         raw = of_class(self.uncertainty(x.detach()), 2)
         scale = torch.tensor([40.0, 0.04], device=x.device)  # deg, m: sizes to start from
         sigma = F.softplus(raw) * scale + 3e-3 * scale
-        return rotation, translation, sigma
+        if not several:
+            return rotation, translation, sigma
+        return Hypotheses(rotation, translation, sigma, of_class(self.score(x), 1)[..., 0])
 
     def _placed(self, correction, class_index, boxes):
         """Where the boxes alone put the object, moved by a learnt correction (u, v, w).
@@ -61,7 +96,11 @@ class PoseHeads(nn.Module):
         center = solve3(total, weighted)
         u, v, w = correction[..., 0:1], correction[..., 1:2], correction[..., 2:3]
         along = torch.exp(w.clamp(-3, 3)) - 1
-        return center + distance[:, 0] * (u * e_x[:, 0] + v * e_y[:, 0] + along * d[:, 0])
+        reference = [center, *(x[:, 0] for x in (distance, e_x, e_y, d))]
+        if self.count > 1:
+            reference = [x[..., None, :] for x in reference]
+        center, distance, e_x, e_y, d = reference
+        return center + distance * (u * e_x + v * e_y + along * d)
 
 
 def solve3(a, b):

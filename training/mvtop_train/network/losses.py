@@ -9,6 +9,10 @@ from . import coordinates, pose, symmetry
 
 ROTATION, TRANSLATION, DETECTION, COORDINATES, UNCERTAINTY = 1.0, 10.0, 2.0, 6.0, 0.02
 TRUST = 1.0
+SCORE = 0.2
+# What all hypotheses together learn of the truth, beside the one that is nearest to it: those that
+# never win would otherwise learn nothing.
+SHARED = 0.08
 HALF_TRUSTED = 0.1  # coordinates that are this far off, in extents, are trusted by half
 WEIGHTS = {
     "rotation": ROTATION,
@@ -17,6 +21,7 @@ WEIGHTS = {
     "coordinates": COORDINATES,
     "uncertainty": UNCERTAINTY,
     "trust": TRUST,
+    "score": SCORE,
 }
 
 
@@ -52,12 +57,15 @@ def total(prediction, batch, stride: int, known: symmetry.Symmetries, weights=WE
         truth, turns = nearest_truth(prediction.poses, in_ref, batch["class_index"], known)
         rot, t = pose_errors(prediction.poses, truth)
         degrees = torch.rad2deg(rot)
-        sigma = torch.stack([s for _, _, s in prediction.poses])
-        terms |= {
-            "rotation": rot.mean(1).sum(),
-            "translation": t.mean(1).sum(),
-            "uncertainty": uncertainty_loss(sigma, degrees, t).mean(),
-        }
+        if prediction.hypotheses:
+            terms |= hypotheses_loss(prediction.hypotheses, batch, known, weights)
+        else:
+            sigma = torch.stack([s for _, _, s in prediction.poses])
+            terms |= {
+                "rotation": rot.mean(1).sum(),
+                "translation": t.mean(1).sum(),
+                "uncertainty": uncertainty_loss(sigma, degrees, t).mean(),
+            }
         shown |= {"rotation_deg": degrees[-1].mean(), "translation_m": t[-1].mean()}
         turns = turns[-1].expand_as(batch["cam_from_obj"])
     else:  # a view knows nothing of the others
@@ -68,6 +76,33 @@ def total(prediction, batch, stride: int, known: symmetry.Symmetries, weights=WE
         name: term for name, term in terms.items() if name not in ("rotation", "translation")
     }
     return sum(weights[name] * term for name, term in terms.items()), parts
+
+
+def hypotheses_loss(several, batch, known: symmetry.Symmetries, weights) -> dict:
+    """Of several poses the one nearest to the truth learns it, and the scores learn which that is
+    (winner takes most: Rupprecht et al. 2017).
+
+    several  per layer, see `heads.Hypotheses`
+    """
+    count = several[0].score.shape[-1]
+    flat = [[x.flatten(1, 2) for x in layer[:3]] for layer in several]
+    class_index = batch["class_index"].repeat_interleave(count, 1)
+    in_ref = batch["cam_from_obj"][:, :1].repeat_interleave(count, 1)
+    truth, _ = nearest_truth(flat, in_ref, class_index, known)
+    rot, t = pose_errors(flat, truth)
+    sigma = torch.stack([layer[2] for layer in flat])
+    unsure = uncertainty_loss(sigma, torch.rad2deg(rot), t)
+    rot, t, unsure = (x.unflatten(-1, (-1, count)) for x in (rot, t, unsure))  # [layers, B, Q, K]
+    cost = weights["rotation"] * rot + weights["translation"] * t
+    winner = cost.argmin(-1)
+    share = F.one_hot(winner, count) * (1 - SHARED) + SHARED / count
+    score = torch.stack([layer.score for layer in several])
+    return {
+        "rotation": (rot * share).sum(-1).mean(1).sum(),
+        "translation": (t * share).sum(-1).mean(1).sum(),
+        "uncertainty": (unsure * share).sum(-1).mean(),
+        "score": F.cross_entropy(score.flatten(0, 2), winner.flatten()),
+    }
 
 
 def upright(cam_from_obj, class_index, known: symmetry.Symmetries):

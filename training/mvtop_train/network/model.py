@@ -20,6 +20,7 @@ class Prediction:
 
     poses: list  # per decoder layer: rotation_6d, translation, sigma
     found: Found | None  # None where a frozen backbone was given what it made before
+    hypotheses: list = ()  # per decoder layer, if several; `poses` are the best of them
 
 
 class Mvtop(nn.Module):
@@ -45,6 +46,8 @@ class Mvtop(nn.Module):
         memory = self.features.encoder(levels, camera_rays.flatten(0, 1))
         memory = memory.unflatten(0, views.k.shape[:2])
         poses = self.decoder(memory, lines, boxes, views.class_index, shapes)
+        if self.config.hypotheses > 1:
+            return Prediction([several.best() for several in poses], found, poses)
         return Prediction(poses, found)
 
 

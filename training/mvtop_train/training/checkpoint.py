@@ -47,7 +47,9 @@ class TrainingState:
             self.average.load_state_dict(self.model.state_dict())
         elif init:
             with _fits(init):
-                self._load_average(_read(init))
+                state = _read(init)
+                grow_hypotheses(state["average"], self.average)
+                self._load_average(state)
             self.model.load_state_dict(self.average.state_dict())
         self.model.train()
         if backbone and backbone != PRETRAINED:
@@ -154,6 +156,21 @@ def _fits(path: Path | str):
             f"{path}: expected weights of this network, got others "
             f"({lines[min(1, len(lines) - 1)].strip()}); fix: the preset it was trained with"
         ) from None
+
+
+def grow_hypotheses(given: dict, model: Mvtop):
+    """To the average of a network with one pose of each object, the further ones of `model`."""
+    classes, count = len(model.config.classes), model.config.hypotheses
+    for name, own in model.state_dict().items():
+        key = AVERAGE + name
+        if not name.startswith("decoder.heads."):
+            continue
+        if key not in given:
+            given[key] = own.clone()
+        elif given[key].shape[0] * count == own.shape[0]:
+            grown = own.clone().unflatten(0, (classes, count, -1))
+            grown[:, 0] = given[key].unflatten(0, (classes, -1))
+            given[key] = grown.flatten(0, 2)
 
 
 def _average_of(state: dict) -> dict:

@@ -56,6 +56,7 @@ mod tests {
                 t_m: 0.01,
             },
             support,
+            hypotheses: Vec::new(),
         };
         (sighting, pose)
     }

@@ -4,8 +4,9 @@ use std::iter;
 
 use ndarray::{Array2, Array3, Axis};
 
+use super::hypotheses;
 use super::picture::{Group, Picture, Pictures, Query};
-use super::pose::{DecodedPose, mean_pose};
+use super::pose::{DecodedPose, Hypothesis};
 use crate::Result;
 use crate::bundle::Bundle;
 use crate::network::{Network, Queries};
@@ -17,8 +18,8 @@ pub const MAX_ANCHORS: usize = 4;
 /// The pose of every object, by its index.
 ///
 /// An object is decoded anchored in one after the other of the first pictures that show it, in the
-/// rig's order. The mean of these poses errs less than each, and as no picture is chosen for being
-/// the reference camera's, the poses in the world do not depend on which camera that is.
+/// rig's order. The mean of poses near each other errs less than each, and as no picture is chosen
+/// for being the reference camera's, the poses in the world do not depend on which camera that is.
 pub fn poses(
     network: &dyn Network,
     bundle: &Bundle,
@@ -31,7 +32,7 @@ pub fn poses(
     for query in groups.iter().flat_map(|group| &group.objects) {
         classes[query.object] = query.class;
     }
-    let mut anchored: Vec<Vec<DecodedPose>> = iter::repeat_with(Vec::new).take(objects).collect();
+    let mut anchored: Vec<Vec<Hypothesis>> = iter::repeat_with(Vec::new).take(objects).collect();
     for Group {
         pictures: range,
         objects,
@@ -56,14 +57,16 @@ pub fn poses(
             decoded.check(queries.len())?;
             let world_from_anchor = &pictures.list[anchor].camera.world_from_cam();
             for (q, query) in queries.iter().enumerate() {
-                let pose = DecodedPose::new(world_from_anchor, &decoded, q)?;
-                anchored[query.object].push(pose);
+                let found = Hypothesis::of_query(world_from_anchor, &decoded, q)?;
+                anchored[query.object].extend(found);
             }
         }
     }
-    let mean =
-        |(poses, class): (&Vec<DecodedPose>, usize)| mean_pose(poses, &bundle.classes[class]);
-    Ok(anchored.iter().zip(classes).map(mean).collect())
+    let of_class = |(poses, class): (_, usize)| {
+        let class = &bundle.classes[class];
+        hypotheses::combined(poses, &class.symmetry, class.diameter_m)
+    };
+    Ok(anchored.into_iter().zip(classes).map(of_class).collect())
 }
 
 impl Query {

@@ -10,8 +10,9 @@ use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Quaternion, UnitQuaternion, 
 use rayon::prelude::*;
 
 use self::cells::{Evidence, Seen};
+use super::hypotheses::{self, NEAR_DEG};
 use super::picture::{Group, Picture, Pictures};
-use super::pose::DecodedPose;
+use super::pose::{DecodedPose, Hypothesis};
 use crate::bundle::{Bundle, SurfacePoint};
 use crate::prediction::Sigma;
 
@@ -21,8 +22,10 @@ mod cells;
 const STARTS: usize = 64;
 /// Cells that the search looks at; the best poses are then settled on all.
 const SEARCHED: usize = 192;
-/// Poses of the search that are settled.
-const SETTLED: usize = 4;
+/// Poses of the search that are settled, all turned otherwise.
+const SETTLED: usize = 5;
+/// How much less of the cells agree with a pose that is a third as probable.
+const AS_GOOD: f64 = 0.1;
 /// How far off a place may be to keep a quarter of its weight, in diameters, step by step: first by
 /// turning and shifting the places onto their lines of sight, then by Gauss-Newton.
 const COARSE: [f64; 6] = [0.3, 0.25, 0.2, 0.15, 0.12, 0.1];
@@ -100,7 +103,7 @@ fn position(seen: &[Seen]) -> Option<Vector3<f64>> {
     Some(beside.try_inverse()? * sum)
 }
 
-/// The pose that most cells agree with; `None` where too few do.
+/// The pose that most cells agree with, and those that others do; `None` where too few do.
 ///
 /// - `start`: a guess, which is tried as well
 fn fit(evidence: &mut Evidence, start: &Isometry3<f64>) -> Option<DecodedPose> {
@@ -131,27 +134,35 @@ fn fit(evidence: &mut Evidence, start: &Isometry3<f64>) -> Option<DecodedPose> {
         })
         .collect();
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    found.truncate(SETTLED);
+    let mut apart: Vec<Isometry3<f64>> = Vec::new();
+    for (_, pose) in found {
+        let near = |other: &Isometry3<f64>| {
+            let alike = all.symmetry.nearest(other, &pose, diameter);
+            pose.rotation.angle_to(&alike.rotation).to_degrees() < NEAR_DEG
+        };
+        if apart.len() < SETTLED && !apart.iter().any(near) {
+            apart.push(pose);
+        }
+    }
     let last = FINE[FINE.len() - 1] * diameter;
-    let settled = found.into_iter().filter_map(|(_, mut pose)| {
+    let settled = apart.into_iter().filter_map(|mut pose| {
         let mut information = Matrix6::zeros();
         for scale in FINE {
             (pose, information) = stepped(all, &pose, scale * diameter)?;
         }
-        Some((agreement(all, &pose, last), pose, information))
+        let turns = all.turns(&pose);
+        let in_front = all.cells.iter().all(|one| {
+            let place = pose * Evidence::place(&turns, one);
+            (place - one.origin).dot(&one.direction) > 0.0
+        });
+        in_front.then_some(Hypothesis {
+            world_from_obj: all.symmetry.canonical(&pose, diameter),
+            sigma: expected(all, &pose, &information, last)?,
+            probability: (agreement(all, &pose, last) / AS_GOOD).exp(),
+        })
     });
-    let (_, pose, information) = settled.max_by(|a, b| a.0.total_cmp(&b.0))?;
-    let turns = all.turns(&pose);
-    let in_front = all.cells.iter().all(|one| {
-        let place = pose * Evidence::place(&turns, one);
-        (place - one.origin).dot(&one.direction) > 0.0
-    });
-    Some(DecodedPose {
-        world_from_obj: all.symmetry.canonical(&pose, diameter),
-        sigma: expected(all, &pose, &information, last)?,
-        support: None,
-    })
-    .filter(|_| in_front)
+    let settled: Vec<Hypothesis> = settled.collect();
+    (!settled.is_empty()).then(|| hypotheses::likeliest(settled, all.symmetry, diameter))
 }
 
 /// What a pose leaves over of one cell: how far the place is beside its line of sight as seen from

@@ -1,37 +1,79 @@
 //! Poses as the decoder gives them, and their mean.
 
 use nalgebra::{Isometry3, Matrix4, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use ndarray::Array2;
+use ndarray::{ArrayView1, s};
 
 use super::view::View;
 use crate::bundle::Class;
 use crate::network::Decoded;
 use crate::pose::rotation_from_6d;
 use crate::prediction::Sigma;
+use crate::symmetry::Symmetry;
 use crate::{Error, Result};
 
-/// A pose as the decoder gives it, but in the world.
+/// An object's pose, and which others it may have.
+#[derive(Debug, Clone)]
 pub struct DecodedPose {
     pub world_from_obj: Isometry3<f64>,
+    /// How far it is expected to be off, as it may be another of the hypotheses.
     pub sigma: Sigma,
     /// See [`crate::prediction::ObjectPose::support`].
     pub support: Option<f64>,
+    /// All of them, this one first, then by their probability.
+    pub hypotheses: Vec<Hypothesis>,
 }
 
-impl DecodedPose {
-    /// The pose of query `q`, from the anchor's frame into the world.
-    pub fn new(world_from_anchor: &Isometry3<f64>, decoded: &Decoded, q: usize) -> Result<Self> {
-        let number = |array: &Array2<f32>, i: usize| f64::from(array[(q, i)]);
-        let t = [0, 1, 2].map(|i| number(&decoded.translation, i));
-        let sigma = Sigma {
-            rot_deg: number(&decoded.sigma, 0),
-            t_m: number(&decoded.sigma, 1),
+/// A pose that an object may have.
+#[derive(Debug, Clone)]
+pub struct Hypothesis {
+    pub world_from_obj: Isometry3<f64>,
+    /// How far it is expected to be off if it is the right one.
+    pub sigma: Sigma,
+    /// Of all of the object's, they sum up to 1.
+    pub probability: f64,
+}
+
+impl Hypothesis {
+    /// Those of query `q`, from the anchor's frame into the world.
+    pub fn of_query(
+        world_from_anchor: &Isometry3<f64>,
+        decoded: &Decoded,
+        q: usize,
+    ) -> Result<Vec<Self>> {
+        let Some(several) = &decoded.hypotheses else {
+            let [rotation, t, sigma] = [&decoded.rotation_6d, &decoded.translation, &decoded.sigma]
+                .map(|array| array.row(q));
+            return Ok(vec![Self::new(
+                world_from_anchor,
+                [rotation, t, sigma],
+                1.0,
+            )?]);
         };
-        if !t
-            .iter()
-            .chain([&sigma.rot_deg, &sigma.t_m])
-            .all(|x| x.is_finite())
-        {
+        let scores = several.score.row(q).mapv(f64::from);
+        let most = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let odds = scores.mapv(|score| (score - most).exp());
+        let one = |(k, odd): (usize, &f64)| {
+            let numbers = [&several.rotation_6d, &several.translation, &several.sigma]
+                .map(|array| array.slice(s![q, k, ..]));
+            Self::new(world_from_anchor, numbers, odd / odds.sum())
+        };
+        odds.iter().enumerate().map(one).collect()
+    }
+
+    /// - `numbers`: rotation, translation and sigma, in the anchor's frame
+    fn new(
+        world_from_anchor: &Isometry3<f64>,
+        [rotation, t, sigma]: [ArrayView1<f32>; 3],
+        probability: f64,
+    ) -> Result<Self> {
+        let number = |array: ArrayView1<f32>, i: usize| f64::from(array[i]);
+        let t = [0, 1, 2].map(|i| number(t, i));
+        let sigma = Sigma {
+            rot_deg: number(sigma, 0),
+            t_m: number(sigma, 1),
+        };
+        let all = t.iter().chain([&sigma.rot_deg, &sigma.t_m, &probability]);
+        if !all.copied().all(f64::is_finite) {
             return Err(Error::Pose(format!(
                 "decoder: expected a finite pose, got translation {t:?} and {sigma:?}"
             )));
@@ -41,14 +83,13 @@ impl DecodedPose {
                 "decoder: expected errors of 0 or more, got {sigma:?}"
             )));
         }
-        let rotation =
-            rotation_from_6d([0, 1, 2, 3, 4, 5].map(|i| number(&decoded.rotation_6d, i)))?;
+        let rotation = rotation_from_6d([0, 1, 2, 3, 4, 5].map(|i| number(rotation, i)))?;
         let rotation = UnitQuaternion::from_rotation_matrix(&rotation);
         let anchor_from_obj = Isometry3::from_parts(Translation3::from(t), rotation);
         Ok(Self {
             world_from_obj: world_from_anchor * anchor_from_obj,
             sigma,
-            support: None,
+            probability,
         })
     }
 }
@@ -94,39 +135,49 @@ impl DecodedPose {
     }
 }
 
-/// The mean of one object's poses, at least one; of their expected errors likewise.
+/// The mean of some poses of one object, at least one, each by its probability; of their expected
+/// errors likewise. It is as probable as all of them.
 ///
 /// Of poses that look alike those near the first are averaged, and one and the same is given
 /// ([`Symmetry::canonical`]).
-pub fn mean_pose(poses: &[DecodedPose], class: &Class) -> DecodedPose {
-    let (symmetry, diameter) = (&class.symmetry, class.diameter_m);
+pub fn mean_pose(poses: &[Hypothesis], symmetry: &Symmetry, diameter: f64) -> Hypothesis {
     let first = &poses[0].world_from_obj;
-    let alike: Vec<Isometry3<f64>> = poses
+    let alike = |pose: &Hypothesis| symmetry.nearest(&pose.world_from_obj, first, diameter);
+    let total: f64 = poses.iter().map(|pose| pose.probability).sum();
+    let alike: Vec<(f64, Isometry3<f64>)> = poses
         .iter()
-        .map(|pose| symmetry.nearest(&pose.world_from_obj, first, diameter))
+        .map(|pose| (pose.probability / total, alike(pose)))
         .collect();
-    let count = poses.len() as f64;
-    let translation: Vector3<f64> = alike.iter().map(|pose| pose.translation.vector).sum();
-    let rotation = mean_rotation(alike.iter().map(|pose| pose.rotation));
-    let mean_of = Isometry3::from_parts((translation / count).into(), rotation);
+    let translation: Vector3<f64> = alike
+        .iter()
+        .map(|(share, p)| p.translation.vector * *share)
+        .sum();
+    let rotation = mean_rotation(alike.iter().map(|(share, pose)| (*share, pose.rotation)));
+    let mean_of = Isometry3::from_parts(translation.into(), rotation);
     let mean = |number: fn(&Sigma) -> f64| {
-        poses.iter().map(|pose| number(&pose.sigma)).sum::<f64>() / count
+        let each = poses
+            .iter()
+            .map(|pose| number(&pose.sigma) * pose.probability / total);
+        each.sum::<f64>()
     };
-    DecodedPose {
+    Hypothesis {
         world_from_obj: symmetry.canonical(&mean_of, diameter),
         sigma: Sigma {
             rot_deg: mean(|sigma| sigma.rot_deg),
             t_m: mean(|sigma| sigma.t_m),
         },
-        support: None,
+        probability: total,
     }
 }
 
-/// The rotation with the least sum of squared chordal distances to those given (Markley et al.,
-/// Averaging Quaternions, 2007); not nalgebra's `mean_of`, which mixes up the components (0.35).
-pub fn mean_rotation(rotations: impl Iterator<Item = UnitQuaternion<f64>>) -> UnitQuaternion<f64> {
+/// The rotation with the least sum of squared chordal distances to those given, each with its weight
+/// (Markley et al., Averaging Quaternions, 2007); not nalgebra's `mean_of`, which mixes up the
+/// components (0.35).
+pub fn mean_rotation(
+    rotations: impl Iterator<Item = (f64, UnitQuaternion<f64>)>,
+) -> UnitQuaternion<f64> {
     let sum: Matrix4<f64> = rotations
-        .map(|q| q.as_vector() * q.as_vector().transpose())
+        .map(|(weight, q)| q.as_vector() * q.as_vector().transpose() * weight)
         .sum();
     let eigen = sum.symmetric_eigen();
     let main = eigen.eigenvectors.column(eigen.eigenvalues.imax());
@@ -156,7 +207,7 @@ mod tests {
             &[-35.0, 0.0, 35.0],
             &[-50.0, -9.0, 9.0, 50.0],
         ] {
-            let mean = mean_rotation(angles.iter().map(|&degrees| around(degrees)));
+            let mean = mean_rotation(angles.iter().map(|&degrees| (0.5, around(degrees))));
             assert!(mean.angle_to(&middle) < 1e-9, "{angles:?}");
         }
     }

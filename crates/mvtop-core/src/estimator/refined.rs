@@ -2,15 +2,21 @@
 
 use rayon::prelude::*;
 
-use super::pose::DecodedPose;
+use super::hypotheses;
+use super::pose::{DecodedPose, Hypothesis};
 use super::sightings::Sighting;
 use super::view::View;
 use crate::bundle::Bundle;
 use crate::prediction::Refinement;
 use crate::refine::{self, Refiner};
 
+/// How much worse the images fit a pose that is a third as probable, bits.
+const AS_GOOD: f64 = 0.05;
+
 /// Refines each pose on the views that have a box of the object; `None` where its class has no mesh
 /// or its edges are nowhere to be seen.
+///
+/// Of an object's hypotheses each is refined, and the images tell which is right.
 ///
 /// - `refiners`: of each class
 pub fn on_images(
@@ -30,21 +36,36 @@ pub fn on_images(
                 image: view.image,
             })
             .collect();
-        let refined = refiner.refine(&seen, &pose.world_from_obj, pose.sigma)?;
-        if refined.accepted {
-            let class = &bundle.classes[object.class];
-            let (symmetry, diameter) = (&class.symmetry, class.diameter_m);
-            pose.world_from_obj = match symmetry.is_none() {
-                true => refined.world_from_obj,
-                false => symmetry.canonical(&refined.world_from_obj, diameter),
+        let class = &bundle.classes[object.class];
+        let one = |hypothesis: &Hypothesis| {
+            let refined = refiner.refine(&seen, &hypothesis.world_from_obj, hypothesis.sigma)?;
+            let fits = refined.separation / AS_GOOD;
+            let symmetry = &class.symmetry;
+            let hypothesis = Hypothesis {
+                world_from_obj: match refined.accepted && !symmetry.is_none() {
+                    true => symmetry.canonical(&refined.world_from_obj, class.diameter_m),
+                    false => refined.world_from_obj,
+                },
+                sigma: refined.sigma,
+                probability: hypothesis.probability * fits.exp(),
             };
-            pose.sigma = refined.sigma;
-        }
-        Some(Refinement {
-            accepted: refined.accepted,
-            supported: refined.supported,
-            residual_px: refined.residual_px,
-        })
+            let refinement = Refinement {
+                accepted: refined.accepted,
+                supported: refined.supported,
+                residual_px: refined.residual_px,
+            };
+            Some((hypothesis, refinement))
+        };
+        let all: Vec<_> = pose.hypotheses.par_iter().filter_map(one).collect();
+        let best = |(hypothesis, _): &&(Hypothesis, Refinement)| hypothesis.probability;
+        let (_, refinement) = all.iter().max_by(|a, b| best(a).total_cmp(&best(b)))?;
+        let refinement = *refinement;
+        let found = all.into_iter().map(|(hypothesis, _)| hypothesis).collect();
+        *pose = DecodedPose {
+            support: pose.support,
+            ..hypotheses::likeliest(found, &class.symmetry, class.diameter_m)
+        };
+        Some(refinement)
     };
     found.par_iter_mut().map(refined).collect()
 }

@@ -179,6 +179,7 @@ impl Network for Geometry {
             rotation_6d: Array2::zeros((objects, 6)),
             translation: Array2::zeros((objects, 3)),
             sigma: Array2::from_elem((objects, 2), 0.5),
+            hypotheses: None,
         };
         for q in 0..objects {
             let line = |v: usize| {

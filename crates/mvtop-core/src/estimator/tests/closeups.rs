@@ -57,6 +57,7 @@ impl Network for Triangulation {
             rotation_6d: array![[1.0, 0.0, 0.0, 0.0, 1.0, 0.0]],
             translation: array![[center.x as f32, center.y as f32, center.z as f32]],
             sigma: array![[1.0, 0.01]],
+            hypotheses: None,
         })
     }
 
@@ -104,7 +105,7 @@ fn closeups_look_at_their_object_from_every_camera_that_sees_it() {
         assert_eq!(turns.len(), if by_reference { 3 } else { 2 });
         let expected = match turns[..] {
             [a, b] => a.slerp(&b, 0.5),
-            _ => mean_rotation(turns.into_iter()),
+            _ => mean_rotation(turns.into_iter().map(|turn| (1.0, turn))),
         };
         assert!(object.world_from_obj.rotation.angle_to(&expected) < 1e-6);
     }

@@ -138,6 +138,7 @@ fn what_one_view_alone_has_found_is_missed_by_the_others() {
                 t_m: 0.01,
             },
             support: None,
+            hypotheses: Vec::new(),
         };
         complete::share_of_views(&bundle.classes[0], &views, &sighting, &pose)
     };

@@ -32,7 +32,7 @@ fn objects_are_found_where_they_are_whichever_views_see_them() {
     // Turned as their anchors, which are the cameras that see them: together they are their mean.
     for (object, anchors) in [(by_all, 0..3), (by_two, 1..3)] {
         let turns = rig.cameras()[anchors].iter();
-        let mean = mean_rotation(turns.map(|camera| camera.world_from_cam().rotation));
+        let mean = mean_rotation(turns.map(|camera| (1.0, camera.world_from_cam().rotation)));
         assert!(object.world_from_obj.rotation.angle_to(&mean) < 1e-6);
         for camera in &object.cameras {
             let world = rig.cameras()[camera.camera].world_from_cam() * camera.cam_from_obj;
