@@ -65,9 +65,10 @@ pub struct Refined {
     pub supported: f64,
     /// Mean distance of the edges from where the images show them, px of the close-ups.
     pub residual_px: f64,
-    /// How well colors tell the two sides of its edges apart, bits per pixel looked at: of several
-    /// poses of one object, the one with more is the better one.
-    pub separation: f64,
+    /// Of several poses of one object, the one with more explains the images better: how well colors
+    /// tell the two sides of its outline apart, and the sides of the edges within, bits per pixel
+    /// looked at.
+    pub explained: f64,
     /// Whether the images fit it better than the start.
     pub accepted: bool,
 }
@@ -93,6 +94,8 @@ struct Working {
 struct Fit {
     /// Of all views, bits: by the outline, and by what lies within it.
     separation: [f64; 2],
+    /// See [`Refined::explained`].
+    explained: f64,
     supported: f64,
     residual_px: f64,
 }
@@ -156,7 +159,7 @@ impl Refiner {
             information,
             supported: fit.supported,
             residual_px: fit.residual_px,
-            separation: fit.separation[0] + fit.separation[1],
+            explained: fit.explained,
             accepted,
         })
     }
@@ -180,6 +183,7 @@ impl Refiner {
                 let near = |row: &&Row| row.offset.abs() < SUPPORTED && row.variance < UNSURE;
                 let fit = Fit {
                     separation: [0.0; 2],
+                    explained: 0.0,
                     supported: rows.iter().filter(near).count() as f64 / count,
                     residual_px: rows.iter().map(|row| row.offset.abs()).sum::<f64>() / count,
                 };
@@ -196,6 +200,13 @@ impl Refiner {
                 let known = || fits.iter().filter_map(|(_, bits)| bits[i]);
                 known().sum::<f64>() / known().count().max(1) as f64
             }),
+            // A view in which nothing within is seen explains nothing of what it may show there.
+            explained: shown
+                .iter()
+                .flat_map(|(_, bits)| bits)
+                .flatten()
+                .sum::<f64>()
+                / count,
             supported: mean(|fit| fit.supported),
             residual_px: mean(|fit| fit.residual_px),
         })

@@ -61,6 +61,15 @@ fn bundle() -> Bundle {
     }
 }
 
+/// Whether a rotation is the mean of some of these: answers that differ are other hypotheses.
+fn is_mean_of_some(rotation: &UnitQuaternion<f64>, turns: &[UnitQuaternion<f64>]) -> bool {
+    (1..1 << turns.len()).any(|some: u32| {
+        let chosen = turns.iter().enumerate().filter(|(n, _)| some >> n & 1 == 1);
+        let mean = mean_rotation(chosen.map(|(_, turn)| (1.0, *turn)));
+        rotation.angle_to(&mean) < 1e-6
+    })
+}
+
 /// Looks from `center` at the point one metre above the world's origin.
 fn camera(id: &str, size: (u32, u32), f: f64, center: [f64; 3]) -> Camera {
     let center = Vector3::from(center);

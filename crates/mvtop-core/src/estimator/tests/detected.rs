@@ -29,11 +29,13 @@ fn objects_are_found_where_they_are_whichever_views_see_them() {
     assert_eq!((by_all.class.as_str(), by_all.class_id), ("ball", 7));
     assert!((by_all.score - (1.0 - 0.1 * 0.2 * 0.1)).abs() < 1e-6);
     assert!((by_two.score - (1.0 - 0.1 * 0.2)).abs() < 1e-6);
-    // Turned as their anchors, which are the cameras that see them: together they are their mean.
+    // Turned as their anchors, which are the cameras that see them.
     for (object, anchors) in [(by_all, 0..3), (by_two, 1..3)] {
         let turns = rig.cameras()[anchors].iter();
-        let mean = mean_rotation(turns.map(|camera| (1.0, camera.world_from_cam().rotation)));
-        assert!(object.world_from_obj.rotation.angle_to(&mean) < 1e-6);
+        let turns: Vec<_> = turns
+            .map(|camera| camera.world_from_cam().rotation)
+            .collect();
+        assert!(is_mean_of_some(&object.world_from_obj.rotation, &turns));
         for camera in &object.cameras {
             let world = rig.cameras()[camera.camera].world_from_cam() * camera.cam_from_obj;
             assert!(
