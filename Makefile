@@ -22,6 +22,8 @@ SEED ?= 0
 PAIRS ?= 100
 VIEWS ?= 2
 CASES ?= 100000
+PREDICTIONS ?= 10000
+KILLED ?= 20
 MODEL ?= models/mvball
 SAMPLES = out/eval/$(SPLIT)-seed$(SEED)-views$(VIEWS)-$(PAIRS)
 
@@ -30,7 +32,7 @@ MOST_hard = 8
 MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
-.PHONY: help demo test built-tests test-rust test-python lint fuzz fixtures eval tables pictures bench \
+.PHONY: help demo test built-tests test-rust test-python lint fuzz soak fixtures eval tables pictures bench \
   wheel release-wheel test-wheel stubs licences test-ray
 
 help:  ## this list
@@ -95,6 +97,9 @@ test-ray: test-wheel .venv/ray.done  ## a whole BOP data set on a local Ray clus
 
 fuzz:  ## readers of every kind of file, on good ones changed at random: CASES=n for each
 	PROPTEST_CASES=$(CASES) PROPTEST_RNG_SEED=$$RANDOM cargo test --release -p mvtop-core -p mvtop-eval --test fuzz
+
+soak: $(MVTOP)  ## many predictions, reloads, kills and resumes: PREDICTIONS=n KILLED=n
+	$(PY) scripts/soak.py --predictions $(PREDICTIONS) --killed $(KILLED)
 
 fixtures: .venv/test.done $(MVTOP)  ## write the parity fixtures anew
 	$(PY) -m mvtop_train.export.fixtures

@@ -141,16 +141,17 @@ pub struct Detector {
     /// where the bundle does not say.
     #[serde(default)]
     pub support_threshold: f64,
-    /// Standard deviation of a box's center, as a share of its side; that of the shipped detector of
-    /// MV-ball where the bundle does not say.
-    #[serde(default = "shipped_box_error")]
-    pub box_error: f64,
+    /// How far views may be from one pose of an object, in standard deviations, before the rig is
+    /// [warned of](crate::prediction::RigConsistency::deviation).
+    #[serde(default = "most_deviation")]
+    pub most_deviation: f64,
     /// Overlap (intersection over union) above which the weaker of two boxes is dropped.
     pub nms_iou: f32,
 }
 
-fn shipped_box_error() -> f64 {
-    crate::consistency::OFFSET_SIGMA
+/// Chosen by the boxes of MV-ball alone: for bundles that do not say.
+fn most_deviation() -> f64 {
+    4.1
 }
 
 impl Detector {

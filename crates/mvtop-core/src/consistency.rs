@@ -5,6 +5,8 @@
 //! is left is no error of the position: lines of sight that miss each other, and sizes that do not
 //! belong to the distances at which they meet.
 
+pub mod alone;
+
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector2, Vector3};
 
 use crate::bundle::SurfacePoint;

@@ -236,6 +236,8 @@ impl Estimator {
             refine = clock.lap();
         }
 
+        let differences = refined::by_view(&self.refiners, &views, &self.bundle, &found);
+
         let ref_from_world = rig.cameras()[reference].world_from_cam().inverse();
         let mut objects: Vec<ObjectPose> = found
             .into_iter()
@@ -245,7 +247,7 @@ impl Estimator {
                 ..self.object_pose(&views, &ref_from_world, &object, pose)
             })
             .collect();
-        let (rig_consistency, doubts) = doubts::of(&self.bundle, rig, &mut objects);
+        let (rig_consistency, doubts) = doubts::of(&self.bundle, rig, &mut objects, differences);
         let mut warnings = view::warnings(&views);
         warnings.extend(doubts);
         Ok(Prediction {

@@ -47,6 +47,8 @@ pub enum WarningCode {
     LinesMiss,
     /// Boxes of one object have another size than their distances by the rig give them.
     SizesDisagree,
+    /// An object is turned otherwise in one view than in the others.
+    TurnsDisagree,
     /// One camera alone finds an object in view of another, which finds its own elsewhere.
     ViewsContradict,
     /// Cameras find objects of one class, but none that two of them see.
@@ -59,7 +61,10 @@ pub struct RigConsistency {
     /// How far the objects' projections are beside their boxes where these agree best: root mean
     /// square over the objects, of the camera where it is greatest, px.
     pub px: f64,
-    /// Index in the rig of that camera; `None` where two cameras show objects, of which none is known
+    /// How far the views are from one pose of an object, in standard deviations of what each tells by
+    /// itself; of several objects, the lower median. Warned of above the bundle's `most_deviation`.
+    pub deviation: f64,
+    /// Index in the rig of the camera where `px` is greatest; `None` where two cameras show objects, of which none is known
     /// to be the wrong one.
     pub worst_camera: Option<usize>,
 }

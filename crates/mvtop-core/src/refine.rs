@@ -109,6 +109,16 @@ impl Refiner {
         }
     }
 
+    /// Middle of the mesh's box, about which turns are told: object frame, metres.
+    pub fn center(&self) -> Point3<f64> {
+        self.part.center
+    }
+
+    /// Largest distance between two points of the surface, metres.
+    pub fn diameter_m(&self) -> f64 {
+        self.diameter
+    }
+
     /// The pose near `world_from_obj` at which the images show the mesh's edges; `None` where no view
     /// shows the object.
     ///

@@ -50,7 +50,9 @@ pub struct ReportedWarning {
 pub struct ReportedConsistency {
     /// How far projections are beside their boxes, px.
     pub px: f64,
-    /// Id of the camera where that is most, null of two cameras.
+    /// See [`RigConsistency::deviation`](crate::prediction::RigConsistency::deviation).
+    pub deviation: f64,
+    /// Id of the camera where `px` is most, null of two cameras.
     pub worst_camera: Option<String>,
 }
 
@@ -137,6 +139,7 @@ impl Report {
             objects: objects.map(|object| Object::new(object, id)).collect(),
             rig_consistency: prediction.rig_consistency.map(|fit| ReportedConsistency {
                 px: fit.px,
+                deviation: fit.deviation,
                 worst_camera: fit.worst_camera.map(id),
             }),
             timings_ms: prediction.timings,
@@ -230,6 +233,7 @@ mod tests {
             provider: "cpu".into(),
             rig_consistency: Some(RigConsistency {
                 px: 1.5,
+                deviation: 0.5,
                 worst_camera: None,
             }),
             warnings: vec![
@@ -262,7 +266,7 @@ mod tests {
         );
         assert_eq!(
             json["rig_consistency"],
-            serde_json::json!({"px": 1.5, "worst_camera": null})
+            serde_json::json!({"px": 1.5, "deviation": 0.5, "worst_camera": null})
         );
         let object = &json["objects"][0];
         assert_eq!(object["class"], "mvball");

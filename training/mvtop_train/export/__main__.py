@@ -55,9 +55,9 @@ def main():
         help="least share of an object's cells that agree with its pose",
     )  # fmt: skip
     parser.add_argument(
-        "--box-error", type=float,
-        help="standard deviation of a box's center, as a share of its side, from which on views "
-        "that disagree are warned of",
+        "--most-deviation", type=float,
+        help="how far views may be from one pose of an object before the calibration is doubted, "
+        "in standard deviations",
     )  # fmt: skip
     args = parser.parse_args()
     ids = (args.object,) if args.object else ()
@@ -77,7 +77,7 @@ def main():
     }
     write_bundle(
         model, args.out, provenance, args.portable, args.score_threshold, known,
-        args.agree_threshold, args.bits, args.support_threshold, args.box_error,
+        args.agree_threshold, args.bits, args.support_threshold, args.most_deviation,
     )  # fmt: skip
     try:
         mesh.add(args.out, mesh.meshes_of(args.data, known))

@@ -262,6 +262,7 @@ def answer(estimator, shots: Shots) -> dict:
         "warnings": sorted({warning.code for warning in prediction.warnings}),
         "found": len(prediction.objects),
         "px": None if fit is None else fit.px,
+        "deviation": None if fit is None else fit.deviation,
         "sigma_t_m": [found.sigma.t_m for found in prediction.objects],
     }
 

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from ..data import bank, batches, bop, search
 from ..errors import UserError
-from . import checkpoint, loop, processes, runconfig, support, thresholds
+from . import checkpoint, deviation, loop, processes, runconfig, support, thresholds
 from .validate import pose_views, validate
 
 
@@ -166,19 +166,24 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
 
 
 def export(settings: runconfig.RunConfig, weights: Path, bundle: Path, found):
-    """The bundle; where it gives object coordinates, with the least support that is believed."""
+    """The bundle; where it gives object coordinates, with the least support that is believed; and
+    with what true calibrations leave of views that disagree."""
     command = [
         sys.executable, "-m", "mvtop_train.export", "--weights", str(weights), "--data",
         settings.data, "--out", str(bundle), "--bits", "8", "--score-threshold", str(found.score),
-        "--agree-threshold", str(found.agree), "--box-error", str(found.box_error),
+        "--agree-threshold", str(found.agree),
     ]  # fmt: skip
     subprocess.run(command, check=True)
-    if not settings.pretrained:
-        return
-    known, images = settings.known(), held_images(settings)
-    least = support.choose(*support.found_in(bundle, support.scenes_of(images), known))
-    print(f"least support: {least:g}")
-    subprocess.run([*command, "--support-threshold", str(least)], check=True)
+    scenes = support.scenes_of(held_images(settings))
+    if settings.pretrained:
+        least = support.choose(*support.found_in(bundle, scenes, settings.known()))
+        print(f"least support: {least:g}")
+        command += ["--support-threshold", str(least)]
+        subprocess.run(command, check=True)
+    most = deviation.choose(deviation.found_in(bundle, scenes))
+    if most is not None:
+        print(f"most deviation: {most:g}")
+        subprocess.run([*command, "--most-deviation", str(most)], check=True)
 
 
 def thresholds_of(settings: runconfig.RunConfig, model) -> thresholds.Thresholds:

@@ -13,7 +13,6 @@ from ..data.search import Searches
 IOU = 0.5  # of a box that is right
 NMS_IOU = 0.5
 LEAST = 0.05
-LEAST_ERROR = 0.006  # of a box; that of the shipped detector of MV-ball
 RECALL = 0.98  # of all that the best threshold finds, kept by boxes that another view agrees with
 
 
@@ -26,7 +25,6 @@ class Thresholds:
     precision: float
     recall: float
     iou: float  # mean, of those that are right
-    box_error: float  # standard deviation of their centers along each axis, as a share of the side
 
 
 @torch.no_grad()
@@ -44,8 +42,8 @@ def boxes_of(model, images: torch.Tensor):
 
 
 def matched(boxes, scores, classes, truth, index):
-    """[(score, IoU or 0, center's error)] of the boxes, best first, each true box taken once; those
-    that may be found or not (class -1) count neither way."""
+    """[(score, IoU or 0)] of the boxes, best first, each true box taken once; those that may be
+    found or not (class -1) count neither way."""
     sure = index >= 0
     iou = box_iou(boxes, truth) if len(truth) else torch.zeros(len(boxes), 0)
     free, out = sure.clone(), []
@@ -54,17 +52,10 @@ def matched(boxes, scores, classes, truth, index):
         best = int(fits.argmax()) if len(fits) else -1
         if best >= 0 and fits[best] >= IOU:
             free[best] = False
-            out.append((float(scores[n]), float(fits[best]), center_error(boxes[n], truth[best])))
+            out.append((float(scores[n]), float(fits[best])))
         elif not len(truth) or not (iou[n][~sure] > 0.3).any():
-            out.append((float(scores[n]), 0.0, 0.0))
+            out.append((float(scores[n]), 0.0))
     return out
-
-
-def center_error(box, truth) -> float:
-    """Distance of the centers of two boxes [4], as a share of the true one's side."""
-    width, height = (truth[2:] - truth[:2]).tolist()
-    off = ((box[:2] + box[2:]) - (truth[:2] + truth[2:])) / 2
-    return float(off.norm()) / (width * height) ** 0.5
 
 
 def choose(model, images, searches: Searches, batch: int = 8) -> Thresholds:
@@ -83,18 +74,16 @@ def choose(model, images, searches: Searches, batch: int = 8) -> Thresholds:
             wanted += int((index >= 0).sum())
             found += matched(boxes.cpu(), scores.cpu(), classes.cpu(), truth, index)
     if not found or not wanted:
-        return Thresholds(0.3, 0.15, 0.0, 0.0, 0.0, LEAST_ERROR)
+        return Thresholds(0.3, 0.15, 0.0, 0.0, 0.0)
     found.sort(reverse=True)
-    score, iou, off = np.array(found).T
+    score, iou = np.array(found).T
     right = np.cumsum(iou > 0)
     precision, recall = right / np.arange(1, len(right) + 1), right / wanted
     best = int((2 * precision * recall / np.maximum(precision + recall, 1e-9)).argmax())
     enough = int(np.searchsorted(recall, RECALL * recall[-1]))
-    believed = iou[: best + 1] > 0
-    good, off = iou[: best + 1][believed], off[: best + 1][believed]
-    box_error = max(np.sqrt((off**2).mean() / 2), LEAST_ERROR) if len(good) else LEAST_ERROR
+    good = iou[: best + 1][iou[: best + 1] > 0]
     agree = min(score[best], max(score[min(enough, len(score) - 1)], LEAST))
     return Thresholds(
         round(float(score[best]), 3), round(float(agree), 3), float(precision[best]),
-        float(recall[best]), float(good.mean()) if len(good) else 0.0, round(float(box_error), 4),
+        float(recall[best]), float(good.mean()) if len(good) else 0.0,
     )  # fmt: skip

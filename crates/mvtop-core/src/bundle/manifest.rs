@@ -238,10 +238,10 @@ impl Manifest {
         let shares = [detector.score_threshold, detector.nms_iou];
         let mut shares = shares.into_iter().chain(detector.agree_threshold);
         let supported = (0.0..=1.0).contains(&detector.support_threshold);
-        let known = detector.box_error > 0.0 && detector.box_error.is_finite();
-        if !(supported && known && shares.all(|x| (0.0..=1.0).contains(&x))) {
+        let bounded = detector.most_deviation > 0.0 && detector.most_deviation.is_finite();
+        if !(supported && bounded && shares.all(|x| (0.0..=1.0).contains(&x))) {
             return Err(format!(
-                "detector has {detector:?}, expected numbers from 0 to 1, and a box_error above 0"
+                "detector has {detector:?}, expected numbers from 0 to 1, and a most_deviation above 0"
             ));
         }
         if self.classes.is_empty() {

@@ -5,44 +5,55 @@ use std::collections::BTreeMap;
 use nalgebra::Isometry3;
 
 use crate::bundle::{Bundle, Class};
-use crate::consistency::{OFFSET_SIGMA, Residual, Sight, agreement, extent, miss};
+use crate::consistency::alone::{Difference, Kind};
+use crate::consistency::{Residual, Sight, agreement, extent, miss};
 use crate::prediction::{CameraPose, ObjectPose, RigConsistency, Warning, WarningCode};
 use crate::{BBox, Camera, Rig};
 
-/// Residuals of more standard deviations than this are warned of; chosen on samples of seed 21
-/// (`docs/warnings.md`).
-const MOST_DEVIATION: f64 = 4.1;
 /// What is to be looked at in a rig that does not fit.
 const CHECK: &str = "direction, axes and unit of its poses, focal lengths and lens models, and that \
                      each image is of its camera, neither turned nor rescaled";
 
-/// An object as the boxes see it.
+/// An object as the views see it.
 struct Judged {
     /// Index of the object.
     object: usize,
     /// Of each camera that shows it, where all its boxes agree best.
     residuals: Vec<(usize, Residual)>,
-    /// The greatest of them.
-    worst: (usize, Residual),
+    /// How far the views are from one pose, in standard deviations.
+    deviation: f64,
+    /// Index of the camera that is off most.
+    camera: usize,
+    /// In what it is off.
+    kind: Kind,
+    /// A half sentence on that.
+    told: String,
 }
 
 /// How well the rig fits what was found, and what to warn of. Expected errors grow to what lines of
-/// sight miss each other by.
+/// sight miss each other by, and where that is warned of, to all that views are apart.
+///
+/// - `differences`: of each object, by index of the camera; empty where boxes alone can tell
 pub fn of(
     bundle: &Bundle,
     rig: &Rig,
     objects: &mut [ObjectPose],
+    differences: Vec<Vec<(usize, Difference)>>,
 ) -> (Option<RigConsistency>, Vec<Warning>) {
     let cameras = rig.cameras();
-    // Other detectors' boxes err alike, but by another measure.
-    let most = MOST_DEVIATION * bundle.detector.box_error / OFFSET_SIGMA;
+    let most = bundle.detector.most_deviation;
     let judged: Vec<Judged> = objects
         .iter_mut()
+        .zip(differences)
         .enumerate()
-        .filter_map(|(index, object)| judge(bundle, cameras, index, object))
+        .filter_map(|(index, (object, apart))| judge(bundle, cameras, index, object, &apart))
         .collect();
-    let mut warnings = Vec::from_iter(disagreement(most, cameras, objects, &judged));
-    warnings.extend(contradiction(bundle, cameras, objects));
+    let mut warnings = Vec::from_iter(disagreement(most, objects, &judged));
+    // Where views agree on an object, the rig fits, and what one finds alone is no object or hidden.
+    let agreed = overall(&judged).is_some_and(|deviation| deviation <= most);
+    if !agreed {
+        warnings.extend(contradiction(bundle, cameras, objects));
+    }
     let matched = objects.iter().any(|object| boxes(object).count() > 1);
     if !matched && warnings.is_empty() {
         warnings.extend(mismatch(cameras, objects));
@@ -51,11 +62,14 @@ pub fn of(
 }
 
 /// `None` for objects that fewer than two cameras show, or one of them not as a whole.
+///
+/// - `apart`: how far its views are from one pose; empty where they do not tell
 fn judge(
     bundle: &Bundle,
     cameras: &[Camera],
     index: usize,
     object: &mut ObjectPose,
+    apart: &[(usize, Difference)],
 ) -> Option<Judged> {
     let class = class_of(bundle, object)?;
     let seen: Vec<(usize, BBox)> = boxes(object).collect();
@@ -68,21 +82,97 @@ fn judge(
     };
     let sights: Vec<Sight> = seen.iter().map(sight).collect();
     let nearest = agreement(&class.points, &sights, &object.world_from_obj)?.nearest;
-    for (sight, residual) in sights.iter().zip(&nearest) {
-        if let Some(miss) = miss(sight, residual, &object.world_from_obj) {
-            object.sigma.t_m = object.sigma.t_m.max(miss);
-        }
-    }
+    let misses: Vec<f64> = sights
+        .iter()
+        .zip(&nearest)
+        .filter_map(|(sight, residual)| miss(sight, residual, &object.world_from_obj))
+        .collect();
     let numbers = seen.iter().map(|(camera, _)| *camera);
     let residuals: Vec<(usize, Residual)> = numbers.zip(nearest).collect();
+    let judged = match by_edges(cameras, index, apart) {
+        Some(judged) => Judged {
+            residuals,
+            ..judged
+        },
+        None => by_boxes(cameras, index, residuals)?,
+    };
+    let doubted = judged.deviation > bundle.detector.most_deviation;
+    let by_view = apart.iter().map(|(_, difference)| match doubted {
+        true => difference.across.hypot(difference.along),
+        false => difference.across,
+    });
+    let misses = match apart {
+        [] => misses,
+        _ => by_view.collect(),
+    };
+    object.sigma.t_m = misses.into_iter().fold(object.sigma.t_m, f64::max);
+    Some(judged)
+}
+
+/// By the pose that each view tells; `None` where they do not tell any.
+fn by_edges(cameras: &[Camera], object: usize, apart: &[(usize, Difference)]) -> Option<Judged> {
+    let by_deviation = |a: &&(usize, Difference), b: &&(usize, Difference)| {
+        a.1.deviation.total_cmp(&b.1.deviation)
+    };
+    let (camera, worst) = *apart.iter().max_by(by_deviation)?;
+    let id = cameras[camera].id();
+    let told = match worst.mostly {
+        Kind::Across => {
+            let by = worst.across * 1e3;
+            format!("is seen along lines that miss each other, by {by:.1} mm in camera `{id}`")
+        }
+        Kind::Along => told_size(worst.along / worst.distance, id),
+        Kind::Turn => {
+            let by = worst.turn.to_degrees();
+            format!("is turned otherwise than in other views, by {by:.0} degrees in camera `{id}`")
+        }
+    };
+    let squares = apart.iter().map(|(_, one)| one.deviation.powi(2));
+    Some(Judged {
+        object,
+        residuals: Vec::new(),
+        deviation: squares.sum::<f64>().sqrt(),
+        camera,
+        kind: worst.mostly,
+        told,
+    })
+}
+
+/// By boxes alone.
+fn by_boxes(
+    cameras: &[Camera],
+    object: usize,
+    residuals: Vec<(usize, Residual)>,
+) -> Option<Judged> {
     let by_deviation = |a: &&(usize, Residual), b: &&(usize, Residual)| {
         a.1.deviation().total_cmp(&b.1.deviation())
     };
+    let (camera, worst) = *residuals.iter().max_by(by_deviation)?;
+    let id = cameras[camera].id();
+    let (kind, told) = match worst.is_of_size() {
+        true => (Kind::Along, told_size(worst.log_size.abs().exp_m1(), id)),
+        false => {
+            let by = worst.offset.norm();
+            let told =
+                format!("is seen along lines that miss each other, by {by:.1} px in camera `{id}`");
+            (Kind::Across, told)
+        }
+    };
     Some(Judged {
-        object: index,
-        worst: *residuals.iter().max_by(by_deviation)?,
+        object,
         residuals,
+        deviation: worst.deviation(),
+        camera,
+        kind,
+        told,
     })
+}
+
+fn told_size(by: f64, camera: &str) -> String {
+    let by = 100.0 * by;
+    format!(
+        "has another size than its distance by the rig gives it, by {by:.0} % in camera `{camera}`"
+    )
 }
 
 /// The root mean square over the objects, of the camera where it is greatest.
@@ -99,58 +189,48 @@ fn consistency(judged: &[Judged]) -> Option<RigConsistency> {
     let (camera, px) = each.max_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(RigConsistency {
         px,
+        deviation: overall(judged)?,
         worst_camera: several.then_some(camera),
     })
 }
 
-/// One warning for all objects whose boxes disagree.
+/// How far the views are from one pose of an object, in standard deviations: of several objects, the
+/// lower median. A wrong calibration shows in all of them, one that was taken for another thing alone.
+fn overall(judged: &[Judged]) -> Option<f64> {
+    let mut all: Vec<f64> = judged.iter().map(|object| object.deviation).collect();
+    all.sort_by(f64::total_cmp);
+    all.get(all.len().checked_sub(1)? / 2).copied()
+}
+
+/// One warning for all objects on which the views disagree.
 ///
-/// - `most`: standard deviations of the shipped detector's boxes
-fn disagreement(
-    most: f64,
-    cameras: &[Camera],
-    objects: &[ObjectPose],
-    judged: &[Judged],
-) -> Option<Warning> {
+/// - `most`: standard deviations that are not warned of
+fn disagreement(most: f64, objects: &[ObjectPose], judged: &[Judged]) -> Option<Warning> {
+    if overall(judged)? <= most {
+        return None;
+    }
     let doubted: Vec<&Judged> = judged
         .iter()
-        .filter(|object| object.worst.1.deviation() > most)
+        .filter(|object| object.deviation > most)
         .collect();
-    let by_deviation = |a: &&&Judged, b: &&&Judged| {
-        let [a, b] = [a, b].map(|object| object.worst.1.deviation());
-        a.total_cmp(&b)
-    };
-    let most = doubted.iter().max_by(by_deviation)?;
-    let (camera, residual) = most.worst;
-    let name = &objects[most.object].class;
-    let (code, what) = match residual.is_of_size() {
-        true => (
-            WarningCode::SizesDisagree,
-            format!(
-                "has another size than its distance by the rig gives it, by {:.0} % in camera `{}`",
-                100.0 * residual.log_size.abs().exp_m1(),
-                cameras[camera].id()
-            ),
-        ),
-        false => (
-            WarningCode::LinesMiss,
-            format!(
-                "is seen along lines that miss each other, by {:.1} px in camera `{}`",
-                residual.offset.norm(),
-                cameras[camera].id()
-            ),
-        ),
-    };
+    let worst = doubted
+        .iter()
+        .max_by(|a, b| a.deviation.total_cmp(&b.deviation))?;
+    let name = &objects[worst.object].class;
     let of = match judged.len() {
         1 => String::new(),
         all => format!(" ({} of {all} objects)", doubted.len()),
     };
     Some(Warning {
-        code,
+        code: match worst.kind {
+            Kind::Across => WarningCode::LinesMiss,
+            Kind::Along => WarningCode::SizesDisagree,
+            Kind::Turn => WarningCode::TurnsDisagree,
+        },
         // Of two cameras, none is known to be the wrong one.
-        camera: (most.residuals.len() > 2).then_some(camera),
-        object: Some(most.object),
-        message: format!("`{name}` {what}{of}; check the rig: {CHECK}"),
+        camera: (worst.residuals.len() > 2).then_some(worst.camera),
+        object: Some(worst.object),
+        message: format!("`{name}` {}{of}; check the rig: {CHECK}", worst.told),
     })
 }
 

@@ -7,6 +7,8 @@ use super::pose::{DecodedPose, Hypothesis};
 use super::sightings::Sighting;
 use super::view::View;
 use crate::bundle::Bundle;
+use crate::consistency::Sight;
+use crate::consistency::alone::{Alone, Difference, differences};
 use crate::prediction::Refinement;
 use crate::refine::{self, Refiner};
 
@@ -68,4 +70,37 @@ pub fn on_images(
         Some(refinement)
     };
     found.par_iter_mut().map(refined).collect()
+}
+
+/// How far the pose that each view tells by itself is from the one on which all agree best, by index
+/// of the camera; empty for objects without a mesh, or with a box in fewer than two views.
+pub fn by_view(
+    refiners: &[Option<Refiner>],
+    views: &[View],
+    bundle: &Bundle,
+    found: &[(Sighting, DecodedPose)],
+) -> Vec<Vec<(usize, Difference)>> {
+    let one = |(object, pose): &(Sighting, DecodedPose)| {
+        let refiner = refiners[object.class].as_ref()?;
+        let points = &bundle.classes[object.class].points;
+        if object.views() < 2 {
+            return None;
+        }
+        let seen = views.iter().zip(&object.boxes);
+        let alone = seen.filter_map(|(view, bbox)| {
+            let (camera, image) = (view.camera, view.image);
+            let sight = Sight {
+                camera,
+                bbox: (*bbox)?,
+            };
+            let view = (view.index, refine::View { camera, image });
+            let alone = Alone::of(refiner, &view.1, &sight, points, &pose.world_from_obj)?;
+            Some((view.0, alone))
+        });
+        let (cameras, alone): (Vec<usize>, Vec<Alone>) = alone.unzip();
+        let differences = differences(refiner, &alone, &pose.world_from_obj)?;
+        Some(cameras.into_iter().zip(differences).collect())
+    };
+    let all = found.par_iter().map(|found| one(found).unwrap_or_default());
+    all.collect()
 }

@@ -47,7 +47,7 @@ fn bundle() -> Bundle {
             score_threshold: 0.3,
             agree_threshold: None,
             support_threshold: 0.0,
-            box_error: 0.006,
+            most_deviation: 4.1,
             nms_iou: 0.5,
         },
         poses: PoseInput::WholeImages {

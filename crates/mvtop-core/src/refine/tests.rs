@@ -428,3 +428,5 @@ fn pose_that_the_images_do_not_show_is_left_alone() {
     let away = Isometry3::translation(0.0, 5.0, 0.0);
     assert!(refiner.refine(&views, &away, sigma).is_none());
 }
+
+mod alone;

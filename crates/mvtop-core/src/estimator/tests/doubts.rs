@@ -154,3 +154,32 @@ fn views_of_which_none_fits_another_are_warned_of() {
     let prediction = told(&seen, &opengl.unwrap());
     assert_eq!(codes(&prediction), [WarningCode::NothingMatches]);
 }
+
+#[test]
+fn rig_on_which_an_object_agrees_is_not_doubted_for_what_single_views_find() {
+    let [first, second] = BALLS;
+    // In sight of both cameras, but on no line of sight to the second ball.
+    let third = [second[0], second[1] + 0.25, second[2]];
+    assert_eq!(
+        codes(&told(&[&[second], &[third]], &rig())),
+        [WarningCode::ViewsContradict]
+    );
+    let prediction = told(&[&[first, second], &[first, third]], &rig());
+    assert_eq!(prediction.objects.len(), 3);
+    assert_eq!(codes(&prediction), []);
+}
+
+#[test]
+fn of_two_objects_the_better_one_speaks_for_the_rig() {
+    let [first, second] = BALLS;
+    let both = told(&[&[first, second], &[first, second]], &rig());
+    assert!(both.rig_consistency.unwrap().deviation < 0.1);
+    // One of them is at other places in the two views, as far apart as a turn of 1 degree.
+    let beside = [second[0], second[1], second[2] + 0.02];
+    let alone = told(&[&[second], &[beside]], &rig());
+    assert_eq!(codes(&alone), [WarningCode::LinesMiss]);
+    let prediction = told(&[&[first, second], &[first, beside]], &rig());
+    assert_eq!(codes(&prediction), []);
+    let fit = prediction.rig_consistency.unwrap();
+    assert!(fit.deviation < 0.1, "{fit:?}");
+}
