@@ -9,10 +9,11 @@
 //! expected counts as a measurement, too: what the images do not tell stays as it was.
 
 mod contour;
+pub(crate) mod lines;
 mod part;
 mod raster;
 mod region;
-mod solve;
+pub(crate) mod solve;
 
 use image::RgbImage;
 use nalgebra::{Isometry3, Matrix6, Point3};
@@ -316,4 +317,4 @@ fn expected(information: &Matrix6<f64>) -> Option<Sigma> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
