@@ -1,6 +1,6 @@
 //! The edges of one object in one view, for what moves cameras as well as objects.
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::Isometry3;
 
 use super::solve::Row;
 use super::{Refiner, View, Working};
@@ -40,12 +40,5 @@ impl Lines {
     pub fn look(&mut self, refiner: &Refiner, cam_from_obj: &Isometry3<f64>, step: f64) -> &[Row] {
         self.working.look(refiner, cam_from_obj, step);
         &self.working.rows
-    }
-}
-
-impl Refiner {
-    /// About which the object turns, its own frame, metres.
-    pub fn center(&self) -> &Point3<f64> {
-        &self.part.center
     }
 }
