@@ -9,6 +9,7 @@
 //! expected counts as a measurement, too: what the images do not tell stays as it was.
 
 mod contour;
+mod explained;
 pub(crate) mod lines;
 mod part;
 mod raster;
@@ -66,9 +67,8 @@ pub struct Refined {
     pub supported: f64,
     /// Mean distance of the edges from where the images show them, px of the close-ups.
     pub residual_px: f64,
-    /// Of several poses of one object, the one with more explains the images better: how well colors
-    /// tell the two sides of its outline apart, and the sides of the edges within, bits per pixel
-    /// looked at.
+    /// Of several poses of one object, the one with more explains the images better: what knowing the
+    /// part of the object tells of a pixel's color, bits.
     pub explained: f64,
     /// Whether the images fit it better than the start.
     pub accepted: bool,
@@ -175,6 +175,13 @@ impl Refiner {
         })
     }
 
+    /// As [`Refined::explained`], of a pose as it is; `None` where no edge can be seen.
+    pub fn explained(&self, views: &[View], world_from_obj: &Isometry3<f64>) -> Option<f64> {
+        let of_view = |view: &View| Working::new(self, view, world_from_obj);
+        let mut working: Vec<Working> = views.iter().filter_map(of_view).collect();
+        Some(self.fit(&mut working, world_from_obj)?.explained)
+    }
+
     /// How well the images fit a pose; `None` where no edge can be seen.
     fn fit(&self, working: &mut [Working], pose: &Isometry3<f64>) -> Option<Fit> {
         let tints = &self.part.tints;
@@ -194,7 +201,7 @@ impl Refiner {
                 let near = |row: &&Row| row.offset.abs() < SUPPORTED && row.variance < UNSURE;
                 let fit = Fit {
                     separation: [0.0; 2],
-                    explained: 0.0,
+                    explained: explained::explained(picture, raster, points, tints),
                     supported: rows.iter().filter(near).count() as f64 / count,
                     residual_px: rows.iter().map(|row| row.offset.abs()).sum::<f64>() / count,
                 };
@@ -211,13 +218,7 @@ impl Refiner {
                 let known = || fits.iter().filter_map(|(_, bits)| bits[i]);
                 known().sum::<f64>() / known().count().max(1) as f64
             }),
-            // A view in which nothing within is seen explains nothing of what it may show there.
-            explained: shown
-                .iter()
-                .flat_map(|(_, bits)| bits)
-                .flatten()
-                .sum::<f64>()
-                / count,
+            explained: mean(|fit| fit.explained),
             supported: mean(|fit| fit.supported),
             residual_px: mean(|fit| fit.residual_px),
         })

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use self::cells::{Evidence, Seen};
 use super::hypotheses::{self, NEAR_DEG};
 use super::picture::{Group, Picture, Pictures};
-use super::pose::{DecodedPose, Hypothesis};
+use super::pose::{DecodedPose, FARTHEST, Hypothesis};
 use crate::bundle::{Bundle, SurfacePoint};
 use crate::prediction::Sigma;
 
@@ -33,6 +33,9 @@ const MIDDLE: [f64; 2] = [0.1, 0.08];
 const FINE: [f64; 8] = [0.08, 0.07, 0.06, 0.06, 0.05, 0.05, 0.05, 0.05];
 /// Fewest cells that settle a pose.
 const FEWEST: usize = 12;
+/// A pose that is so many times nearer or farther than where the object is about, is of things that
+/// are no such object: one view leaves the distance open.
+const FARTHER: f64 = 3.0;
 /// Neighbouring cells err alike: as many count as one when the error is estimated.
 const ALIKE: f64 = 150.0;
 
@@ -114,6 +117,9 @@ fn fit(evidence: &mut Evidence, start: &Isometry3<f64>) -> Option<DecodedPose> {
     for one in &mut evidence.cells {
         one.distance = (position - one.origin.coords).norm();
     }
+    if !(evidence.cells.iter()).all(|one| one.distance < FARTHEST * evidence.diameter) {
+        return None; // nor where it is not finite
+    }
     let (all, some) = (&*evidence, evidence.thinned(SEARCHED));
     let diameter = all.diameter;
     let rotations = (0..STARTS).map(|n| spread_rotation(n, STARTS));
@@ -155,7 +161,11 @@ fn fit(evidence: &mut Evidence, start: &Isometry3<f64>) -> Option<DecodedPose> {
             let place = pose * Evidence::place(&turns, one);
             (place - one.origin).dot(&one.direction) > 0.0
         });
-        in_front.then_some(Hypothesis {
+        let near = all.cells.iter().all(|one| {
+            let away = (pose.translation.vector - one.origin.coords).norm() / one.distance;
+            (1.0 / FARTHER..FARTHER).contains(&away)
+        });
+        (in_front && near).then_some(Hypothesis {
             world_from_obj: all.symmetry.canonical(&pose, diameter),
             sigma: expected(all, &pose, &information, last)?,
             probability: (agreement(all, &pose, last) / AS_GOOD).exp(),

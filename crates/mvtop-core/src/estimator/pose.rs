@@ -95,7 +95,7 @@ impl Hypothesis {
 }
 
 /// Objects farther away than this, in diameters, are less than a pixel wide in any image.
-const FARTHEST: f64 = 1e4;
+pub const FARTHEST: f64 = 1e4;
 
 impl DecodedPose {
     /// Refuses a pose that is too far from all cameras that gave an image to be seen.

@@ -9,12 +9,12 @@ use super::part::BACKGROUND;
 use super::raster::Raster;
 
 /// Levels of each channel that colors are counted in.
-const LEVELS: usize = 16;
-const BINS: usize = LEVELS * LEVELS * LEVELS;
+pub const LEVELS: usize = 16;
+pub const BINS: usize = LEVELS * LEVELS * LEVELS;
 /// Bin of a pixel that is off the image.
-const UNKNOWN: u16 = u16::MAX;
+pub const UNKNOWN: u16 = u16::MAX;
 /// How far from the outline the background is looked at, px.
-const AROUND: usize = 24;
+pub const AROUND: usize = 24;
 /// Sum of R, G and B below which a pixel's tint is not known.
 const DARK: f32 = 30.0;
 /// How far, in shares of the brightness, a tint is from another part's where either is as likely.
@@ -37,11 +37,11 @@ static INNER: LazyLock<[f64; 2 * (REACH + SEARCHED) as usize + 1]> = LazyLock::n
 pub struct Picture {
     size: usize,
     /// Of each pixel.
-    bins: Vec<u16>,
+    pub bins: Vec<u16>,
     /// Of each pixel, 0 to 1.
     brightness: Vec<f32>,
     /// Of each pixel: shares of R, G and B in its brightness; not finite where it is too dark.
-    tints: Vec<Vector3<f32>>,
+    pub tints: Vec<Vector3<f32>>,
 }
 
 /// What is found along a line across an edge.

@@ -185,6 +185,16 @@ fn one_view_tells_the_distance_by_the_size() {
 }
 
 #[test]
+fn what_cannot_be_is_not_settled() {
+    // Places of a whole object, all in one direction: it would be infinitely far away.
+    let mut evidence = seen_from(&[LEFT], 0.0, 0.0);
+    for one in &mut evidence.cells {
+        one.direction = Vector3::new(1e-9 * one.place.x, 1e-9 * one.place.y, 1.0).normalize();
+    }
+    assert!(fit(&mut evidence, &guess()).is_none());
+}
+
+#[test]
 fn few_cells_settle_nothing() {
     let mut evidence = seen_from(&[LEFT], 0.0, 0.0);
     evidence.cells.truncate(FEWEST);
