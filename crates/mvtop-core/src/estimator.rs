@@ -236,6 +236,7 @@ impl Estimator {
         }
 
         let differences = refined::by_view(&self.refiners, &views, &self.bundle, &found);
+        let check = clock.lap();
 
         let ref_from_world = rig.cameras()[reference].world_from_cam().inverse();
         let mut objects: Vec<ObjectPose> = found
@@ -260,6 +261,7 @@ impl Estimator {
                 closeup,
                 decode,
                 refine,
+                check,
                 total: clock.total(),
             },
             provider: self.network.provider().to_owned(),
