@@ -41,8 +41,8 @@ pub fn objects(prediction: &Prediction, rig: &Rig) -> String {
     lines.push(String::new());
     lines.push(format!(
         "prepare {:.1} ms, features {:.1} ms, detect {:.1} ms, close-ups {:.1} ms, decode {:.1} ms, \
-         refine {:.1} ms, total {:.1} ms on `{}`",
-        t.prepare, t.features, t.detect, t.closeup, t.decode, t.refine, t.total, prediction.provider
+         refine {:.1} ms, check {:.1} ms, total {:.1} ms on `{}`",
+        t.prepare, t.features, t.detect, t.closeup, t.decode, t.refine, t.check, t.total, prediction.provider
     ));
     lines.join("\n")
 }

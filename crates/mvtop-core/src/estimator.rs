@@ -242,6 +242,7 @@ impl Estimator {
         }
 
         let differences = refined::by_view(&self.refiners, &views, &self.bundle, &found);
+        let check = clock.lap();
 
         let ref_from_world = rig.cameras()[reference].world_from_cam().inverse();
         let mut objects: Vec<ObjectPose> = found
@@ -266,6 +267,7 @@ impl Estimator {
                 closeup,
                 decode,
                 refine,
+                check,
                 total: clock.total(),
             },
             provider: self.network.provider().to_owned(),

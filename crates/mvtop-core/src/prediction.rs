@@ -146,6 +146,9 @@ pub struct Timings {
     /// Poses refined on the images; 0 where none is.
     #[serde(default)]
     pub refine: f64,
+    /// What each view tells by itself compared with the others.
+    #[serde(default)]
+    pub check: f64,
     /// All of these together.
     pub total: f64,
 }
