@@ -22,15 +22,19 @@ pub fn check(args: &Check) -> Result<Option<String>> {
     for pair in &comparison.pairs {
         write::print(&format!("  {}", of_pair(&rig, pair)))?;
     }
-    for camera in untold(&rig, &observed) {
-        write::print(&format!(
-            "  camera `{camera}`: too few objects in common with others to tell where it stands"
-        ))?;
-    }
     for off in &comparison.off {
         write::print(&format!("  {}", of_camera(&rig, off)))?;
     }
-    Ok(problem(&rig, &comparison))
+    // What was not compared is not right for that.
+    let untold = untold(&rig, &observed);
+    let unchecked = (!untold.is_empty()).then(|| {
+        format!(
+            "the images have too few objects in common to tell where `{}` stands, so that was not checked; \
+             give more sets of images, with more objects",
+            untold.join("`, `")
+        )
+    });
+    Ok(problem(&rig, &comparison).or(unchecked))
 }
 
 /// Writes the rig as its images show it.
