@@ -5,11 +5,13 @@ mod complete;
 mod decode;
 mod doubts;
 mod fit;
+mod kept;
 mod picture;
 mod pose;
 mod refined;
 mod self_test;
 mod sightings;
+mod tracker;
 mod view;
 
 use std::path::{Path, PathBuf};
@@ -29,6 +31,8 @@ use crate::network::{Network, OnnxNetwork};
 use crate::prediction::{CameraPose, ObjectPose, Prediction, Timings};
 use crate::refine::Refiner;
 use crate::{Error, Result, Rig, onnx};
+
+pub use self::tracker::Tracker;
 
 /// How to run the network.
 #[derive(Debug, Clone, Default)]
@@ -144,6 +148,17 @@ impl Estimator {
         images: &[ViewImage],
         options: &PredictOptions,
     ) -> Result<Prediction> {
+        self.predict_by(self.network.as_ref(), rig, images, options)
+    }
+
+    /// [`Estimator::predict`] with the network as `network` runs it.
+    fn predict_by(
+        &self,
+        network: &dyn Network,
+        rig: &Rig,
+        images: &[ViewImage],
+        options: &PredictOptions,
+    ) -> Result<Prediction> {
         let mut clock = Clock::start();
         let reference = match &options.reference {
             Some(id) => rig.find("reference", id)?,
@@ -164,7 +179,6 @@ impl Estimator {
                 got: views.len(),
             });
         }
-        let network = self.network.as_ref();
         let images = view::tensor(&views, &self.bundle.input)?;
         let prepare;
         let (maps, shown) = match &self.bundle.poses {
@@ -211,7 +225,7 @@ impl Estimator {
         let poses = fit::settled(&self.bundle, &pictures, &groups, poses);
         let mut found: Vec<(Sighting, DecodedPose)> = objects.into_iter().zip(poses).collect();
         if let (Some(closeups), None) = (closeups, &options.boxes) {
-            found = self.completed(closeups, &views, found)?;
+            found = self.completed(network, closeups, &views, found)?;
         }
         if options.boxes.is_none() {
             for (object, pose) in &mut found {
@@ -268,6 +282,7 @@ impl Estimator {
     /// Objects with what single views have missed, and their poses from all that shows them.
     fn completed(
         &self,
+        network: &dyn Network,
         closeups: &CloseUps,
         views: &[View],
         found: Vec<(Sighting, DecodedPose)>,
@@ -286,7 +301,6 @@ impl Estimator {
         if again.is_empty() {
             return Ok(found);
         }
-        let network = self.network.as_ref();
         let (pictures, groups) =
             picture::in_closeups(network, &self.bundle, closeups, views, &objects)?;
         let poses = decode::poses(network, &self.bundle, &pictures, &groups)?;
