@@ -6,11 +6,13 @@ mod decode;
 mod doubts;
 mod fit;
 mod hypotheses;
+mod kept;
 mod picture;
 mod pose;
 mod refined;
 mod self_test;
 mod sightings;
+mod tracker;
 mod view;
 
 use std::path::{Path, PathBuf};
@@ -30,6 +32,8 @@ use crate::network::{Network, OnnxNetwork};
 use crate::prediction::{CameraPose, ObjectPose, Prediction, Timings};
 use crate::refine::Refiner;
 use crate::{Error, Result, Rig, onnx};
+
+pub use self::tracker::Tracker;
 
 /// How to run the network.
 #[derive(Debug, Clone, Default)]
@@ -150,6 +154,17 @@ impl Estimator {
         images: &[ViewImage],
         options: &PredictOptions,
     ) -> Result<Prediction> {
+        self.predict_by(self.network.as_ref(), rig, images, options)
+    }
+
+    /// [`Estimator::predict`] with the network as `network` runs it.
+    fn predict_by(
+        &self,
+        network: &dyn Network,
+        rig: &Rig,
+        images: &[ViewImage],
+        options: &PredictOptions,
+    ) -> Result<Prediction> {
         let mut clock = Clock::start();
         let reference = match &options.reference {
             Some(id) => rig.find("reference", id)?,
@@ -170,7 +185,6 @@ impl Estimator {
                 got: views.len(),
             });
         }
-        let network = self.network.as_ref();
         let images = view::tensor(&views, &self.bundle.input)?;
         let prepare;
         let (maps, shown) = match &self.bundle.poses {
@@ -217,7 +231,7 @@ impl Estimator {
         let poses = fit::settled(&self.bundle, &pictures, &groups, poses);
         let mut found: Vec<(Sighting, DecodedPose)> = objects.into_iter().zip(poses).collect();
         if let (Some(closeups), None) = (closeups, &options.boxes) {
-            found = self.completed(closeups, &views, found)?;
+            found = self.completed(network, closeups, &views, found)?;
         }
         if options.boxes.is_none() {
             for (object, pose) in &mut found {
@@ -278,6 +292,7 @@ impl Estimator {
     /// Objects with what single views have missed, and their poses from all that shows them.
     fn completed(
         &self,
+        network: &dyn Network,
         closeups: &CloseUps,
         views: &[View],
         found: Vec<(Sighting, DecodedPose)>,
@@ -296,7 +311,6 @@ impl Estimator {
         if again.is_empty() {
             return Ok(found);
         }
-        let network = self.network.as_ref();
         let (pictures, groups) =
             picture::in_closeups(network, &self.bundle, closeups, views, &objects)?;
         let poses = decode::poses(network, &self.bundle, &pictures, &groups)?;

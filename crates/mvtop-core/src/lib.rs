@@ -87,7 +87,7 @@ pub mod error;
 pub use bbox::BBox;
 pub use camera::{Camera, Intrinsics, Projection};
 pub use error::{Error, ErrorKind, Result};
-pub use estimator::{Estimator, Options, PredictOptions};
+pub use estimator::{Estimator, Options, PredictOptions, Tracker};
 pub use image::ViewImage;
 pub use prediction::Prediction;
 pub use rig::Rig;

@@ -5,11 +5,12 @@ use image::RgbImage;
 use mvtop_core::annotations::GivenBoxes;
 use mvtop_core::bundle::Bundle;
 use mvtop_core::consistency::{Sight, agreement, miss};
-use mvtop_core::estimator::{Estimator, Options, PredictOptions};
+use mvtop_core::estimator::{Estimator, Options, PredictOptions, Tracker};
 use mvtop_core::prediction::ObjectPose;
 use mvtop_core::{BBox, Camera, Intrinsics, Rig, ViewImage};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rstest::rstest;
+use std::sync::Arc;
 
 fn estimator(bundle: &str) -> Estimator {
     Estimator::load(&fixture_path(bundle), &Options::default()).unwrap()
@@ -274,4 +275,46 @@ fn cameras_may_differ_in_resolution(#[values("tiny", "whole")] bundle: &str) {
     let expected = pose(&estimator, &rig, &[0, 1], &[0, 1]);
     let mixed = estimator.predict(&mixed, &given, &options).unwrap().objects[0].ref_from_obj;
     assert!(gap(&mixed, &expected) < 0.03, "{}", gap(&mixed, &expected));
+}
+
+#[rstest]
+fn a_tracker_predicts_what_a_cold_run_does(#[values("tiny", "whole")] bundle: &str) {
+    let rig = sample_rig();
+    let estimator = Arc::new(estimator(bundle));
+    let mut tracker = Tracker::new(estimator.clone(), Arc::new(rig.clone()));
+    let mut images = load(&rig, &[0, 1, 2, 3]);
+    let mut flipped = images[2].clone();
+    image::imageops::flip_horizontal_in_place(&mut flipped.image);
+    let same = |tracker: &mut Tracker, images: &[ViewImage]| {
+        let cameras: Vec<usize> = images.iter().map(|view| view.camera).collect();
+        assert_eq!(tracker.cameras().collect::<Vec<_>>(), cameras);
+        let options = boxes(&rig, &cameras);
+        let warm = tracker.predict(&options).unwrap().objects;
+        let cold = estimator.predict(&rig, images, &options).unwrap().objects;
+        assert_eq!((warm.len(), cold.len()), (1, 1));
+        assert!(gap(&warm[0].world_from_obj, &cold[0].world_from_obj) < 1e-6);
+        assert!((warm[0].sigma.rot_deg / cold[0].sigma.rot_deg - 1.0).abs() < 1e-5);
+        warm[0].world_from_obj
+    };
+    tracker
+        .update(vec![images[1].clone(), images[0].clone()])
+        .unwrap();
+    same(&mut tracker, &images[..2]);
+    tracker.update(images[2..].to_vec()).unwrap();
+    let before = same(&mut tracker, &images);
+    images[2] = flipped;
+    tracker.update(vec![images[2].clone()]).unwrap();
+    let after = same(&mut tracker, &images);
+    assert!(gap(&before, &after) > 1e-4, "the new image changed nothing");
+    tracker.remove(0);
+    same(&mut tracker, &images[1..]);
+
+    // What does not fit changes nothing.
+    let small = ViewImage {
+        camera: 0,
+        image: RgbImage::new(8, 8),
+    };
+    let refused = tracker.update(vec![images[0].clone(), small]);
+    assert!(refused.is_err());
+    same(&mut tracker, &images[1..]);
 }
