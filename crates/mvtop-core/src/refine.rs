@@ -12,6 +12,7 @@ mod contour;
 mod explained;
 pub(crate) mod lines;
 mod part;
+mod quality;
 mod raster;
 mod region;
 pub(crate) mod solve;
@@ -22,6 +23,7 @@ use rayon::prelude::*;
 
 use self::contour::EdgePoint;
 use self::part::Part;
+pub use self::quality::{Quality, ViewQuality};
 use self::raster::Raster;
 use self::region::{Colors, Picture};
 use self::solve::{ANGLE_PER_AXIS, Prior, Row};
@@ -67,9 +69,8 @@ pub struct Refined {
     pub supported: f64,
     /// Mean distance of the edges from where the images show them, px of the close-ups.
     pub residual_px: f64,
-    /// Of several poses of one object, the one with more explains the images better: what knowing the
-    /// part of the object tells of a pixel's color, bits.
-    pub explained: f64,
+    /// How well the images show the object at this pose.
+    pub quality: Quality,
     /// Whether the images fit it better than the start.
     pub accepted: bool,
 }
@@ -82,6 +83,10 @@ pub struct Refiner {
 
 /// A view at work; its memory is used again from step to step.
 struct Working {
+    /// Index of the view, as given.
+    index: usize,
+    /// Px of the close-up in one of the image.
+    scale: f64,
     closeup: CloseUp,
     picture: Picture,
     raster: Raster,
@@ -91,15 +96,17 @@ struct Working {
 }
 
 /// How well the images fit a pose.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Default)]
 struct Fit {
     /// Of all views, bits: by the outline, and by what lies within it.
     separation: [f64; 2],
-    /// See [`Refined::explained`].
-    explained: f64,
     supported: f64,
     residual_px: f64,
+    quality: Quality,
 }
+
+/// Of a view: its quality, and the mean distance of its edges, px of the close-up.
+type ViewFit = (ViewQuality, f64);
 
 impl Refiner {
     /// - `diameter_m`: largest distance between two points of the surface
@@ -130,10 +137,7 @@ impl Refiner {
         world_from_obj: &Isometry3<f64>,
         sigma: Sigma,
     ) -> Option<Refined> {
-        let mut working: Vec<Working> = views
-            .par_iter()
-            .filter_map(|view| Working::new(self, view, world_from_obj))
-            .collect();
+        let mut working = self.working(views, world_from_obj);
         if working.is_empty() {
             return None;
         }
@@ -170,22 +174,28 @@ impl Refiner {
             information,
             supported: fit.supported,
             residual_px: fit.residual_px,
-            explained: fit.explained,
+            quality: fit.quality,
             accepted,
         })
     }
 
-    /// As [`Refined::explained`], of a pose as it is; `None` where no edge can be seen.
-    pub fn explained(&self, views: &[View], world_from_obj: &Isometry3<f64>) -> Option<f64> {
-        let of_view = |view: &View| Working::new(self, view, world_from_obj);
-        let mut working: Vec<Working> = views.iter().filter_map(of_view).collect();
-        Some(self.fit(&mut working, world_from_obj)?.explained)
+    /// How well the images show the object at a pose; `None` where no view shows its edges.
+    pub fn quality(&self, views: &[View], world_from_obj: &Isometry3<f64>) -> Option<Quality> {
+        let mut working = self.working(views, world_from_obj);
+        Some(self.fit(&mut working, world_from_obj)?.quality)
+    }
+
+    fn working(&self, views: &[View], world_from_obj: &Isometry3<f64>) -> Vec<Working> {
+        let views = views.par_iter().enumerate();
+        views
+            .filter_map(|(index, view)| Working::new(self, index, view, world_from_obj))
+            .collect()
     }
 
     /// How well the images fit a pose; `None` where no edge can be seen.
     fn fit(&self, working: &mut [Working], pose: &Isometry3<f64>) -> Option<Fit> {
         let tints = &self.part.tints;
-        let fits: Vec<(Fit, [Option<f64>; 2])> = working
+        let fits: Vec<(ViewFit, [Option<f64>; 2])> = working
             .par_iter_mut()
             .map(|view| {
                 view.look(self, pose, 1.0);
@@ -196,38 +206,46 @@ impl Refiner {
                     points,
                     rows,
                     ..
-                } = view;
+                } = &*view;
                 let count = rows.len().max(1) as f64;
                 let near = |row: &&Row| row.offset.abs() < SUPPORTED && row.variance < UNSURE;
-                let fit = Fit {
-                    separation: [0.0; 2],
-                    explained: explained::explained(picture, raster, points, tints),
-                    supported: rows.iter().filter(near).count() as f64 / count,
-                    residual_px: rows.iter().map(|row| row.offset.abs()).sum::<f64>() / count,
-                };
+                let supported = rows.iter().filter(near).count() as f64 / count;
+                let residual = rows.iter().map(|row| row.offset.abs()).sum::<f64>() / count;
                 let bits = region::separation(picture, colors, raster, points, COMPARED, tints);
-                (fit, bits)
+                let overlap = region::overlap(picture, colors, raster, points).unwrap_or(0.0);
+                let of_view = ViewQuality {
+                    view: view.index,
+                    supported,
+                    residual_px: residual / view.scale,
+                    overlap,
+                    explained: explained::explained(picture, raster, points, tints),
+                };
+                ((of_view, residual), bits)
             })
             .collect();
-        let shown: Vec<_> = fits.iter().filter(|(_, bits)| bits[0].is_some()).collect();
+        let shown: Vec<ViewFit> = fits
+            .iter()
+            .filter(|(_, bits)| bits[0].is_some())
+            .map(|(fit, _)| *fit)
+            .collect();
         let count = shown.len() as f64;
-        let mean =
-            |number: fn(&Fit) -> f64| shown.iter().map(|(fit, _)| number(fit)).sum::<f64>() / count;
         (count > 0.0).then(|| Fit {
             separation: [0, 1].map(|i| {
                 let known = || fits.iter().filter_map(|(_, bits)| bits[i]);
                 known().sum::<f64>() / known().count().max(1) as f64
             }),
-            explained: mean(|fit| fit.explained),
-            supported: mean(|fit| fit.supported),
-            residual_px: mean(|fit| fit.residual_px),
+            supported: shown.iter().map(|(view, _)| view.supported).sum::<f64>() / count,
+            residual_px: shown.iter().map(|(_, residual)| residual).sum::<f64>() / count,
+            quality: Quality {
+                views: shown.iter().map(|(view, _)| *view).collect(),
+            },
         })
     }
 }
 
 impl Working {
     /// `None` where the object does not lie in the image.
-    fn new(refiner: &Refiner, view: &View, pose: &Isometry3<f64>) -> Option<Self> {
+    fn new(refiner: &Refiner, index: usize, view: &View, pose: &Isometry3<f64>) -> Option<Self> {
         let camera = view.camera;
         let bbox = around(&refiner.part.vertices, camera, pose)?;
         bbox.clip(camera.width(), camera.height())?;
@@ -235,6 +253,8 @@ impl Working {
         let closeup = CloseUp::new(camera, bbox, side)?;
         let pixels = closeup.pixels(camera, view.image);
         Some(Self {
+            index,
+            scale: f64::from(side) * FILL / bbox.width().max(bbox.height()),
             picture: Picture::new(side as usize, &pixels),
             closeup,
             raster: Raster::default(),

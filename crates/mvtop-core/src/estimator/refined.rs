@@ -41,7 +41,7 @@ pub fn on_images(
         let class = &bundle.classes[object.class];
         let one = |hypothesis: &Hypothesis| {
             let refined = refiner.refine(&seen, &hypothesis.world_from_obj, hypothesis.sigma)?;
-            let fits = refined.explained / AS_GOOD;
+            let fits = refined.quality.explained() / AS_GOOD;
             let symmetry = &class.symmetry;
             let hypothesis = Hypothesis {
                 world_from_obj: match refined.accepted && !symmetry.is_none() {

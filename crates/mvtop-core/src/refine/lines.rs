@@ -29,7 +29,7 @@ impl Lines {
             camera: &camera,
             image: view.image,
         };
-        let working = Working::new(refiner, &view, cam_from_obj);
+        let working = Working::new(refiner, 0, &view, cam_from_obj);
         Ok(working.map(|working| Self { working }))
     }
 

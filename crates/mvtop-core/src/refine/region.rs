@@ -24,7 +24,7 @@ const BY_TINT: f64 = 2.0;
 /// Steps of a line to each side.
 pub const REACH: i32 = 8;
 /// Steps to each side within which the edge is searched for.
-const SEARCHED: i32 = 5;
+pub const SEARCHED: i32 = 5;
 /// How sure a pixel's color is at most of its part: lines are never certain of themselves.
 const SURE: f64 = 0.43;
 
@@ -132,16 +132,8 @@ impl Colors {
             }
         }
         let background = &mut self.shares[usize::from(BACKGROUND)];
-        for point in points.iter().filter(|point| point.is_outline()) {
-            for step in 1..=AROUND {
-                let at = point.pixel + point.normal * step as f64;
-                if let Some(index) = raster.index(at)
-                    && picture.bins[index] != UNKNOWN
-                    && raster.label(index) == BACKGROUND
-                {
-                    background[usize::from(picture.bins[index])] += 1.0;
-                }
-            }
+        for bin in beside(picture, raster, points) {
+            background[bin] += 1.0;
         }
         for share in &mut self.shares {
             spread(share, &mut self.scratch);
@@ -177,6 +169,22 @@ impl Colors {
             odds
         }
     }
+}
+
+/// Bins of the background's pixels next to the outline.
+fn beside<'a>(
+    picture: &'a Picture,
+    raster: &'a Raster,
+    points: &'a [EdgePoint],
+) -> impl Iterator<Item = usize> + 'a {
+    let outline = points.iter().filter(|point| point.is_outline());
+    let places =
+        outline.flat_map(|point| (1..=AROUND).map(|step| point.pixel + point.normal * step as f64));
+    places.filter_map(|at| {
+        let index = raster.index(at)?;
+        let shown = picture.bins[index] != UNKNOWN && raster.label(index) == BACKGROUND;
+        shown.then(|| usize::from(picture.bins[index]))
+    })
 }
 
 /// Shares some of each bin's count with its neighbours, so that few pixels tell of more colors.
@@ -329,4 +337,30 @@ pub fn separation(
         }
         (count > 0.0).then(|| bits / count)
     })
+}
+
+/// How well colors tell the object from what is next to it: how likely a pixel within its outline is
+/// of the object, less how likely one next to it is; 1 where they do so everywhere, 0 where they do
+/// not. `None` where no outline is seen.
+pub fn overlap(
+    picture: &Picture,
+    colors: &Colors,
+    raster: &Raster,
+    points: &[EdgePoint],
+) -> Option<f64> {
+    let (background, parts) = colors.shares.split_first()?;
+    let of_object = |bin: usize| {
+        let most = parts.iter().map(|share| share[bin]).fold(0.0, f32::max) + 1e-5;
+        f64::from(most / (most + background[bin] + 1e-5))
+    };
+    let within = picture.bins.iter().zip(raster.labels());
+    let within = within.filter(|(bin, label)| **bin != UNKNOWN && **label != BACKGROUND);
+    let within = mean(within.map(|(&bin, _)| of_object(usize::from(bin))))?;
+    Some(within - mean(beside(picture, raster, points).map(of_object))?)
+}
+
+/// `None` of nothing.
+fn mean(numbers: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = numbers.fold((0.0, 0), |(sum, count), x| (sum + x, count + 1));
+    (count > 0).then(|| sum / f64::from(count))
 }

@@ -1,0 +1,62 @@
+//! How well the images show an object at a pose.
+
+/// How well one view shows an object at a pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ViewQuality {
+    /// Index of the view, as given.
+    pub view: usize,
+    /// Share of the visible contour that the image shows within 1.5 px of the close-up.
+    pub supported: f64,
+    /// Mean distance of the contour from where the image shows it, along its normals, px of the
+    /// image.
+    pub residual_px: f64,
+    /// How likely a pixel within the silhouette is of the object by its color, less how likely one
+    /// next to it is: 1 where colors tell them apart everywhere, 0 where they do not.
+    pub overlap: f64,
+    /// What knowing the part of the object tells of a pixel's color, bits: of the outline, and of the
+    /// parts within.
+    pub explained: f64,
+}
+
+/// How well the images show an object at a pose.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Quality {
+    /// Of each view in which a contour is seen.
+    pub views: Vec<ViewQuality>,
+}
+
+impl Quality {
+    /// To compare poses of one object, also those far from each other: the one with more explains the
+    /// images better. 0 where no view shows the object.
+    ///
+    /// The mean over views, so that one in which the object is hidden, at any pose, does not decide.
+    pub fn explained(&self) -> f64 {
+        self.mean(|view| view.explained).unwrap_or(0.0)
+    }
+
+    /// Share of the visible contour that is supported, mean over views; 0 without any.
+    pub fn supported(&self) -> f64 {
+        self.mean(|view| view.supported).unwrap_or(0.0)
+    }
+
+    /// Mean over views, px of the images; `None` without any.
+    pub fn residual_px(&self) -> Option<f64> {
+        self.mean(|view| view.residual_px)
+    }
+
+    /// Mean over views; 0 without any.
+    pub fn overlap(&self) -> f64 {
+        self.mean(|view| view.overlap).unwrap_or(0.0)
+    }
+
+    /// The view of which the pose explains least.
+    pub fn worst(&self) -> Option<&ViewQuality> {
+        let least = |a: &&ViewQuality, b: &&ViewQuality| a.explained.total_cmp(&b.explained);
+        self.views.iter().min_by(least)
+    }
+
+    fn mean(&self, number: impl Fn(&ViewQuality) -> f64) -> Option<f64> {
+        let count = self.views.len() as f64;
+        (count > 0.0).then(|| self.views.iter().map(number).sum::<f64>() / count)
+    }
+}
