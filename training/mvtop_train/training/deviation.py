@@ -39,7 +39,11 @@ def predictions(bundle: Path, scenes: list[list[bop.Image]]):
     estimator = mvtop.Estimator.load(bundle)
     for images in tqdm(groups_of(scenes), unit="group", desc="deviations"):
         rig, pictures = support.rig_of(images)
-        yield estimator.predict(pictures, rig), len(images)
+        try:
+            prediction = estimator.predict(pictures, rig)
+        except mvtop.Error:  # of a network that has hardly learnt, poses that cannot be
+            continue
+        yield prediction, len(images)
 
 
 def found_in(bundle: Path, scenes: list[list[bop.Image]]) -> list[float]:
