@@ -10,12 +10,11 @@
 
 mod contour;
 mod explained;
-pub(crate) mod lines;
 mod part;
 mod quality;
 mod raster;
 mod region;
-pub(crate) mod solve;
+mod solve;
 
 use image::RgbImage;
 use nalgebra::{Isometry3, Matrix6, Point3};
@@ -338,4 +337,4 @@ fn expected(information: &Matrix6<f64>) -> Option<Sigma> {
 }
 
 #[cfg(test)]
-pub(crate) mod tests;
+mod tests;

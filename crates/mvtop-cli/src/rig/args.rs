@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use mvtop_import::{Direction, Format, ImageSize, Options, Unit};
 
-use crate::args::{NetworkArgs, positive};
+use crate::args::positive;
 
 #[derive(Subcommand)]
 pub enum Rig {
@@ -13,11 +13,8 @@ pub enum Rig {
     Import(Import),
     /// Say where cameras stand and look, and which share a view; with a picture
     Show(Show),
-    /// The same, and fail where what is seen cannot be meant; with images, where cameras do not stand
-    /// as these show it
-    Check(Check),
-    /// Bring cameras to where images show that they stand
-    Refine(Refine),
+    /// The same, and fail where what is seen cannot be meant
+    Check(Show),
 }
 
 #[derive(Args)]
@@ -94,55 +91,6 @@ pub struct Show {
     /// Overwrite a picture that exists
     #[arg(long, requires = "picture")]
     pub force: bool,
-}
-
-#[derive(Args)]
-#[command(after_help = "\
-Examples:
-  Where cameras stand and look, without images:
-    mvtop-cli rig check rig.json
-  With images of objects that the model knows, two sets of a rig of three cameras:
-    mvtop-cli rig check rig.json a0.png b0.png c0.png a1.png b1.png c1.png --model models/ycbv4")]
-pub struct Check {
-    #[command(flatten)]
-    pub show: Show,
-
-    /// Images of objects of the model: sets of one for each camera in the rig's order, one set after the
-    /// other; or ID=PATH, where an id that comes again begins the next set
-    #[arg(value_name = "IMAGE")]
-    pub images: Vec<PathBuf>,
-
-    #[command(flatten)]
-    pub network: NetworkArgs,
-}
-
-#[derive(Args)]
-#[command(after_help = "\
-The reference camera stays where it is. The objects' meshes say how large they are, and so how far
-apart the cameras stand; intrinsics and lenses are left as they are.
-
-Example:
-    mvtop-cli rig refine rig.json a0.png b0.png c0.png a1.png b1.png c1.png --model models/ycbv4 -o better.json")]
-pub struct Refine {
-    /// Rig file
-    #[arg(value_name = "RIG")]
-    pub rig: PathBuf,
-
-    /// Images of objects of the model: sets of one for each camera in the rig's order, one set after the
-    /// other; or ID=PATH, where an id that comes again begins the next set
-    #[arg(value_name = "IMAGE", required = true)]
-    pub images: Vec<PathBuf>,
-
-    /// Rig file to write; never the one that is read
-    #[arg(short, long, value_name = "FILE")]
-    pub out: PathBuf,
-
-    /// Overwrite a rig file that exists
-    #[arg(long)]
-    pub force: bool,
-
-    #[command(flatten)]
-    pub network: NetworkArgs,
 }
 
 impl Import {

@@ -7,10 +7,10 @@ use nalgebra::{
 use crate::prediction::Sigma;
 
 /// Neighbouring lines err alike: as many count as one.
-pub const ALIKE: f64 = 4.0;
+const ALIKE: f64 = 4.0;
 /// And in what they do not say of themselves, such as a lens or a mesh that is a bit off: how much
 /// less exact a pose is expected to be, as a share of its information.
-pub const KNOWN: f64 = 0.25;
+const KNOWN: f64 = 0.25;
 /// Mean of a rotation's angle over the standard deviation about each axis.
 pub const ANGLE_PER_AXIS: f64 = 1.596;
 /// Directions of which the images tell less than this share of what they tell of the best known one
