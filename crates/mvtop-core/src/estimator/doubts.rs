@@ -97,13 +97,11 @@ fn judge(
         None => by_boxes(cameras, index, residuals)?,
     };
     let doubted = judged.deviation > bundle.detector.most_deviation;
-    let by_view = apart.iter().map(|(_, difference)| match doubted {
-        true => difference.across.hypot(difference.along),
-        false => difference.across,
-    });
-    let misses = match apart {
-        [] => misses,
-        _ => by_view.collect(),
+    // A view in which the object is hidden tells anything by itself: only where the calibration is
+    // doubted does that count.
+    let misses = match doubted && !apart.is_empty() {
+        true => (apart.iter().map(|(_, off)| off.across.hypot(off.along))).collect(),
+        false => misses,
     };
     object.sigma.t_m = misses.into_iter().fold(object.sigma.t_m, f64::max);
     Some(judged)
