@@ -93,10 +93,11 @@ def test_a_network_of_one_pose_grows_more(tiny):
             torch.testing.assert_close(y[:, :, 0], x, atol=1e-5, rtol=1e-4)
 
 
-def test_the_exported_decoder_gives_all_and_the_best(tiny, tmp_path):
+@pytest.mark.parametrize("queries", [1, 3])
+def test_the_exported_decoder_gives_all_and_the_best(tiny, tmp_path, queries):
     model = several(tiny, 3)
     bundle.write_bundle(model, tmp_path, {}, portable=True)
-    inputs = decoder_inputs(model.config, 2, 2)
+    inputs = decoder_inputs(model.config, 2, queries)
     session = onnxruntime.InferenceSession(tmp_path / "decoder.onnx")
     names = [output.name for output in session.get_outputs()]
     got = dict(zip(names, run(session, inputs), strict=True))

@@ -25,8 +25,9 @@ class Hypotheses(NamedTuple):
     def best(self):
         """The pose that is most likely right, as `PoseHeads` gives a single one."""
         index = self.score.argmax(-1)[..., None, None]
+        # -1, as numbers of queries would be those of the export.
         return tuple(
-            x.gather(-2, index.expand(*index.shape[:-1], x.shape[-1]))[..., 0, :] for x in self[:3]
+            x.gather(-2, index.expand(-1, -1, -1, x.shape[-1]))[..., 0, :] for x in self[:3]
         )
 
 
