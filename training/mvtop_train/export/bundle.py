@@ -140,6 +140,13 @@ def graphs_of(model: Mvtop) -> dict[str, onnx.ModelProto]:
     }
 
 
+def outputs_of(config) -> list[str]:
+    """Of the decoder, in their order."""
+    one = ["rotation_6d", "translation", "sigma"]
+    several = [f"hypotheses_{name}" for name in Hypotheses._fields]
+    return one + several if config.hypotheses > 1 else one
+
+
 def _decoder_of(model: Mvtop) -> onnx.ModelProto:
     config = model.config
     n = sum(rows * columns for rows, columns in config.decoder_shapes())
@@ -155,9 +162,7 @@ def _decoder_of(model: Mvtop) -> onnx.ModelProto:
         **of_boxes,
         "class_index": torch.zeros(2, dtype=torch.long),
     }
-    outputs = ["rotation_6d", "translation", "sigma"]
-    if config.hypotheses > 1:
-        outputs += [f"hypotheses_{name}" for name in Hypotheses._fields]
+    outputs = outputs_of(config)
     free = {name: {0: "views"} for name in ("memory", "rays")}
     free |= {name: {0: "views", 1: "objects"} for name in of_boxes}
     free |= {name: {0: "objects"} for name in ("class_index", *outputs)}

@@ -7,6 +7,7 @@ The deformable sampling is PyTorch's own, not mvtop's kernel.
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -15,10 +16,12 @@ from PIL import Image as PilImage
 
 from ..network import pose, rays, sampling
 from ..network.model import Mvtop
-from .bundle import ExportedCloseUps, ExportedDecoder, ExportedDetector
+from .bundle import ExportedCloseUps, ExportedDecoder, ExportedDetector, outputs_of
 from .optics import Camera, closeup_of, load_rig, picture_of, rays_of_box, seen_by
 
 MAX_ANCHORS = 4
+# As in mvtop-core/src/estimator/hypotheses.rs.
+NEAR_DEG, MOST, FAINTEST = 25.0, 6, 0.02
 
 
 @dataclass
@@ -106,16 +109,75 @@ def decoder_inputs(config, pictures: list[Picture], anchor: int) -> dict:
 
 @torch.no_grad()
 def decode(model: Mvtop, memory, inputs: dict, order: list[int]) -> dict:
-    """rotation_6d [1, 6], translation [1, 3], sigma [1, 2] from views `order`, the anchor first."""
+    """rotation_6d [1, 6], translation [1, 3], sigma [1, 2] from views `order`, the anchor first; of
+    networks with hypotheses these as well."""
     given = {name: x[order].float() for name, x in inputs.items()}
     given |= {"valid": torch.ones(len(order), 1), "class_index": torch.zeros(1, dtype=torch.long)}
-    names = ("rotation_6d", "translation", "sigma")
-    return dict(zip(names, ExportedDecoder(model)(memory[order], **given)[:3], strict=True))
+    outputs = ExportedDecoder(model)(memory[order], **given)
+    return dict(zip(outputs_of(model.config), outputs, strict=True))
 
 
-def mean_pose(poses: list[np.ndarray]) -> np.ndarray:
+class Hypothesis(NamedTuple):
+    """A pose [4, 4] that the object may have, world frame; sigma [2] if it is the right one."""
+
+    probability: float
+    world_from_obj: np.ndarray
+    sigma: np.ndarray
+
+    def away_deg(self, other: "Hypothesis") -> float:
+        cos = (np.trace(self.world_from_obj[:3, :3].T @ other.world_from_obj[:3, :3]) - 1) / 2
+        return float(np.degrees(np.arccos(np.clip(cos, -1, 1))))
+
+
+def hypotheses_of(decoded: dict, world_from_anchor: np.ndarray) -> list[Hypothesis]:
+    """Of the one object that was decoded."""
+    keys = ("rotation_6d", "translation", "sigma")
+    several = "hypotheses_score" in decoded
+    given = [decoded[f"hypotheses_{key}"][0] if several else decoded[key] for key in keys]
+    share = decoded["hypotheses_score"][0].double().softmax(-1) if several else torch.ones(1)
+    found = []
+    for probability, six, translation, sigma in zip(share, *given, strict=True):
+        anchor_from_obj = np.eye(4)
+        anchor_from_obj[:3, :3] = pose.rotation_from_6d(six.double())
+        anchor_from_obj[:3, 3] = translation
+        world_from_obj = world_from_anchor @ anchor_from_obj
+        found.append(Hypothesis(probability.item(), world_from_obj, sigma.double().numpy()))
+    return found
+
+
+def grouped(found: list[Hypothesis]) -> list[list[Hypothesis]]:
+    """The most probable first, each with those that are turned by less than `NEAR_DEG`."""
+    groups: list[list[Hypothesis]] = []
+    for one in sorted(found, key=lambda one: -one.probability):
+        near = (group for group in groups if group[0].away_deg(one) < NEAR_DEG)
+        group = next(near, None)
+        groups.append([one]) if group is None else group.append(one)
+    return groups
+
+
+def combined(found: list[Hypothesis]) -> tuple[np.ndarray, np.ndarray]:
+    """The most probable pose [4, 4], of means of those near each other, and its expected error."""
+    means = []
+    for group in grouped(found):
+        weights = np.array([one.probability for one in group])
+        mean = mean_pose([one.world_from_obj for one in group], weights)
+        sigma = np.average([one.sigma for one in group], 0, weights)
+        means.append(Hypothesis(weights.sum(), mean, sigma))
+    kept = [group[0] for group in grouped(means)]
+    total = sum(one.probability for one in kept)
+    kept = [one for one in kept if one.probability > FAINTEST * total][:MOST]
+    share = np.array([one.probability for one in kept])
+    share /= share.sum()
+    first = kept[0]
+    turns = [np.hypot(one.sigma[0], first.away_deg(one)) for one in kept]
+    shifts = [one.world_from_obj[:3, 3] - first.world_from_obj[:3, 3] for one in kept]
+    square = [one.sigma[1] ** 2 + s @ s / 3 for one, s in zip(kept, shifts, strict=True)]
+    return first.world_from_obj, np.array([share @ turns, np.sqrt(share @ square)])
+
+
+def mean_pose(poses: list[np.ndarray], weights=None) -> np.ndarray:
     """[4, 4]: the chordal mean of the rotations, and the translations' arithmetic one."""
-    out = np.mean(poses, 0)
+    out = np.average(poses, 0, weights)
     u, _, vt = np.linalg.svd(out[:3, :3])
     out[:3, :3] = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
     return out
@@ -143,8 +205,8 @@ def detect(model: Mvtop, cameras: list[Camera], images) -> dict:
 def predict(model: Mvtop, cameras: list[Camera], images, boxes) -> dict:
     """Pose of one object, given its box in every view that sees it.
 
-    It is decoded with each of the first `MAX_ANCHORS` views as the reference; these poses' mean is
-    the result.
+    It is decoded with each of the first `MAX_ANCHORS` views as the reference; the mean of those of
+    these poses that are near the most probable one is the result.
 
     images  per camera [H, W, 3] uint8;  boxes  per camera [4] px
     returns every intermediate result; `inputs` and `decoded` per anchor; `world_from_obj` [4, 4]
@@ -158,18 +220,15 @@ def predict(model: Mvtop, cameras: list[Camera], images, boxes) -> dict:
     memory = ExportedCloseUps(model)(tensors.float(), camera_rays.float())
     out = {"pictures": tensors, "camera_rays": camera_rays, "memory": memory}
     out |= {"inputs": [], "decoded": []}
-    poses = []
+    found = []
     for anchor in range(min(MAX_ANCHORS, len(pictures))):
         out["inputs"].append(decoder_inputs(config, pictures, anchor))
         order = [anchor, *(v for v in range(len(pictures)) if v != anchor)]
         decoded = decode(model, memory, out["inputs"][-1], order)
-        anchor_from_obj = np.eye(4)
-        anchor_from_obj[:3, :3] = pose.rotation_from_6d(decoded["rotation_6d"][0].double())
-        anchor_from_obj[:3, 3] = decoded["translation"][0]
-        poses.append(pictures[anchor].world_from_cam @ anchor_from_obj)
+        found += hypotheses_of(decoded, pictures[anchor].world_from_cam)
         out["decoded"].append(decoded)
-    sigma = torch.stack([decoded["sigma"][0] for decoded in out["decoded"]])
-    return out | {"world_from_obj": mean_pose(poses), "sigma": sigma.double().mean(0).numpy()}
+    world_from_obj, sigma = combined(found)
+    return out | {"world_from_obj": world_from_obj, "sigma": sigma}
 
 
 def load_sample(folder: Path):
