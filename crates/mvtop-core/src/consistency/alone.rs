@@ -107,8 +107,8 @@ impl Alone {
             t_m: START.1 * distance,
         };
         let from = |start| refiner.refine(std::slice::from_ref(view), start, sigma);
-        let found = [from(&by_box), from(world_from_obj)];
-        let best = found
+        let found = rayon::join(|| from(&by_box), || from(world_from_obj));
+        let best = [found.0, found.1]
             .into_iter()
             .flatten()
             .filter(|found| found.supported > LEAST_SUPPORTED)

@@ -86,7 +86,7 @@ pub fn by_view(
         if object.views() < 2 {
             return None;
         }
-        let seen = views.iter().zip(&object.boxes);
+        let seen = views.par_iter().zip(&object.boxes);
         let alone = seen.filter_map(|(view, bbox)| {
             let (camera, image) = (view.camera, view.image);
             let sight = Sight {
@@ -97,7 +97,8 @@ pub fn by_view(
             let alone = Alone::of(refiner, &view.1, &sight, points, &pose.world_from_obj)?;
             Some((view.0, alone))
         });
-        let (cameras, alone): (Vec<usize>, Vec<Alone>) = alone.unzip();
+        let alone: Vec<(usize, Alone)> = alone.collect();
+        let (cameras, alone): (Vec<usize>, Vec<Alone>) = alone.into_iter().unzip();
         let differences = differences(refiner, &alone, &pose.world_from_obj)?;
         Some(cameras.into_iter().zip(differences).collect())
     };
