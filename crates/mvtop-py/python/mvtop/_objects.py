@@ -58,10 +58,12 @@ class RigConsistency:
     """How far projections are beside their boxes where these agree best: root mean square over the
     objects, of the camera where it is greatest, px."""
     deviation: float
-    """How far the views are from one pose of an object, in standard deviations of what each tells by
-    itself; of several objects, the lower median. Warned of above the bundle's `most_deviation`."""
+    """How far the views are from one pose of an object, in standard deviations of what each tells
+    by itself; of several objects, the lower median. Warned of above the bundle's
+    `most_deviation`."""
     worst_camera: str | None
-    """Id of the camera where `px` is greatest; None where only two show objects, of which none is known to be wrong."""
+    """Id of the camera where `px` is greatest; None where only two show objects, of which none is
+    known to be wrong."""
 
 
 @dataclass(frozen=True)
