@@ -741,7 +741,9 @@ fn doubtful_data_sets_are_evaluated_with_warnings() {
     fs::write(&targets, list).unwrap();
     let targets = targets.display().to_string();
     let text = warnings("lists", &["--views", "3", "--targets", &targets]);
-    let lines: Vec<&str> = text.lines().collect();
+    // An untrained network's rotation may contradict the boxes: that is not about the data.
+    let of_data = |line: &&str| !line.contains("check the rig");
+    let lines: Vec<&str> = text.lines().filter(of_data).collect();
     assert!(
         lines[0].contains("1 of 3 groups have one view, the first is 000001/000003"),
         "{text}"
