@@ -47,7 +47,9 @@ Examples:
   Some cameras, poses in the frame of one of them, with pictures:
     mvtop-cli infer --rig rig.json left=a.png top=b.png --reference top --overlay out
   For a program to read:
-    mvtop-cli infer --rig rig.json left.png right.png --json > poses.json")]
+    mvtop-cli infer --rig rig.json left.png right.png --json > poses.json
+  For a robot that grasps only what is certain, with exit code 3 where something is not:
+    mvtop-cli infer --rig rig.json left.png right.png --json --min-confidence 0.9")]
 pub struct Infer {
     /// Rig file: the cameras, their lenses and where they are
     #[arg(long, value_name = "FILE", required_unless_present = "example")]
@@ -74,6 +76,11 @@ pub struct Infer {
 
     #[command(flatten)]
     pub refinement: Refinement,
+
+    /// Say of each pose whether it is right with this probability, `accept`, `reject` or
+    /// `need_another_view`; end with code 3 unless all are accepted and there is one
+    #[arg(long, value_name = "P", value_parser = probability)]
+    pub min_confidence: Option<f64>,
 
     /// Print JSON instead of text
     #[arg(long, conflicts_with = "truth")]
@@ -167,6 +174,13 @@ pub fn not_negative(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
         Ok(number) if number.is_finite() && number >= 0.0 => Ok(number),
         _ => Err("expected a number of 0 or more".into()),
+    }
+}
+
+fn probability(text: &str) -> std::result::Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if (0.0..=1.0).contains(&number) => Ok(number),
+        _ => Err("expected a probability from 0 to 1".into()),
     }
 }
 

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use image::ImageFormat;
 use mvtop_core::annotations::TruePose;
+use mvtop_core::confidence::Verdict;
 use mvtop_core::report::Report;
 use mvtop_core::{Estimator, PredictOptions, Prediction, Rig, ViewImage, annotations, overlay};
 
@@ -18,7 +19,8 @@ use crate::{table, write};
 /// File name of all views side by side.
 const SHEET: &str = "all_views.png";
 
-pub fn run(args: &Infer) -> Result<()> {
+/// Returns whether all poses are accepted, where that was asked.
+pub fn run(args: &Infer) -> Result<bool> {
     let Inputs {
         rig: rig_file,
         images,
@@ -53,17 +55,34 @@ pub fn run(args: &Infer) -> Result<()> {
     }
     let estimator = args.network.load(&args.network.bundle()?)?;
 
+    if args.min_confidence.is_some() && estimator.bundle().confidence.is_none() {
+        return Err(Failure(format!(
+            "--min-confidence: expected a model bundle that says how sure it is, got {} without; \
+             add it with `python -m mvtop_train.training.confidence`",
+            estimator.bundle().dir.display()
+        )));
+    }
     let prediction = estimator.predict(&rig, &images, &options)?;
     write::warn(&prediction, None);
+    let least = args.min_confidence;
+    let accepted = least.is_none_or(|least| {
+        let accept = |object| Verdict::of(object, least) == Verdict::Accept;
+        !prediction.objects.is_empty() && prediction.objects.iter().all(accept)
+    });
 
     if let Some(pictures) = &pictures {
         let truth = truth.as_deref().unwrap_or_default();
         pictures.write(&prediction, &estimator, &rig, &images, truth)?;
     }
     if args.json {
-        return print(&pretty_json(&Report::new(&prediction, &rig))?);
+        let mut report = Report::new(&prediction, &rig);
+        for (told, object) in report.objects.iter_mut().zip(&prediction.objects) {
+            told.verdict = least.map(|least| Verdict::of(object, least));
+        }
+        print(&pretty_json(&report)?)?;
+        return Ok(accepted);
     }
-    print(&table::objects(&prediction, &rig))?;
+    print(&table::objects(&prediction, &rig, least))?;
     if let Some(truth) = &truth {
         print(&format!("\n{}", table::compared(&prediction, truth, &rig)))?;
     }
@@ -72,7 +91,7 @@ pub fn run(args: &Infer) -> Result<()> {
         let written: Vec<String> = written.collect();
         print(&format!("\npictures: {}", written.join(" ")))?;
     }
-    Ok(())
+    Ok(accepted)
 }
 
 /// The files that are read.

@@ -64,6 +64,9 @@ pub fn eval_bop(args: impl IntoIterator<Item = OsString>) -> Result<String, Stri
     Ok(answer.json)
 }
 
+/// Exit code where a pose is less certain than was asked for.
+const NOT_ACCEPTED: u8 = 3;
+
 /// Runs the command that `args` name, the first being the program's own name; returns the exit code.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
     let args: Vec<OsString> = args.into_iter().collect();
@@ -82,7 +85,10 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
         }
     };
     let done = match cli.command {
-        Command::Infer(args) => infer::run(&args),
+        Command::Infer(args) => match infer::run(&args) {
+            Ok(false) => return NOT_ACCEPTED,
+            done => done.map(|_| ()),
+        },
         Command::Eval(args) => eval::run(&args),
         Command::Audit(args) => audit::run(&args),
         Command::Rig(args) => rig::run(&args),

@@ -83,6 +83,9 @@ mod tests {
             },
             support: None,
             refinement: None,
+            confidence: None,
+            hypotheses: Vec::new(),
+            next_view: None,
             symmetry: mvtop_core::symmetry::Symmetry::default(),
             cameras: Vec::new(),
         });

@@ -1,6 +1,7 @@
 //! Poses as text for people.
 
 use mvtop_core::annotations::TruePose;
+use mvtop_core::confidence::Verdict;
 use mvtop_core::pose::{rotation_error_deg, translation_error, wxyz};
 use mvtop_core::prediction::ObjectPose;
 use mvtop_core::{Prediction, Rig};
@@ -9,7 +10,9 @@ use nalgebra::Isometry3;
 use crate::matching::matches;
 
 /// The objects, one row each, then the timings.
-pub fn objects(prediction: &Prediction, rig: &Rig) -> String {
+///
+/// - `least`: confidence that is asked for
+pub fn objects(prediction: &Prediction, rig: &Rig, least: Option<f64>) -> String {
     let reference = rig.cameras()[prediction.reference].id();
     let mut lines = Vec::new();
     if prediction.objects.is_empty() {
@@ -22,18 +25,20 @@ pub fn objects(prediction: &Prediction, rig: &Rig) -> String {
         let width = classes.max().unwrap_or(0).max("class".len());
         lines.push(format!("poses in the frame of camera `{reference}`"));
         lines.push(format!(
-            "{:width$}  score  {:24}  {:31}  {:16}  detected in",
+            "{:width$}  score  {:24}  {:31}  {:16}  confidence  detected in",
             "class", "t (m)", "q_wxyz", "expected error"
         ));
         for object in &prediction.objects {
             lines.push(format!(
-                "{:width$}  {:5.2}  {}  {:5.1}° {:6.1} mm  {}",
+                "{:width$}  {:5.2}  {}  {:5.1}° {:6.1} mm  {:10}  {}{}",
                 object.class,
                 object.score,
                 pose(&object.ref_from_obj),
                 object.sigma.rot_deg,
                 object.sigma.t_m * 1e3,
-                detected_in(object, rig)
+                confidence(object),
+                detected_in(object, rig),
+                least.map_or("", |least| verdict(object, least)),
             ));
         }
     }
@@ -79,6 +84,19 @@ fn pose(pose: &Isometry3<f64>) -> String {
         "{:+8.4}{:+8.4}{:+8.4}  {w:+.4} {x:+.4} {y:+.4} {z:+.4}",
         t.x, t.y, t.z
     )
+}
+
+fn confidence(object: &ObjectPose) -> String {
+    let known = object.confidence.map(|p| format!("{:.1} %", 100.0 * p));
+    known.unwrap_or("–".into())
+}
+
+fn verdict(object: &ObjectPose, least: f64) -> &'static str {
+    match Verdict::of(object, least) {
+        Verdict::Accept => ": accept",
+        Verdict::NeedAnotherView => ": need another view",
+        Verdict::Reject => ": reject",
+    }
 }
 
 fn detected_in(object: &ObjectPose, rig: &Rig) -> String {

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 use self::manifest::{Header, Manifest, ManifestClass, read_points};
+use crate::confidence::Confidence;
 use crate::mesh::Mesh;
 use crate::rays::LosEncoding;
 use crate::symmetry::Symmetry;
@@ -39,6 +40,8 @@ pub struct Bundle {
     pub classes: Vec<Class>,
     /// Settings of the detector.
     pub detector: Detector,
+    /// How probable it is that a pose is right; `None` where the bundle does not say.
+    pub confidence: Option<Confidence>,
     /// What the poses are decoded from.
     pub poses: PoseInput,
     /// The graph that runs on whole images: the detector, and the encoder where poses are decoded from
@@ -252,6 +255,7 @@ impl Bundle {
             los_encoding: manifest.los_encoding,
             classes,
             detector: manifest.detector,
+            confidence: manifest.confidence,
             poses,
             features: dir.join(manifest.graphs.features),
             decoder: dir.join(manifest.graphs.decoder),

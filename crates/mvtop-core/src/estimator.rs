@@ -7,6 +7,7 @@ mod doubts;
 mod fit;
 mod hypotheses;
 mod kept;
+mod next_view;
 mod picture;
 mod pose;
 mod refined;
@@ -263,6 +264,12 @@ impl Estimator {
             })
             .collect();
         let (rig_consistency, doubts) = doubts::of(&self.bundle, rig, &mut objects, differences);
+        if let Some(confidence) = &self.bundle.confidence {
+            for object in &mut objects {
+                object.confidence = confidence.of(object, rig_consistency.as_ref());
+            }
+        }
+        next_view::name(&self.bundle, &self.refiners, rig, &views, &mut objects);
         let mut warnings = view::warnings(&views);
         warnings.extend(doubts);
         Ok(Prediction {
@@ -346,6 +353,9 @@ impl Estimator {
             sigma: pose.sigma,
             support: pose.support,
             refinement: None,
+            confidence: None,
+            hypotheses: pose.hypotheses,
+            next_view: None,
             symmetry: class.symmetry.clone(),
             cameras: cameras.collect(),
         }

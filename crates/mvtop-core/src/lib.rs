@@ -66,6 +66,9 @@ pub mod consistency;
 /// What the estimator answers.
 pub mod prediction;
 
+/// The probability that a pose is right.
+pub mod confidence;
+
 /// A prediction as JSON.
 pub mod report;
 

@@ -92,11 +92,31 @@ pub struct ObjectPose {
     pub support: Option<f64>,
     /// How the refinement of the pose on the images went; `None` where there was none.
     pub refinement: Option<Refinement>,
+    /// Probability that the pose is within the bounds that the bundle states, see
+    /// [`crate::confidence`]; `None` where it states none or the pose was not refined.
+    pub confidence: Option<f64>,
+    /// The poses that the object may have, far from each other: this one first, then by their
+    /// probability. Empty where nothing but the pose itself is known.
+    pub hypotheses: Vec<Hypothesis>,
+    /// Index of the camera, of those of the rig that gave no image, in which the hypotheses differ
+    /// most; `None` where there is one hypothesis or no such camera sees the object.
+    pub next_view: Option<usize>,
     /// What no view tells: motions of the object after which it looks the same. Of the poses that
     /// look alike the one is given whose axes are nearest to those of the world frame.
     pub symmetry: Symmetry,
     /// Every camera that gave an image, in the rig's order.
     pub cameras: Vec<CameraPose>,
+}
+
+/// A pose that an object may have.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hypothesis {
+    /// Object frame to world frame, metres.
+    pub world_from_obj: Isometry3<f64>,
+    /// How far it is expected to be off if it is the right one.
+    pub sigma: Sigma,
+    /// Of all of the object's, they sum up to 1.
+    pub probability: f64,
 }
 
 /// How the refinement of a pose went, see [`crate::refine`].
@@ -108,6 +128,13 @@ pub struct Refinement {
     pub supported: f64,
     /// Mean distance of these edges from where the images show them, px of close-ups.
     pub residual_px: f64,
+    /// How likely a pixel within the silhouette is of the object by its color, less how likely one
+    /// next to it is, mean over views: 1 where colors tell them apart everywhere, 0 where they do not.
+    pub overlap: f64,
+    /// What knowing the part of the object tells of a pixel's color, bits, mean over views.
+    pub explained: f64,
+    /// Likewise, of the view where it is least.
+    pub explained_least: f64,
 }
 
 /// The error that is expected of a pose.

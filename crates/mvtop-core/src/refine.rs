@@ -9,6 +9,7 @@
 //! expected counts as a measurement, too: what the images do not tell stays as it was.
 
 mod contour;
+mod difference;
 mod explained;
 mod part;
 mod quality;

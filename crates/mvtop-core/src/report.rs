@@ -1,11 +1,15 @@
 //! A prediction as JSON. `docs/output.md` describes it.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Isometry3;
 use serde::Serialize;
 
+use crate::confidence::{self, EVIDENCE, Verdict};
 use crate::pose::wxyz;
 use crate::prediction::{
-    CameraPose, ObjectPose, Prediction, Refinement, Sigma, Timings, Warning, WarningCode,
+    CameraPose, Hypothesis, ObjectPose, Prediction, Refinement, RigConsistency, Sigma, Timings,
+    Warning, WarningCode,
 };
 use crate::symmetry::{Axis, Symmetry};
 use crate::{BBox, Camera, Rig};
@@ -81,6 +85,19 @@ pub struct Object {
     pub support: Option<f64>,
     /// How its refinement went; null where there was none.
     pub refinement: Option<Refinement>,
+    /// Probability that the pose is within the bounds that the bundle states; null where it states
+    /// none, or the pose was not refined.
+    pub confidence: Option<f64>,
+    /// What that is computed from, by name, [`crate::confidence::EVIDENCE`]; null where the pose was
+    /// not refined.
+    pub evidence: Option<BTreeMap<&'static str, f64>>,
+    /// Whether it is certain enough, null where that was not asked.
+    pub verdict: Option<Verdict>,
+    /// The poses that it may have, this one first, then by their probability.
+    pub hypotheses: Vec<ReportedHypothesis>,
+    /// Id of the camera, of those that gave no image, in which the hypotheses differ most; null
+    /// where there is one hypothesis or no such camera sees the object.
+    pub next_view: Option<String>,
     /// What no view tells; null where the pose is the only one that looks like this.
     pub symmetry: Option<Undetermined>,
     /// Every camera that gave an image.
@@ -102,6 +119,28 @@ impl Undetermined {
             poses: 1 + symmetry.discrete.len(),
             axis: symmetry.axis,
         })
+    }
+}
+
+/// A [`Hypothesis`].
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ReportedHypothesis {
+    /// Object frame to world frame: rows of the homogeneous matrix, metres.
+    #[serde(rename = "T_world_obj")]
+    pub t_world_obj: [[f64; 4]; 4],
+    /// How far it is expected to be off if it is the right one.
+    pub sigma: Sigma,
+    /// Of all of the object's, they sum up to 1.
+    pub probability: f64,
+}
+
+impl ReportedHypothesis {
+    fn of(hypothesis: &Hypothesis) -> Self {
+        Self {
+            t_world_obj: rows(&hypothesis.world_from_obj),
+            sigma: hypothesis.sigma,
+            probability: hypothesis.probability,
+        }
     }
 }
 
@@ -136,7 +175,9 @@ impl Report {
         Self {
             schema_version: SCHEMA_VERSION,
             reference: id(prediction.reference),
-            objects: objects.map(|object| Object::new(object, id)).collect(),
+            objects: objects
+                .map(|object| Object::new(object, prediction.rig_consistency.as_ref(), id))
+                .collect(),
             rig_consistency: prediction.rig_consistency.map(|fit| ReportedConsistency {
                 px: fit.px,
                 deviation: fit.deviation,
@@ -150,7 +191,12 @@ impl Report {
 }
 
 impl Object {
-    fn new(object: &ObjectPose, id: impl Fn(usize) -> String) -> Self {
+    fn new(
+        object: &ObjectPose,
+        rig: Option<&RigConsistency>,
+        id: impl Fn(usize) -> String,
+    ) -> Self {
+        let named = |numbers| EVIDENCE.into_iter().zip(numbers).collect();
         let in_camera = |seen: &CameraPose| ObjectInCamera {
             id: id(seen.camera),
             t_cam_obj: rows(&seen.cam_from_obj),
@@ -168,6 +214,15 @@ impl Object {
             sigma: object.sigma,
             support: object.support,
             refinement: object.refinement,
+            confidence: object.confidence,
+            evidence: confidence::evidence(object, rig).map(named),
+            verdict: None,
+            hypotheses: object
+                .hypotheses
+                .iter()
+                .map(ReportedHypothesis::of)
+                .collect(),
+            next_view: object.next_view.map(&id),
             symmetry: Undetermined::of(&object.symmetry),
             cameras: object.cameras.iter().map(in_camera).collect(),
         }
@@ -183,7 +238,6 @@ pub fn rows(pose: &Isometry3<f64>) -> [[f64; 4]; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::prediction::RigConsistency;
     use crate::{Intrinsics, Projection};
     use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
@@ -219,7 +273,20 @@ mod tests {
                     accepted: true,
                     supported: 0.75,
                     residual_px: 0.5,
+                    overlap: 0.25,
+                    explained: 0.125,
+                    explained_least: 0.0625,
                 }),
+                confidence: Some(0.875),
+                hypotheses: vec![Hypothesis {
+                    world_from_obj: pose,
+                    sigma: Sigma {
+                        rot_deg: 3.0,
+                        t_m: 0.01,
+                    },
+                    probability: 0.75,
+                }],
+                next_view: Some(0),
                 symmetry: Symmetry {
                     discrete: vec![Isometry3::identity(); 5],
                     axis: None,
@@ -276,8 +343,23 @@ mod tests {
         );
         assert_eq!(
             object["refinement"],
-            serde_json::json!({"accepted": true, "supported": 0.75, "residual_px": 0.5})
+            serde_json::json!({
+                "accepted": true, "supported": 0.75, "residual_px": 0.5,
+                "overlap": 0.25, "explained": 0.125, "explained_least": 0.0625
+            })
         );
+        assert_eq!(object["confidence"], 0.875);
+        assert_eq!(object["next_view"], "left");
+        let hypothesis = &object["hypotheses"][0];
+        assert_eq!(hypothesis["probability"], 0.75);
+        assert_eq!(hypothesis["T_world_obj"][2][3], 3.0);
+        let evidence = object["evidence"].as_object().unwrap();
+        assert_eq!(evidence.len(), EVIDENCE.len());
+        assert_eq!(evidence["first_of_hypotheses"], 0.75);
+        assert!((evidence["expected_translation"].as_f64().unwrap() - 10f64.ln()).abs() < 1e-12);
+        assert!((evidence["deviation"].as_f64().unwrap() - 1.5f64.ln()).abs() < 1e-12);
+        // One camera has a box.
+        assert_eq!(evidence["views"], 0.0);
         assert_eq!(object["t_m"], serde_json::json!([1.0, 2.0, 3.0]));
         assert_eq!(
             object["T_world_obj"][0],

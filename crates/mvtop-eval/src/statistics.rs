@@ -5,6 +5,8 @@
 
 /// Bins of the calibration that is reported and drawn.
 pub const CALIBRATION_BINS: usize = 5;
+/// Bins of the reliability of confidences, of which the expected calibration error is the mean.
+pub const RELIABILITY_BINS: usize = 10;
 
 /// Arithmetic mean; `None` of nothing.
 pub fn mean(values: &[f64]) -> Option<f64> {

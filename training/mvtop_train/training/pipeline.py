@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from ..data import bank, batches, bop, search
 from ..errors import UserError
-from . import checkpoint, deviation, loop, processes, runconfig, support, thresholds
+from . import checkpoint, confidence, deviation, loop, processes, runconfig, support, thresholds
 from .validate import pose_views, validate
 
 
@@ -166,17 +166,18 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
 
 
 def export(settings: runconfig.RunConfig, weights: Path, bundle: Path, found):
-    """The bundle; where it gives object coordinates, with the least support that is believed; and
-    with what true calibrations leave of views that disagree."""
+    """The bundle; where it gives object coordinates, with the least support that is believed; with
+    what true calibrations leave of views that disagree; and how probable it is that its poses are
+    right."""
     command = [
         sys.executable, "-m", "mvtop_train.export", "--weights", str(weights), "--data",
         settings.data, "--out", str(bundle), "--bits", "8", "--score-threshold", str(found.score),
         "--agree-threshold", str(found.agree),
     ]  # fmt: skip
     subprocess.run(command, check=True)
-    scenes = support.scenes_of(held_images(settings))
+    scenes, known = support.scenes_of(held_images(settings)), settings.known()
     if settings.pretrained:
-        least = support.choose(*support.found_in(bundle, scenes, settings.known()))
+        least = support.choose(*support.found_in(bundle, scenes, known))
         print(f"least support: {least:g}")
         command += ["--support-threshold", str(least)]
         subprocess.run(command, check=True)
@@ -184,6 +185,9 @@ def export(settings: runconfig.RunConfig, weights: Path, bundle: Path, found):
     if most is not None:
         print(f"most deviation: {most:g}")
         subprocess.run([*command, "--most-deviation", str(most)], check=True)
+    fitted = confidence.fit(confidence.judged(bundle, scenes, known, confidence.DISTURBED))
+    if fitted is not None:
+        confidence.add(bundle, fitted)
 
 
 def thresholds_of(settings: runconfig.RunConfig, model) -> thresholds.Thresholds:

@@ -21,6 +21,8 @@ pub struct Outcome {
     pub add_m: Option<f64>,
     pub score: Option<f64>,
     pub sigma: Option<Sigma>,
+    #[serde(default)]
+    pub confidence: Option<f64>,
     /// Ids of the cameras whose boxes the pose was predicted from.
     pub cameras: Vec<String>,
     #[serde(rename = "T_world_obj")]
@@ -60,6 +62,7 @@ impl Outcome {
             add_m: errors.and_then(|errors| errors.add_m),
             score: found.map(|found| found.score),
             sigma: found.map(|found| found.sigma),
+            confidence: found.and_then(|found| found.confidence),
             cameras: cameras
                 .filter(|seen| seen.bbox.is_some())
                 .map(|seen| sample.rig.cameras()[seen.camera].id().to_owned())

@@ -1,7 +1,9 @@
 //! What many outcomes amount to.
 
 use mvtop_core::prediction::Sigma;
-use mvtop_eval::statistics::{self, CALIBRATION_BINS, auroc, correlation, mean, median};
+use mvtop_eval::statistics::{
+    self, CALIBRATION_BINS, RELIABILITY_BINS, auroc, correlation, mean, median,
+};
 use serde::Serialize;
 
 use super::outcome::{Errors, Outcome};
@@ -89,6 +91,21 @@ pub struct Summary {
     sigma_rot_correlation: Option<f64>,
     /// Poses in bins of equal count, least expected rotation error first; null for few poses.
     calibration: Option<Vec<Bin>>,
+    /// How well the confidence tells right poses from others, see [`auroc`].
+    confidence_auroc: Option<f64>,
+    /// Expected calibration error: how far, in the mean over [`Self::reliability`], the share of right
+    /// poses is from the confidence.
+    confidence_ece: Option<f64>,
+    /// Poses in bins of equal count, least confidence first; null for few poses.
+    reliability: Option<Vec<Reliability>>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Reliability {
+    count: usize,
+    confidence_mean: f64,
+    /// Share of right poses.
+    right_share: f64,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -121,6 +138,12 @@ impl Summary {
         let expected: Vec<f64> = sigmas.iter().map(|sigma| sigma.rot_deg).collect();
         let actual: Vec<f64> = of_sure.iter().map(|errors| errors.rot_deg).collect();
         let open: Vec<bool> = actual.iter().map(|&rot| rot > resolved_deg).collect();
+        let judged = outcomes.iter().filter_map(|outcome| {
+            let right = bounds.right(&outcome.errors()?);
+            Some((outcome.confidence?, right))
+        });
+        let (confidences, rights): (Vec<f64>, Vec<bool>) = judged.unzip();
+        let reliability = reliability(&confidences, &rights);
         Self {
             views,
             pairs,
@@ -139,6 +162,9 @@ impl Summary {
             sigma_rot_auroc: auroc(&expected, &open),
             sigma_rot_correlation: correlation(&expected, &actual),
             calibration: calibration(&expected, &actual),
+            confidence_auroc: auroc(&confidences, &rights),
+            confidence_ece: reliability.as_deref().map(calibration_error),
+            reliability,
         }
     }
 }
@@ -177,7 +203,8 @@ impl Summary {
              within {right_deg}° and {right_mm} mm: {} of {} predicted, precision {} %, \
              recall {} %\n\
              rotation within {resolved_deg}°: {} % of the found, over {WRONG_DEG}°: {} %\n\
-             expected and actual rotation error: AUROC {}, correlation {}",
+             expected and actual rotation error: AUROC {}, correlation {}\n\
+             confidence: AUROC {}, calibration error {}",
             deg(self.rot_mean_deg),
             deg(self.rot_median_deg),
             deg(self.sigma_rot_mean_deg),
@@ -192,6 +219,8 @@ impl Summary {
             number(self.share_over_30_deg, 100.0, 1),
             number(self.sigma_rot_auroc, 1.0, 3),
             number(self.sigma_rot_correlation, 1.0, 2),
+            number(self.confidence_auroc, 1.0, 3),
+            number(self.confidence_ece, 1.0, 3),
         )
     }
 }
@@ -207,6 +236,30 @@ fn calibration(expected: &[f64], actual: &[f64]) -> Option<Vec<Bin>> {
         rot_mean_deg: bin.actual,
     };
     (expected.len() >= CALIBRATION_BINS * LEAST_IN_BIN).then(|| bins.into_iter().map(bin).collect())
+}
+
+/// `None` for too few poses.
+///
+/// - `rights`: whether each pose is right
+fn reliability(confidences: &[f64], rights: &[bool]) -> Option<Vec<Reliability>> {
+    let shares: Vec<f64> = rights
+        .iter()
+        .map(|&right| f64::from(u8::from(right)))
+        .collect();
+    let bins = statistics::calibration(confidences, &shares, RELIABILITY_BINS);
+    let bin = |bin: statistics::Bin| Reliability {
+        count: bin.count,
+        confidence_mean: bin.expected,
+        right_share: bin.actual,
+    };
+    let enough = confidences.len() >= RELIABILITY_BINS * LEAST_IN_BIN;
+    enough.then(|| bins.into_iter().map(bin).collect())
+}
+
+fn calibration_error(bins: &[Reliability]) -> f64 {
+    let total: usize = bins.iter().map(|bin| bin.count).sum();
+    let off = |bin: &Reliability| bin.count as f64 * (bin.confidence_mean - bin.right_share).abs();
+    bins.iter().map(off).sum::<f64>() / total as f64
 }
 
 #[cfg(test)]
@@ -229,6 +282,7 @@ mod tests {
                 rot_deg: sigma_rot_deg,
                 t_m: 0.5,
             }),
+            confidence: None,
             cameras: vec![],
             t_world_obj: None,
             timings_ms: Timings::default(),
@@ -315,6 +369,31 @@ mod tests {
         ] {
             assert!(json[key].is_null(), "{key}");
         }
+    }
+
+    #[test]
+    fn confidence_is_compared_with_the_share_of_right_poses() {
+        // Half of them is said to be right with 0.9, of which 0.8 are; the others with 0.3, of which
+        // 0.4 are.
+        let outcome = |i: usize| {
+            let (confidence, right) = match i < 100 {
+                true => (0.9, i % 10 < 8),
+                false => (0.3, i % 10 < 4),
+            };
+            Outcome {
+                confidence: Some(confidence),
+                ..off_by(if right { 1.0 } else { 9.0 }, 0.001, 3.0)
+            }
+        };
+        let outcomes: Vec<Outcome> = (0..200).map(outcome).collect();
+        let summary = Summary::new(2, 200, 0, &outcomes, bounds(15.0));
+        assert!((summary.confidence_ece.unwrap() - 0.1).abs() < 1e-9);
+        // Right and wrong: 80 and 20 surer ones, 40 and 60 others. Of pairs, 80 * 60 are in order,
+        // and 80 * 20 + 40 * 60 are even.
+        let expected = (80.0 * 60.0 + (80.0 * 20.0 + 40.0 * 60.0) / 2.0) / (120.0 * 80.0);
+        assert!((summary.confidence_auroc.unwrap() - expected).abs() < 1e-9);
+        let few = Summary::new(2, 99, 0, &outcomes[..99], bounds(15.0));
+        assert!(few.reliability.is_none() && few.confidence_ece.is_none());
     }
 
     #[test]

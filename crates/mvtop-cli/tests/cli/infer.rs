@@ -387,6 +387,42 @@ fn shipped_model_finds_the_ball_of_the_example_and_how_it_is_turned() {
 }
 
 #[test]
+fn poses_are_accepted_by_the_confidence_that_is_asked_for() {
+    let judged = |least: &str, more: &[&str]| {
+        let args = ["infer", "--example", "--json", "--min-confidence", least];
+        mvtop(&[&args, more].concat())
+    };
+    let shipped = ["--model", "models/mvball"];
+    for (least, verdict, code) in [("0.5", "accept", 0), ("1", "reject", 3)] {
+        let output = judged(least, &shipped);
+        assert_eq!(output.status.code(), Some(code));
+        let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let ball = &report["objects"][0];
+        assert_eq!(ball["verdict"], verdict);
+        // It is 0.4 degrees and 0.6 mm off.
+        let confidence = ball["confidence"].as_f64().unwrap();
+        assert!(confidence > 0.9 && confidence < 1.0, "{confidence}");
+        let hypotheses = ball["hypotheses"].as_array().unwrap();
+        let share = |one: &Value| one["probability"].as_f64().unwrap();
+        assert!((hypotheses.iter().map(share).sum::<f64>() - 1.0).abs() < 1e-9);
+        assert_eq!(hypotheses[0]["T_world_obj"], ball["T_world_obj"]);
+    }
+    // What is not refined is not known to be right.
+    let unrefined = [&shipped[..], &["--no-refine"]].concat();
+    let output = judged("0.5", &unrefined);
+    assert_eq!(output.status.code(), Some(3));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["objects"][0]["confidence"], Value::Null);
+
+    let without = judged("0.5", &["--model", "fixtures/tiny"]);
+    assert_eq!(without.status.code(), Some(2));
+    let text = String::from_utf8(without.stderr).unwrap();
+    assert!(text.contains("training.confidence"), "{text}");
+    let above = judged("1.5", &shipped);
+    assert_eq!(above.status.code(), Some(2));
+}
+
+#[test]
 fn example_needs_no_files_to_be_named() {
     let network = ["--model", "models/mvball"];
     let text = stdout(&mvtop(

@@ -9,6 +9,7 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
 use super::{CloseUps, Detector, Input, PoseInput, SelfTest, SurfacePoint};
+use crate::confidence::Confidence;
 use crate::mesh::{Mesh, load_ply};
 use crate::rays::LosEncoding;
 use crate::symmetry::{Axis, Symmetry};
@@ -37,6 +38,8 @@ pub(super) struct Manifest {
     pub los_encoding: LosEncoding,
     pub classes: Vec<ManifestClass>,
     pub detector: Detector,
+    #[serde(default)]
+    pub confidence: Option<Confidence>,
     #[serde(default)]
     pub closeup: Option<ManifestCloseUp>,
     pub graphs: Graphs,
@@ -244,6 +247,7 @@ impl Manifest {
                 "detector has {detector:?}, expected numbers from 0 to 1, and a most_deviation above 0"
             ));
         }
+        self.confidence.as_ref().map_or(Ok(()), Confidence::check)?;
         if self.classes.is_empty() {
             return Err("classes are empty, expected at least one".into());
         }

@@ -6,10 +6,11 @@ use ndarray::{Array2, Array3, Axis};
 
 use super::hypotheses;
 use super::picture::{Group, Picture, Pictures, Query};
-use super::pose::{DecodedPose, Hypothesis};
+use super::pose::DecodedPose;
 use crate::Result;
 use crate::bundle::Bundle;
 use crate::network::{Network, Queries};
+use crate::prediction::Hypothesis;
 use crate::rays::{BoxRays, LosEncoding, encode};
 
 /// Pictures of an object that are anchors in turn, at most: more cost time and gain little.

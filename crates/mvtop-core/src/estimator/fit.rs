@@ -12,9 +12,9 @@ use rayon::prelude::*;
 use self::cells::{Evidence, Seen};
 use super::hypotheses::{self, NEAR_DEG};
 use super::picture::{Group, Picture, Pictures};
-use super::pose::{DecodedPose, FARTHEST, Hypothesis};
+use super::pose::{DecodedPose, FARTHEST};
 use crate::bundle::{Bundle, SurfacePoint};
-use crate::prediction::Sigma;
+use crate::prediction::{Hypothesis, Sigma};
 
 mod cells;
 

@@ -6,8 +6,8 @@
 
 use nalgebra::Isometry3;
 
-use super::pose::{DecodedPose, Hypothesis, mean_pose};
-use crate::prediction::Sigma;
+use super::pose::{DecodedPose, mean_pose};
+use crate::prediction::{Hypothesis, Sigma};
 use crate::symmetry::Symmetry;
 
 /// Rotations that are nearer to each other are of one hypothesis, degrees.

@@ -7,7 +7,7 @@ use super::view::View;
 use crate::bundle::Class;
 use crate::network::Decoded;
 use crate::pose::rotation_from_6d;
-use crate::prediction::Sigma;
+use crate::prediction::{Hypothesis, Sigma};
 use crate::symmetry::Symmetry;
 use crate::{Error, Result};
 
@@ -21,16 +21,6 @@ pub struct DecodedPose {
     pub support: Option<f64>,
     /// All of them, this one first, then by their probability.
     pub hypotheses: Vec<Hypothesis>,
-}
-
-/// A pose that an object may have.
-#[derive(Debug, Clone)]
-pub struct Hypothesis {
-    pub world_from_obj: Isometry3<f64>,
-    /// How far it is expected to be off if it is the right one.
-    pub sigma: Sigma,
-    /// Of all of the object's, they sum up to 1.
-    pub probability: f64,
 }
 
 impl Hypothesis {

@@ -3,13 +3,13 @@
 use rayon::prelude::*;
 
 use super::hypotheses;
-use super::pose::{DecodedPose, Hypothesis};
+use super::pose::DecodedPose;
 use super::sightings::Sighting;
 use super::view::View;
 use crate::bundle::Bundle;
 use crate::consistency::Sight;
 use crate::consistency::alone::{Alone, Difference, differences};
-use crate::prediction::Refinement;
+use crate::prediction::{Hypothesis, Refinement};
 use crate::refine::{self, Refiner};
 
 /// How much worse the images fit a pose that is a third as probable, bits.
@@ -51,10 +51,14 @@ pub fn on_images(
                 sigma: refined.sigma,
                 probability: hypothesis.probability * fits.exp(),
             };
+            let quality = &refined.quality;
             let refinement = Refinement {
                 accepted: refined.accepted,
                 supported: refined.supported,
                 residual_px: refined.residual_px,
+                overlap: quality.overlap(),
+                explained: quality.explained(),
+                explained_least: quality.worst().map_or(0.0, |view| view.explained),
             };
             Some((hypothesis, refinement))
         };

@@ -50,6 +50,7 @@ fn bundle() -> Bundle {
             most_deviation: 4.1,
             nms_iou: 0.5,
         },
+        confidence: None,
         poses: PoseInput::WholeImages {
             strides: vec![STRIDE, 16],
         },

@@ -535,3 +535,26 @@ fn quality_says_which_view_does_not_show_the_object() {
     assert!((quality.supported() - mean).abs() < 1e-12);
     assert_eq!(Quality::default().explained(), 0.0);
 }
+
+#[test]
+fn a_camera_that_sees_the_knobs_tells_turns_apart_and_one_that_sees_nothing_does_not() {
+    let refiner = Refiner::new(&ball(), 0.1);
+    let pose = Isometry3::identity();
+    let turned = |angle: f64| {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), angle.to_radians());
+        Isometry3::from_parts(Translation3::identity(), turn)
+    };
+    let camera = camera(0.0);
+    let differ = |degrees: f64| refiner.difference(&camera, &pose, &turned(degrees));
+    assert_eq!(differ(0.0), 0.0);
+    assert!(
+        differ(20.0) > differ(5.0) && differ(5.0) > 0.0,
+        "{}",
+        differ(5.0)
+    );
+    assert!(differ(20.0) <= 1.0);
+    let away = camera.world_from_cam() * Isometry3::rotation(Vector3::y() * 2.0);
+    let size = [camera.width(), camera.height()];
+    let away = Camera::new("away", size, camera.intrinsics().clone(), away).unwrap();
+    assert_eq!(refiner.difference(&away, &pose, &turned(20.0)), 0.0);
+}

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from mvtop._estimator import Estimator
     from mvtop._objects import (
         CameraPose,
+        Hypothesis,
         ObjectClass,
         ObjectPose,
         PredictionWarning,
@@ -43,6 +44,7 @@ __all__ = [
     "CameraPose",
     "Error",
     "Estimator",
+    "Hypothesis",
     "ObjectClass",
     "ObjectPose",
     "Prediction",
@@ -72,6 +74,7 @@ _HOMES = {
     "Estimator": "mvtop._estimator",
     "ObjectClass": "mvtop._objects",
     "CameraPose": "mvtop._objects",
+    "Hypothesis": "mvtop._objects",
     "ObjectPose": "mvtop._objects",
     "Prediction": "mvtop._prediction",
     "PredictionWarning": "mvtop._objects",

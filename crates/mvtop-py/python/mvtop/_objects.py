@@ -86,6 +86,25 @@ class Refinement:
     """Share of the mesh's visible edges that the images show where the pose has them."""
     residual_px: float
     """Mean distance of these edges from where the images show them, px of close-ups."""
+    overlap: float
+    """How likely a pixel within the silhouette is of the object by its color, less how likely one
+    next to it is, mean over views: 1 where colors tell them apart, 0 where they do not."""
+    explained: float
+    """What knowing the part of the object tells of a pixel's color, bits, mean over views."""
+    explained_least: float
+    """Likewise, of the view where it is least."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A pose that an object may have."""
+
+    world_from_obj: NDArray[np.float64]
+    """(4, 4), object frame to the rig's world frame, metres."""
+    sigma: Sigma
+    """How far it is expected to be off if it is the right one."""
+    probability: float
+    """Of all of the object's, they sum up to 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +150,17 @@ class ObjectPose:
     else. None where the model gives no object coordinates."""
     refinement: Refinement | None
     """None where there was none."""
+    confidence: float | None
+    """Probability that the pose is within the bounds that the model states, 5 degrees and 5 mm if
+    it was made as the shipped ones; None where it states none, or the pose was not refined."""
+    evidence: dict[str, float] | None
+    """What that is computed from, by name (docs/confidence.md); None where the pose was not
+    refined."""
+    hypotheses: list[Hypothesis]
+    """The poses that it may have, far from each other: this one first, then by probability."""
+    next_view: str | None
+    """Id of the camera, of those that gave no image, in which the hypotheses differ most; None where
+    there is one hypothesis or no such camera sees the object."""
     symmetry: Undetermined | None
     """None where the pose is the only one that looks like this."""
     cameras: dict[str, CameraPose]
@@ -153,4 +183,7 @@ class ObjectPose:
 
     def __repr__(self) -> str:
         off = f"{self.sigma.rot_deg:.1f} deg and {1e3 * self.sigma.t_m:.1f} mm"
-        return f"ObjectPose({self.class_name!r}, score {self.score:.2f}, expected off by {off})"
+        sure = "" if self.confidence is None else f", right with {100 * self.confidence:.0f} %"
+        return (
+            f"ObjectPose({self.class_name!r}, score {self.score:.2f}, expected off by {off}{sure})"
+        )

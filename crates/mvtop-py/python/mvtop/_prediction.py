@@ -10,6 +10,7 @@ import numpy as np
 from mvtop._mvtop import BOP_RESULTS_HEADER, bop_results_line
 from mvtop._objects import (
     CameraPose,
+    Hypothesis,
     ObjectPose,
     PredictionWarning,
     Refinement,
@@ -171,6 +172,10 @@ def _object(found: dict[str, Any]) -> ObjectPose:
         rows = None if axis is None else np.array([axis["direction"], axis["point"]])
         return Undetermined(symmetry["poses"], rows)
 
+    def hypothesis(one: dict[str, Any]) -> Hypothesis:
+        place = np.array(one["T_world_obj"])
+        return Hypothesis(place, Sigma(**one["sigma"]), one["probability"])
+
     return ObjectPose(
         class_name=found["class"],
         class_id=found["class_id"],
@@ -181,6 +186,10 @@ def _object(found: dict[str, Any]) -> ObjectPose:
         sigma=Sigma(**found["sigma"]),
         support=found["support"],
         refinement=Refinement(**found["refinement"]) if found["refinement"] else None,
+        confidence=found["confidence"],
+        evidence=found["evidence"],
+        hypotheses=[hypothesis(one) for one in found["hypotheses"]],
+        next_view=found["next_view"],
         symmetry=None if found["symmetry"] is None else undetermined(found["symmetry"]),
         cameras={seen["id"]: camera(seen) for seen in found["cameras"]},
     )

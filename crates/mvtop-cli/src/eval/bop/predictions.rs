@@ -88,6 +88,9 @@ impl Predictions {
                 },
                 support: None,
                 refinement: None,
+                confidence: None,
+                hypotheses: Vec::new(),
+                next_view: None,
                 symmetry: Symmetry::default(),
                 cameras: Vec::new(),
             });

@@ -307,6 +307,9 @@ mod tests {
             },
             support: None,
             refinement: None,
+            confidence: None,
+            hypotheses: Vec::new(),
+            next_view: None,
             symmetry: mvtop_core::symmetry::Symmetry::default(),
             cameras: Vec::new(),
         });
@@ -332,6 +335,7 @@ mod tests {
             add_m: errors.and_then(|errors| errors.add_m),
             score: None,
             sigma: None,
+            confidence: None,
             cameras: Vec::new(),
             t_world_obj: None,
             timings_ms: Timings::default(),

@@ -1,0 +1,236 @@
+//! The probability that a pose is right, from all that is known of it.
+//!
+//! A logistic regression over a few numbers, the [`evidence`]. Which weights they have is found on
+//! scenes that the network was not trained on (`training/mvtop_train/training/confidence.py`), and
+//! stands in the bundle: another network, other parts and other images err otherwise.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+
+use crate::prediction::{ObjectPose, RigConsistency};
+
+/// What the evidence is called, in its order.
+pub const EVIDENCE: [&str; 10] = [
+    "expected_rotation",
+    "expected_translation",
+    "first_of_hypotheses",
+    "views",
+    "supported",
+    "residual_px",
+    "overlap",
+    "explained",
+    "explained_least",
+    "deviation",
+];
+
+/// How far off views are said to be at most: where one shows something else, it may be any number.
+const MOST_DEVIATION: f64 = 50.0;
+
+/// How a bundle judges its poses.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct Confidence {
+    /// Largest angle to the true rotation of a pose that is right, degrees.
+    pub within_deg: f64,
+    /// Largest distance to the true position, metres.
+    pub within_m: f64,
+    /// Logarithm of the odds where all evidence is 0.
+    pub bias: f64,
+    /// What each piece of [`EVIDENCE`] adds to them for each of its units, by name; none where it is
+    /// left out.
+    pub weights: BTreeMap<String, f64>,
+}
+
+impl Confidence {
+    /// The probability that a pose is within the bounds; `None` of one that was not refined.
+    pub fn of(&self, object: &ObjectPose, rig: Option<&RigConsistency>) -> Option<f64> {
+        let weight = |name: &str| self.weights.get(name).copied().unwrap_or(0.0);
+        let each = EVIDENCE.iter().zip(evidence(object, rig)?);
+        let odds = self.bias + each.map(|(name, value)| weight(name) * value).sum::<f64>();
+        Some(1.0 / (1.0 + (-odds).exp()))
+    }
+
+    /// The text is the problem.
+    pub(crate) fn check(&self) -> Result<(), String> {
+        if let Some(name) = self
+            .weights
+            .keys()
+            .find(|n| !EVIDENCE.contains(&n.as_str()))
+        {
+            return Err(format!(
+                "confidence has a weight for {name:?}, expected some of {EVIDENCE:?}"
+            ));
+        }
+        let above_zero = |x: f64| x.is_finite() && x > 0.0;
+        let finite =
+            self.bias.is_finite() && self.weights.values().all(|weight| weight.is_finite());
+        if finite && above_zero(self.within_deg) && above_zero(self.within_m) {
+            return Ok(());
+        }
+        Err(format!(
+            "confidence has {self:?}, expected finite numbers, and bounds above 0"
+        ))
+    }
+}
+
+/// What speaks for and against a pose, in the order of [`EVIDENCE`]: logarithms of the expected errors
+/// (degrees, mm), the probability of this hypothesis among the others, the logarithm of the number of
+/// views with a box, the refinement's numbers ([`crate::prediction::Refinement`]), and how far the
+/// views are from one pose. `None` of a pose that was not refined.
+pub fn evidence(
+    object: &ObjectPose,
+    rig: Option<&RigConsistency>,
+) -> Option<[f64; EVIDENCE.len()]> {
+    let refinement = object.refinement?;
+    let views = object.cameras.iter().filter(|seen| seen.bbox.is_some());
+    let first = object.hypotheses.first();
+    let deviation = rig.map_or(0.0, |rig| rig.deviation.min(MOST_DEVIATION));
+    Some([
+        object.sigma.rot_deg.max(1e-3).ln(),
+        (1e3 * object.sigma.t_m).max(1e-3).ln(),
+        first.map_or(1.0, |hypothesis| hypothesis.probability),
+        (views.count().max(1) as f64).ln(),
+        refinement.supported,
+        refinement.residual_px,
+        refinement.overlap,
+        refinement.explained,
+        refinement.explained_least,
+        deviation.ln_1p(),
+    ])
+}
+
+/// What to do with a pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// It is right with at least the probability that was asked for.
+    Accept,
+    /// The views leave it open: it may be another one of several, or one view alone shows it.
+    NeedAnotherView,
+    /// It is probably wrong, though it is settled.
+    Reject,
+}
+
+/// Of several hypotheses, the first is settled if it is this probable.
+const SETTLED: f64 = 0.9;
+
+impl Verdict {
+    /// - `least`: confidence that is asked for; a pose without any is accepted by 0 alone
+    pub fn of(object: &ObjectPose, least: f64) -> Self {
+        if object.confidence.unwrap_or(0.0) >= least {
+            return Self::Accept;
+        }
+        let views = object.cameras.iter().filter(|seen| seen.bbox.is_some());
+        let first = object.hypotheses.first();
+        let open = first.is_some_and(|hypothesis| hypothesis.probability < SETTLED);
+        match open || views.count() < 2 {
+            true => Self::NeedAnotherView,
+            false => Self::Reject,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::prediction::{CameraPose, Hypothesis, Refinement, Sigma};
+    use crate::symmetry::Symmetry;
+    use nalgebra::Isometry3;
+
+    /// Seen by some views, with other hypotheses next to the first.
+    fn object(views: usize, first: f64, confidence: f64) -> ObjectPose {
+        let pose = Isometry3::identity();
+        let sigma = Sigma {
+            rot_deg: 1.0,
+            t_m: 0.001,
+        };
+        let seen = |camera| CameraPose {
+            camera,
+            cam_from_obj: pose,
+            bbox: Some([0., 0., 9., 9.].into()),
+        };
+        ObjectPose {
+            class: "ball".into(),
+            class_id: 1,
+            score: 1.0,
+            ref_from_obj: pose,
+            world_from_obj: pose,
+            sigma,
+            support: None,
+            refinement: Some(Refinement {
+                accepted: true,
+                supported: 0.5,
+                residual_px: 2.0,
+                overlap: 0.25,
+                explained: 0.5,
+                explained_least: 0.125,
+            }),
+            confidence: Some(confidence),
+            hypotheses: vec![Hypothesis {
+                world_from_obj: pose,
+                sigma,
+                probability: first,
+            }],
+            next_view: None,
+            symmetry: Symmetry::default(),
+            cameras: (0..views).map(seen).collect(),
+        }
+    }
+
+    fn confidence(weights: &[(&str, f64)]) -> Confidence {
+        let weights = weights.iter().map(|(name, x)| ((*name).to_owned(), *x));
+        Confidence {
+            within_deg: 5.0,
+            within_m: 0.005,
+            bias: 1.0,
+            weights: weights.collect(),
+        }
+    }
+
+    #[test]
+    fn odds_are_summed_by_name() {
+        let weights = [("supported", 2.0), ("residual_px", -1.0), ("views", 10.0)];
+        // 1 + 2 * 0.5 - 2 = 0: even odds, of one view.
+        let even = confidence(&weights).of(&object(1, 1.0, 0.0), None).unwrap();
+        assert!((even - 0.5).abs() < 1e-12);
+        let two = confidence(&weights).of(&object(2, 1.0, 0.0), None).unwrap();
+        assert!((two - 1.0 / (1.0 + 2f64.powi(-10))).abs() < 1e-3, "{two}");
+        let doubted = RigConsistency {
+            px: 3.0,
+            deviation: 1e9,
+            worst_camera: None,
+        };
+        let by_rig = confidence(&[("deviation", -1.0)]);
+        let least = by_rig.of(&object(2, 1.0, 0.0), Some(&doubted)).unwrap();
+        assert!((least - 1.0 / (1.0 + 51.0 / 1f64.exp())).abs() < 1e-12);
+    }
+
+    #[test]
+    fn pose_that_was_not_refined_has_none() {
+        let mut object = object(2, 1.0, 0.0);
+        object.refinement = None;
+        assert_eq!(confidence(&[]).of(&object, None), None);
+    }
+
+    #[test]
+    fn what_is_open_needs_another_view_and_what_is_settled_is_rejected() {
+        assert_eq!(Verdict::of(&object(2, 0.5, 0.95), 0.9), Verdict::Accept);
+        assert_eq!(Verdict::of(&object(2, 1.0, 0.85), 0.9), Verdict::Reject);
+        let open = Verdict::NeedAnotherView;
+        assert_eq!(Verdict::of(&object(2, 0.5, 0.85), 0.9), open);
+        assert_eq!(Verdict::of(&object(1, 1.0, 0.85), 0.9), open);
+    }
+
+    #[test]
+    fn numbers_that_say_nothing_are_refused() {
+        assert_eq!(confidence(&[("views", 1.0)]).check(), Ok(()));
+        let unknown = confidence(&[("weather", 1.0)]).check().unwrap_err();
+        assert!(unknown.contains("\"weather\"") && unknown.contains("\"views\""));
+        assert!(confidence(&[("views", f64::NAN)]).check().is_err());
+        let no_bound = Confidence {
+            within_m: 0.0,
+            ..confidence(&[])
+        };
+        assert!(no_bound.check().is_err());
+    }
+}
