@@ -2,8 +2,8 @@
 
     python -m mvtop_train.study.next_view --samples out/five --model models/mvball
 
-For each sample (`synthesis/samples.py`) that one camera leaves open, poses from that one and each of
-the others: the one that is named, all of them, and the best by the truth.
+For each sample (`synthesis/samples.py`) that one camera leaves open, poses from that one and each
+of the others: the one that is named, all of them, and the best by the truth.
 """
 
 import json
@@ -29,8 +29,8 @@ def rotation_error_deg(prediction, world_from_obj: np.ndarray) -> float:
 
 
 def errors_of(sample: Path, estimator) -> tuple[str, dict[str, float]] | None:
-    """The camera that is named, and the error with each other one as the second, degrees; None where
-    the first camera leaves nothing open."""
+    """The camera that is named, and the error with each other one as the second, degrees; None
+    where the first camera leaves nothing open."""
     import mvtop
 
     rig = mvtop.Rig.load(sample / "rig.json")

@@ -159,8 +159,8 @@ class ObjectPose:
     hypotheses: list[Hypothesis]
     """The poses that it may have, far from each other: this one first, then by probability."""
     next_view: str | None
-    """Id of the camera, of those that gave no image, in which the hypotheses differ most; None where
-    there is one hypothesis or no such camera sees the object."""
+    """Id of the camera, of those that gave no image, in which the hypotheses differ most; None
+    where there is one hypothesis or no such camera sees the object."""
     symmetry: Undetermined | None
     """None where the pose is the only one that looks like this."""
     cameras: dict[str, CameraPose]
