@@ -107,3 +107,26 @@ fn swapped_axes_and_directions_are_named() {
     );
     stdout(&mvtop(&["rig", "show", &away])); // says it, but does not fail
 }
+
+#[test]
+fn images_that_do_not_fit_a_rig_are_refused_before_the_network_is_loaded() {
+    let folder = TempDir::new().unwrap();
+    let at = |x: f64| format!(r#""T_world_cam": {{"t": [{x}, 0, 0], "q_wxyz": [1, 0, 0, 0]}}"#);
+    let (pair, one) = (rig_file(&folder, &[&at(0.0), &at(0.3)]), at(0.0));
+    let out = path(&folder, "better.json");
+    let refine = |rest: &[&str]| refusal(&mvtop(&[&["rig", "refine", "-o", &out], rest].concat()));
+    let error = refine(&[&pair, "a.png", "b.png", "c.png"]);
+    assert!(
+        error.contains("sets of 2 images") && error.contains("got 3"),
+        "{error}"
+    );
+    // The rig that is read is never replaced, whatever is forced.
+    let onto = [
+        "rig", "refine", &pair, "a.png", "b.png", "--force", "-o", &pair,
+    ];
+    let error = refusal(&mvtop(&onto));
+    assert!(error.contains("name another file"), "{error}");
+    let error = refine(&[&rig_file(&folder, &[&one]), "a.png"]);
+    assert!(error.contains("two cameras or more"), "{error}");
+    assert!(!Path::new(&out).exists());
+}
