@@ -10,12 +10,13 @@ mod adjust;
 mod alone;
 mod judge;
 
-use nalgebra::{Isometry3, Matrix6, Vector6};
+use nalgebra::{Isometry3, Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
 
 pub use self::judge::{Correction, Off, PairResidual, Refined};
 
 use self::adjust::{Adjusted, Object, Scene, Sighting, adjusted};
+use self::alone::Alone;
 use crate::estimator::{Estimator, PredictOptions};
 use crate::image::ViewImage;
 use crate::refine::lines::Lines;
@@ -24,6 +25,9 @@ use crate::{Error, Result, Rig};
 
 /// Steps of the lines, px of the close-ups, one after the other.
 const STEPS: [f64; 8] = [4.0, 3.0, 2.0, 2.0, 1.0, 1.0, 1.0, 1.0];
+/// A rig is contradicted, and another reading of it believed, by this share of the objects that two
+/// images show.
+const AGREE: f64 = 0.5;
 /// How far edges may be off at a step, px for one of it.
 const FROM_PX: f64 = 4.0;
 /// How far a camera is expected to be off, standard deviations in each direction.
@@ -85,8 +89,8 @@ fn cams_from_world(rig: &Rig) -> Vec<Isometry3<f64>> {
 /// - `expected`: how far its cameras are expected to be off
 ///
 /// # Errors
-/// Those of [`Estimator::predict`]; [`Error::Input`] for a bundle without meshes, and where no object is
-/// seen by two cameras.
+/// Those of [`Estimator::predict`]; [`Error::Input`] for a bundle without meshes, where no two images show
+/// objects of a class, and where what they show contradicts the rig altogether.
 pub fn observe(
     estimator: &Estimator,
     rig: &Rig,
@@ -101,7 +105,57 @@ pub fn observe(
             estimator.bundle().dir.display()
         )));
     }
-    let guess = alone::guess(estimator, rig, sets, &expected)?;
+    let alone = alone::sightings(estimator, rig, sets)?;
+    let shared = alone::shared(&alone);
+    let by = |rig: &Rig| by_rig(estimator, rig, sets, &alone, expected);
+    // Images that nothing can be made of were refused above: poses that cannot be are the rig's.
+    let found = by(rig).ok().flatten();
+    let agree = found.as_ref().map_or(0, Observed::agreeing);
+    if let Some(found) = found.filter(|_| agree as f64 > AGREE * shared as f64) {
+        return Ok(found);
+    }
+    if shared == 0 {
+        return Err(Error::Input(
+            "images: expected objects that two cameras see in one set of images, found none; give images of \
+             more objects, where cameras share their view"
+                .into(),
+        ));
+    }
+    let flip = Isometry3::rotation(Vector3::x() * std::f64::consts::PI);
+    let readings = [
+        ("the other direction", true, Isometry3::identity()),
+        ("OpenGL's axes (y up, z backward)", false, flip),
+        ("the other direction and OpenGL's axes", true, flip),
+    ];
+    let fits = readings.iter().find(|(_, inverse, axes)| {
+        let read = rig.moved(|_, camera| match inverse {
+            true => camera.world_from_cam().inverse() * axes,
+            false => camera.world_from_cam() * axes,
+        });
+        let found = read.and_then(|rig| by(&rig)).ok().flatten();
+        found.is_some_and(|found| found.agreeing() as f64 > AGREE * shared as f64)
+    });
+    let hint = match fits {
+        Some((name, ..)) => format!("the poses fit the images if read in {name}"),
+        None => "check direction, axes and unit of the poses, and that each image is of its camera"
+            .into(),
+    };
+    Err(Error::Input(format!(
+        "the images contradict the rig: of {shared} objects that two images of a set show, {agree} are found \
+         by the rig in both; {hint}"
+    )))
+}
+
+/// What is seen by a rig that may be wrong; `None` where nothing is seen by two cameras.
+fn by_rig(
+    estimator: &Estimator,
+    rig: &Rig,
+    sets: &[Vec<ViewImage>],
+    alone: &[Alone],
+    expected: Expected,
+) -> Result<Option<Observed>> {
+    let refiners = estimator.refiners();
+    let guess = alone::guess(estimator, rig, alone.to_vec(), &expected);
     let start = rig.moved(|index, _| guess[index].inverse())?;
     let mut scene = Scene {
         cams_from_world: guess,
@@ -141,20 +195,15 @@ pub fn observe(
             }
         }
     }
-    match on_images(rig, &expected, scene, &mut seen) {
-        Some((sightings, adjusted)) if !sightings.is_empty() => Ok(Observed {
-            given: rig.clone(),
-            expected,
-            sightings,
-            set_of,
-            adjusted,
-        }),
-        _ => Err(Error::Input(
-            "images: expected objects that two cameras see in one set of images, found none; give images of \
-             more objects, where cameras share their view, and look at `mvtop-cli rig show`"
-                .into(),
-        )),
-    }
+    let found = on_images(rig, &expected, scene, &mut seen);
+    let found = found.filter(|(sightings, _)| !sightings.is_empty());
+    Ok(found.map(|(sightings, adjusted)| Observed {
+        given: rig.clone(),
+        expected,
+        sightings,
+        set_of,
+        adjusted,
+    }))
 }
 
 /// Brings objects and cameras to where the edges are, from coarse to fine.

@@ -149,10 +149,10 @@ fn sets_of(rig: &Rig, images: &[PathBuf]) -> Result<Vec<Vec<(usize, PathBuf)>>> 
 }
 
 fn summary(rig: &Rig, observed: &Observed) -> Result<()> {
-    let (count, sets) = (observed.objects(), observed.sets());
+    let (count, sets, agree) = (observed.objects(), observed.sets(), observed.agreeing());
     let noise = observed.noise_px();
     write::print(&format!(
-        "against the images: {count} object{} in {sets} set{} seen by two cameras or more; edges of one \
+        "against the images: {count} object{} in {sets} set{} seen by two cameras or more, which agree on {agree}; edges of one \
          object in one view are believed to {noise:.2} px",
         s(count),
         s(sets)

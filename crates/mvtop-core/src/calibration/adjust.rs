@@ -244,6 +244,11 @@ fn step(
 }
 
 impl Adjusted {
+    /// How far edges are off where a sighting loses three quarters of its weight.
+    pub fn keeps_weight_px(&self) -> f64 {
+        6f64.sqrt() * ROBUST * self.noise_px
+    }
+
     /// How a camera is to be moved, in its own axes, for a base camera that stays.
     ///
     /// - returns: the motion; its covariance; and that which was expected beforehand

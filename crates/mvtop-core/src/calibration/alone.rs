@@ -1,5 +1,7 @@
 //! A first guess of where everything is, by what each image alone shows.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Isometry3;
 
 use super::Expected;
@@ -18,24 +20,36 @@ const OFF: f64 = 5.0;
 const FROM_PX: f64 = 100.0;
 
 /// An object as one image alone shows it.
-struct Alone {
+#[derive(Clone)]
+pub struct Alone {
     set: usize,
     class: usize,
     sighting: Sighting,
 }
 
+/// How many objects two images of a set or more show, by their classes alone.
+pub fn shared(alone: &[Alone]) -> usize {
+    let mut counts: BTreeMap<(usize, usize), BTreeMap<usize, usize>> = BTreeMap::new();
+    for one in alone {
+        let of_class = counts.entry((one.set, one.class)).or_default();
+        *of_class.entry(one.sighting.camera).or_default() += 1;
+    }
+    let second = |of_class: &BTreeMap<usize, usize>| {
+        let mut counts: Vec<usize> = of_class.values().copied().collect();
+        counts.sort_unstable();
+        counts.iter().rev().nth(1).copied().unwrap_or(0)
+    };
+    counts.values().map(second).sum()
+}
+
 /// Where cameras stand by what each image alone shows: cam_from_world of each.
-///
-/// # Errors
-/// Those of [`Estimator::predict`].
 pub fn guess(
     estimator: &Estimator,
     rig: &Rig,
-    sets: &[Vec<ViewImage>],
+    mut alone: Vec<Alone>,
     expected: &Expected,
-) -> Result<Vec<Isometry3<f64>>> {
+) -> Vec<Isometry3<f64>> {
     let given = super::cams_from_world(rig);
-    let mut alone = sightings(estimator, rig, sets)?;
     let classes = &estimator.bundle().classes;
     let mut scene = Scene {
         cams_from_world: given.clone(),
@@ -90,11 +104,14 @@ pub fn guess(
     }
     let expected = vec![*expected; given.len()];
     let found = adjusted(&given, &expected, scene, &grouped, FROM_PX);
-    Ok(found.map_or(given, |found| found.scene.cams_from_world))
+    found.map_or(given, |found| found.scene.cams_from_world)
 }
 
 /// What each image by itself shows.
-fn sightings(estimator: &Estimator, rig: &Rig, sets: &[Vec<ViewImage>]) -> Result<Vec<Alone>> {
+///
+/// # Errors
+/// Those of [`Estimator::predict`].
+pub fn sightings(estimator: &Estimator, rig: &Rig, sets: &[Vec<ViewImage>]) -> Result<Vec<Alone>> {
     let mut all = Vec::new();
     for (set, images) in sets.iter().enumerate() {
         for view in images {

@@ -33,6 +33,8 @@ pub struct Correction {
     pub sigma: Expected,
     /// How many standard deviations it is, turn and shift together.
     pub deviation: f64,
+    /// On how many objects the camera agrees with others once it is moved.
+    pub objects: usize,
     /// Share of what was expected beforehand that is left of the standard deviation, in the direction
     /// that is known least.
     pub left: f64,
@@ -72,9 +74,10 @@ pub struct Refined {
 }
 
 impl Correction {
-    /// Whether the camera does not stand where the rig says.
+    /// Whether the camera does not stand where the rig says. One object alone does not tell: it may be
+    /// taken for another, or for itself the other way round.
     pub fn is_off(&self) -> bool {
-        self.deviation > OFF
+        self.deviation > OFF && self.objects > 1
     }
 
     /// Whether the images tell where it stands.
@@ -87,6 +90,12 @@ impl Observed {
     /// How many objects were seen by two cameras or more, over all sets.
     pub fn objects(&self) -> usize {
         self.set_of.len()
+    }
+
+    /// How many of these two views or more agree on.
+    pub fn agreeing(&self) -> usize {
+        let agreed = agreed(&self.adjusted, &self.sightings);
+        agreed.iter().filter(|cameras| cameras.len() > 1).count()
     }
 
     /// In how many sets of images these are.
@@ -216,6 +225,7 @@ impl Observed {
     }
 
     fn correction(&self, adjusted: &Adjusted, camera: usize, base: usize) -> Correction {
+        let agreed = agreed(adjusted, &self.sightings);
         let given = cams_from_world(&self.given);
         let relative = adjusted.relative(&given, &self.expected, camera, base);
         let (cam_from_shown, covariance, before) = relative;
@@ -234,9 +244,24 @@ impl Observed {
             cam_from_shown,
             sigma: Expected::of(&covariance),
             deviation: square.map_or(f64::INFINITY, f64::sqrt),
+            objects: agreed
+                .iter()
+                .filter(|cameras| cameras.len() > 1 && cameras.contains(&camera))
+                .count(),
             left: left.unwrap_or(f64::INFINITY),
         }
     }
+}
+
+/// Of each object the cameras whose sightings keep their weight.
+fn agreed(adjusted: &Adjusted, sightings: &[Sighting]) -> Vec<Vec<usize>> {
+    let mut cameras = vec![Vec::new(); adjusted.scene.objects.len()];
+    for (sighting, px) in sightings.iter().zip(&adjusted.px) {
+        if *px < adjusted.keeps_weight_px() {
+            cameras[sighting.object].push(sighting.camera);
+        }
+    }
+    cameras
 }
 
 /// Whether another camera shows the same object.

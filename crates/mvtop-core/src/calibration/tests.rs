@@ -156,6 +156,8 @@ fn where_little_is_seen_little_is_told() {
     let (all, scene) = (vec![observed.expected; 3], observed.adjusted.scene.clone());
     observed.adjusted = adjusted(&given, &all, scene, &observed.sightings, 4.0).unwrap();
     let by_one = observed.corrections(0);
+    // Nor is any called off for what it alone says.
+    assert!(by_one.iter().all(|one| one.objects == 1 && !one.is_off()));
     assert!(by_one.iter().any(|one| !one.is_told()), "{by_one:?}");
 }
 
