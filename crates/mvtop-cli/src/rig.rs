@@ -47,7 +47,8 @@ fn check(args: &Check) -> Result<()> {
     }
     match problem {
         Some(problem) => Err(Failure(format!("{}: {problem}", args.show.rig.display()))),
-        None => write::print("nothing speaks against this rig"),
+        None if args.images.is_empty() => write::print("nothing speaks against this rig"),
+        None => write::print("no camera is seen to be off"),
     }
 }
 

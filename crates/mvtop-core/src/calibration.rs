@@ -109,9 +109,10 @@ pub fn observe(
     let shared = alone::shared(&alone);
     let by = |rig: &Rig| by_rig(estimator, rig, sets, &alone, expected);
     // Images that nothing can be made of were refused above: poses that cannot be are the rig's.
-    let found = by(rig).ok().flatten();
+    let mut found = by(rig).ok().flatten();
     let agree = found.as_ref().map_or(0, Observed::agreeing);
-    if let Some(found) = found.filter(|_| agree as f64 > AGREE * shared as f64) {
+    let least = AGREE * shared as f64;
+    if let Some(found) = found.take_if(|_| agree as f64 > least) {
         return Ok(found);
     }
     if shared == 0 {
@@ -133,8 +134,12 @@ pub fn observe(
             false => camera.world_from_cam() * axes,
         });
         let found = read.and_then(|rig| by(&rig)).ok().flatten();
-        found.is_some_and(|found| found.agreeing() as f64 > AGREE * shared as f64)
+        found.is_some_and(|found| found.agreeing() as f64 > least)
     });
+    // Of few objects half may be taken for others.
+    if let (Some(found), None, true) = (found, fits, agree as f64 >= least) {
+        return Ok(found);
+    }
     let hint = match fits {
         Some((name, ..)) => format!("the poses fit the images if read in {name}"),
         None => "check direction, axes and unit of the poses, and that each image is of its camera"

@@ -110,7 +110,9 @@ def table(lines: list[dict], last: str) -> str:
         told = [line for line in lines if line["lie"] == name]
         if not told:
             continue
-        named = sum(f"`{last}` does not stand" in line["said"] for line in told)
+        # The camera alone, or the reading that all poses need.
+        causes = (f"`{last}` does not stand", "read in")
+        named = sum(any(cause in line["said"] for cause in causes) for line in told)
         after = np.array([line["after"] for line in told if "after" in line])
 
         def text(pair) -> str:

@@ -10,14 +10,21 @@ use crate::failure::{Failure, Result};
 use crate::infer::assign;
 use crate::write;
 
-/// What is wrong with the rig by its images, if anything.
+/// What is wrong with the rig by its images, if anything; what one object alone says is printed only.
 pub fn check(args: &Check) -> Result<Option<String>> {
     let rig = Rig::load(&args.show.rig)?;
     let observed = observed(&rig, &args.images, &args.with)?;
     summary(&rig, &observed)?;
     let off = observed.off();
     if off.cameras.is_empty() {
-        print_corrections(&rig, &observed.corrections(rig.reference()))?;
+        let corrections = observed.corrections(rig.reference());
+        print_corrections(&rig, &corrections)?;
+        if corrections.iter().any(Correction::would_be_off) {
+            write::print(
+                "warning: one object alone says that cameras are off, and it may be taken for another; give \
+                 more objects or sets of images",
+            )?;
+        }
         return Ok(None);
     }
     print_corrections(&rig, &off.cameras)?;
@@ -197,6 +204,7 @@ fn print_corrections(rig: &Rig, corrections: &[Correction]) -> Result<()> {
         let verdict = match (correction.is_off(), correction.is_told()) {
             (true, true) => "off",
             (true, false) => "off, but where it stands is hardly told",
+            (false, _) if correction.would_be_off() => "off if that one object is what it seems",
             (false, true) => "not off",
             (false, false) => "not seen to be off, but where it stands is hardly told",
         };

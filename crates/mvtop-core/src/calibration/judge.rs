@@ -77,7 +77,12 @@ impl Correction {
     /// Whether the camera does not stand where the rig says. One object alone does not tell: it may be
     /// taken for another, or for itself the other way round.
     pub fn is_off(&self) -> bool {
-        self.deviation > OFF && self.objects > 1
+        self.would_be_off() && self.objects > 1
+    }
+
+    /// Whether it is off if what was found is what it seems, be it one object alone.
+    pub fn would_be_off(&self) -> bool {
+        self.deviation > OFF
     }
 
     /// Whether the images tell where it stands.
