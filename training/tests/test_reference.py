@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import mvtop
 import numpy as np
 import pytest
 import torch
@@ -40,6 +41,23 @@ def test_the_training_s_closeups_are_the_reference_s(seed):
     np.testing.assert_array_equal(on_image, shown)
     # OpenCV's bilinear weights are multiples of 1/32, and it rounds.
     np.testing.assert_allclose(picture[shown], expected[shown], atol=3)
+
+
+@pytest.mark.parametrize("model", ["pinhole", "fisheye"])
+def test_lenses_end_where_those_of_rust_do(model):
+    params = (-0.006, 0.016, -0.024, 0.0155)
+    size, fisheye = (640, 480), model == "fisheye"
+    reference = optics.Camera("real", *size, K, np.eye(4), params, fisheye, max_angle_deg=25.5)
+    camera = mvtop.Camera(K, size, distortion=params, model=model, max_angle_deg=25.5)
+    rng = np.random.default_rng(2)
+    points = rng.normal(size=(200, 3)) * [0.5, 0.5, 0.1] + [0, 0, 1]
+    pixels = rng.uniform([0, 0], size, (200, 2))
+    for given, there, back in (
+        (points, reference.project, camera.project),
+        (pixels, reference.unproject, camera.unproject),
+    ):
+        assert 20 < np.isnan(there(given)).any(-1).sum() < 180
+        np.testing.assert_allclose(back(given), there(given), atol=1e-6)
 
 
 def test_the_chordal_mean_by_hand():

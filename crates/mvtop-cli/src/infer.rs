@@ -124,7 +124,7 @@ impl Inputs {
 }
 
 /// Which camera each image belongs to.
-fn assign(rig: &Rig, images: &[PathBuf]) -> Result<Vec<(usize, PathBuf)>> {
+pub fn assign(rig: &Rig, images: &[PathBuf]) -> Result<Vec<(usize, PathBuf)>> {
     let mut named = Vec::new();
     for image in images {
         let Some((id, path)) = image.to_str().and_then(|text| text.split_once('=')) else {

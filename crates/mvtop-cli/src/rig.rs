@@ -1,12 +1,13 @@
 //! `rig`: rig files, from other programs' files, and what they say.
 
 pub mod args;
+mod observed;
 mod picture;
 mod views;
 
 use mvtop_core::Rig;
 
-use self::args::{Import, Rig as Command, Show};
+use self::args::{Check, Import, Rig as Command, Show};
 use self::views::Views;
 use crate::failure::{Failure, Result};
 use crate::write;
@@ -15,10 +16,8 @@ pub fn run(command: &Command) -> Result<()> {
     match command {
         Command::Import(args) => import(args),
         Command::Show(args) => show(args).map(|_| ()),
-        Command::Check(args) => match show(args)? {
-            Some(problem) => Err(Failure(format!("{}: {problem}", args.rig.display()))),
-            None => write::print("nothing speaks against this rig"),
-        },
+        Command::Check(args) => check(args),
+        Command::Refine(args) => observed::refine(args),
     }
 }
 
@@ -39,6 +38,18 @@ fn import(args: &Import) -> Result<()> {
     write::print(&format!(
         "look at it: mvtop-cli rig show {out} --picture rig.svg"
     ))
+}
+
+fn check(args: &Check) -> Result<()> {
+    let mut problem = show(&args.show)?;
+    if !args.images.is_empty() {
+        problem = observed::check(args)?.or(problem);
+    }
+    match problem {
+        Some(problem) => Err(Failure(format!("{}: {problem}", args.show.rig.display()))),
+        None if args.images.is_empty() => write::print("nothing speaks against this rig"),
+        None => write::print("no camera is seen to be off"),
+    }
 }
 
 /// What cannot be meant, if anything.

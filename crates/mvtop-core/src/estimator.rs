@@ -106,6 +106,11 @@ impl Estimator {
         &self.bundle
     }
 
+    /// What refines poses, of each class; `None` of those without a mesh.
+    pub(crate) fn refiners(&self) -> &[Option<Refiner>] {
+        &self.refiners
+    }
+
     /// Runs the network once on a fixed input and compares its answers with those that the bundle
     /// says it gives; `false` for bundles of earlier exports, which do not say.
     ///

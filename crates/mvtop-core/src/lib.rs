@@ -63,6 +63,9 @@ pub mod symmetry;
 /// How well boxes, poses and the calibration agree.
 pub mod consistency;
 
+/// Where cameras stand by what their images show.
+pub mod calibration;
+
 /// What the estimator answers.
 pub mod prediction;
 

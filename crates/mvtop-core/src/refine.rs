@@ -11,11 +11,12 @@
 mod contour;
 mod difference;
 mod explained;
+pub(crate) mod lines;
 mod part;
 mod quality;
 mod raster;
 mod region;
-mod solve;
+pub(crate) mod solve;
 
 use image::RgbImage;
 use nalgebra::{Isometry3, Matrix6, Point3};
@@ -338,4 +339,4 @@ fn expected(information: &Matrix6<f64>) -> Option<Sigma> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -209,5 +209,8 @@ fn camera_json(camera: &Camera) -> Value {
     if let Some(model) = projection.distortion() {
         value["distortion"] = json!({ "model": model, "params": projection.params() });
     }
+    if let Some(degrees) = intrinsics.max_angle_deg() {
+        value["max_angle_deg"] = degrees.into();
+    }
     value
 }

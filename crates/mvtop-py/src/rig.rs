@@ -39,11 +39,12 @@ impl Camera {
     ///   "fisheye" k1 k2 k3 k4; also as rows or columns, as OpenCV returns them
     /// - model: "pinhole" (Brown-Conrady) or "fisheye" (Kannala-Brandt)
     /// - world_from_cam: (4, 4), camera frame to world frame, metres; the identity by default
+    /// - max_angle_deg: greatest angle from the optical axis at which the lens images anything
     ///
     /// Raises ValueError for anything that hints at a mistake, as a rig file does.
     #[new]
-    #[pyo3(signature = (K, size, *, distortion = None, model = "pinhole", world_from_cam = None, id = "cam0"))]
-    #[allow(non_snake_case)] // K is the name that everyone knows
+    #[pyo3(signature = (K, size, *, distortion = None, model = "pinhole", world_from_cam = None, id = "cam0", max_angle_deg = None))]
+    #[allow(non_snake_case, clippy::too_many_arguments)] // K is the name that everyone knows
     fn new(
         K: ArrayLike,
         size: [u32; 2],
@@ -51,13 +52,14 @@ impl Camera {
         model: &str,
         world_from_cam: Option<ArrayLike>,
         id: &str,
+        max_angle_deg: Option<f64>,
     ) -> PyResult<Self> {
         let distortion = distortion.map(|array| array.in_rows()?.row("distortion"));
         let distortion = distortion.transpose()?.unwrap_or_default();
         let pose = world_from_cam.map(|array| array.pose("world_from_cam"));
         let pose = pose.transpose()?.unwrap_or_default();
         let K = K.read::<f64>("K", Some(0), &[3, 3])?;
-        camera(id, size, &K, model, &distortion, pose).map(Self)
+        camera(id, size, &K, model, &distortion, pose, max_angle_deg).map(Self)
     }
 
     #[getter]
@@ -87,6 +89,13 @@ impl Camera {
     #[getter]
     fn distortion(&self) -> F64 {
         convert::distortion(self.0.intrinsics())
+    }
+
+    /// Greatest angle from the optical axis at which the lens images anything; None where it is the
+    /// projection alone that ends.
+    #[getter]
+    fn max_angle_deg(&self) -> Option<f64> {
+        self.0.intrinsics().max_angle_deg()
     }
 
     /// (4, 4), camera frame to world frame, metres.
@@ -130,6 +139,7 @@ impl Camera {
             ("model", self.model().into_bound_py_any(py)?),
             ("world_from_cam", pose),
             ("id", self.id().into_bound_py_any(py)?),
+            ("max_angle_deg", self.max_angle_deg().into_bound_py_any(py)?),
         ];
         Ok(((self.intrinsics(), self.size()), named.into()))
     }
@@ -276,7 +286,7 @@ impl Rig {
             let size = [pixels(id, "width", width)?, pixels(id, "height", height)?];
             let name = format!("world_from_cam of camera `{id}`");
             let pose = convert::pose(&name, at(&poses).view())?;
-            camera(id, size, &at(&K), model, &params, pose)
+            camera(id, size, &at(&K), model, &params, pose, None)
         });
         rig(cameras.collect::<PyResult<_>>()?, reference)
     }
@@ -376,6 +386,7 @@ fn camera(
     model: &str,
     params: &[f64],
     world_from_cam: Isometry3<f64>,
+    max_angle_deg: Option<f64>,
 ) -> PyResult<mvtop_core::Camera> {
     let k = |row: usize, column: usize| matrix[[row, column]];
     let rest = [k(0, 1), k(1, 0), k(2, 0), k(2, 1), k(2, 2)];
@@ -387,6 +398,10 @@ fn camera(
     }
     let intrinsics = Projection::from_params(model, None, params)
         .and_then(|projection| Intrinsics::new(k(0, 0), k(1, 1), k(0, 2), k(1, 2), projection))
+        .and_then(|lens| match max_angle_deg {
+            Some(degrees) => lens.with_max_angle(degrees),
+            None => Ok(lens),
+        })
         .map_err(|error| value(format!("camera `{id}`: {error}")))?;
     mvtop_core::Camera::new(id, size, intrinsics, world_from_cam).map_err(python)
 }

@@ -144,10 +144,12 @@ def test_coefficients_of_zero_are_no_distortion():
 @pytest.mark.parametrize("model, distortion", [("pinhole", BROWN), ("fisheye", KANNALA)])
 def test_pickled_and_copied_cameras_are_the_same(model, distortion, rng):
     camera = mvtop.Camera(
-        K, (640, 480), distortion=distortion, model=model, world_from_cam=pose(rng), id="left"
-    )
+        K, (640, 480), distortion=distortion, model=model, world_from_cam=pose(rng), id="left",
+        max_angle_deg=50.5,
+    )  # fmt: skip
     for again in (pickle.loads(pickle.dumps(camera)), copy.deepcopy(camera)):
         assert (again.id, again.size, again.model) == (camera.id, camera.size, camera.model)
+        assert again.max_angle_deg == 50.5
         np.testing.assert_array_equal(again.K, camera.K)
         np.testing.assert_array_equal(again.distortion, camera.distortion)
         np.testing.assert_allclose(again.world_from_cam, camera.world_from_cam, atol=1e-12)

@@ -27,21 +27,28 @@ class Camera:
     world_from_cam: np.ndarray  # [4, 4], m
     params: tuple[float, ...] = ()  # OpenCV's distortion coefficients
     fisheye: bool = False
+    max_angle_deg: float = 180.0  # from the optical axis; beyond it nothing is imaged
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """Pixels [..., 2] of points [..., 3] of the camera's frame."""
+        """Pixels [..., 2] of points [..., 3] of the camera's frame; NaN beyond the lens."""
         project = cv2.fisheye.projectPoints if self.fisheye else cv2.projectPoints
         flat, none = np.ascontiguousarray(points).reshape(-1, 1, 3), np.zeros((3, 1))
         pixels, _ = project(flat, none, none, self.k, np.array(self.params))
-        return pixels.reshape(*points.shape[:-1], 2)
+        pixels = pixels.reshape(*points.shape[:-1], 2)
+        return np.where(self._reaches(points)[..., None], pixels, np.nan)
 
     def unproject(self, pixels: np.ndarray) -> np.ndarray:
-        """Unit rays [..., 3] through pixels [..., 2]."""
+        """Unit rays [..., 3] through pixels [..., 2]; NaN beyond the lens."""
         undistort = cv2.fisheye.undistortPoints if self.fisheye else cv2.undistortPoints
         flat = np.ascontiguousarray(pixels, np.float64).reshape(-1, 1, 2)
         xy = undistort(flat, self.k, np.array(self.params), criteria=UNTIL)
         rays = np.concatenate([xy, np.ones_like(xy[..., :1])], -1).reshape(*pixels.shape[:-1], 3)
-        return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+        rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+        return np.where(self._reaches(rays)[..., None], rays, np.nan)
+
+    def _reaches(self, rays: np.ndarray) -> np.ndarray:
+        angle = np.arctan2(np.linalg.norm(rays[..., :2], axis=-1), rays[..., 2])
+        return angle <= np.deg2rad(self.max_angle_deg)
 
     def shows(self, pixels: np.ndarray) -> np.ndarray:
         """Whether pixels [..., 2] lie on the image [...]."""
@@ -55,7 +62,7 @@ def load_rig(path: Path) -> list[Camera]:
     return [
         Camera(
             camera.id, *camera.size, camera.K, camera.world_from_cam,
-            tuple(camera.distortion), camera.model == "fisheye",
+            tuple(camera.distortion), camera.model == "fisheye", camera.max_angle_deg or 180.0,
         )
         for camera in mvtop.Rig.load(path).cameras
     ]  # fmt: skip

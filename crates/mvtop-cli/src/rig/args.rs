@@ -3,9 +3,10 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
+use mvtop_core::calibration::Expected;
 use mvtop_import::{Direction, Format, ImageSize, Options, Unit};
 
-use crate::args::positive;
+use crate::args::{NetworkArgs, positive};
 
 #[derive(Subcommand)]
 pub enum Rig {
@@ -13,8 +14,11 @@ pub enum Rig {
     Import(Import),
     /// Say where cameras stand and look, and which share a view; with a picture
     Show(Show),
-    /// The same, and fail where what is seen cannot be meant
-    Check(Show),
+    /// The same, and fail where what is seen cannot be meant; with images, where cameras do not stand
+    /// as these show it
+    Check(Check),
+    /// Bring cameras that are off to where images show that they stand
+    Refine(Refine),
 }
 
 #[derive(Args)]
@@ -91,6 +95,79 @@ pub struct Show {
     /// Overwrite a picture that exists
     #[arg(long, requires = "picture")]
     pub force: bool,
+}
+
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  Where cameras stand and look, without images:
+    mvtop-cli rig check rig.json
+  With images of objects that the model knows, two sets of a rig of three cameras:
+    mvtop-cli rig check rig.json a0.png b0.png c0.png a1.png b1.png c1.png --model models/ycbv4")]
+pub struct Check {
+    #[command(flatten)]
+    pub show: Show,
+
+    /// Images of objects of the model: sets of one for each camera in the rig's order, one set after the
+    /// other; or ID=PATH, where an id that comes again begins the next set
+    #[arg(value_name = "IMAGE")]
+    pub images: Vec<PathBuf>,
+
+    #[command(flatten)]
+    pub with: Images,
+}
+
+/// What images are compared with a rig by.
+#[derive(Args)]
+pub struct Images {
+    /// How far each camera is expected to be turned: standard deviation about each axis, degrees
+    #[arg(long, value_name = "DEG", value_parser = positive, default_value = "1")]
+    pub turn_sd: f64,
+
+    /// How far each camera is expected to be moved: standard deviation along each axis, metres
+    #[arg(long, value_name = "METRES", value_parser = positive, default_value = "0.01")]
+    pub shift_sd: f64,
+
+    #[command(flatten)]
+    pub network: NetworkArgs,
+}
+
+#[derive(Args)]
+#[command(after_help = "\
+Cameras that agree with each other stay where they are; intrinsics and lenses are left as they are. The
+objects' meshes say how large they are, and so how far apart the cameras stand.
+
+Example:
+    mvtop-cli rig refine rig.json a0.png b0.png c0.png a1.png b1.png c1.png --model models/ycbv4 -o better.json")]
+pub struct Refine {
+    /// Rig file
+    #[arg(value_name = "RIG")]
+    pub rig: PathBuf,
+
+    /// Images of objects of the model: sets of one for each camera in the rig's order, one set after the
+    /// other; or ID=PATH, where an id that comes again begins the next set
+    #[arg(value_name = "IMAGE", required = true)]
+    pub images: Vec<PathBuf>,
+
+    /// Rig file to write; never the one that is read
+    #[arg(short, long, value_name = "FILE")]
+    pub out: PathBuf,
+
+    /// Overwrite a rig file that exists
+    #[arg(long)]
+    pub force: bool,
+
+    #[command(flatten)]
+    pub with: Images,
+}
+
+impl Images {
+    pub fn expected(&self) -> Expected {
+        Expected {
+            turn_deg: self.turn_sd,
+            shift_m: self.shift_sd,
+        }
+    }
 }
 
 impl Import {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use tempfile::TempDir;
 
-use crate::{mvtop, refusal, stdout};
+use crate::{mvtop, refusal, root, stdout};
 
 /// Two cameras 0.4 m apart that look at the same point 1 m ahead of the middle, in OpenCV's terms.
 const PAIR: &str = r#"{"K1": [[500, 0, 319.5], [0, 500, 239.5], [0, 0, 1]], "D1": [0, 0, 0, 0, 0],
@@ -106,4 +106,60 @@ fn swapped_axes_and_directions_are_named() {
         "{error}"
     );
     stdout(&mvtop(&["rig", "show", &away])); // says it, but does not fail
+}
+
+#[test]
+fn images_that_do_not_fit_a_rig_are_refused_before_the_network_is_loaded() {
+    let folder = TempDir::new().unwrap();
+    let at = |x: f64| format!(r#""T_world_cam": {{"t": [{x}, 0, 0], "q_wxyz": [1, 0, 0, 0]}}"#);
+    let (pair, one) = (rig_file(&folder, &[&at(0.0), &at(0.3)]), at(0.0));
+    let out = path(&folder, "better.json");
+    let refine = |rest: &[&str]| refusal(&mvtop(&[&["rig", "refine", "-o", &out], rest].concat()));
+    let error = refine(&[&pair, "a.png", "b.png", "c.png"]);
+    assert!(
+        error.contains("sets of 2 images") && error.contains("got 3"),
+        "{error}"
+    );
+    // The rig that is read is never replaced, whatever is forced.
+    let onto = [
+        "rig", "refine", &pair, "a.png", "b.png", "--force", "-o", &pair,
+    ];
+    let error = refusal(&mvtop(&onto));
+    assert!(error.contains("name another file"), "{error}");
+    let error = refine(&[&rig_file(&folder, &[&one]), "a.png"]);
+    assert!(error.contains("two cameras or more"), "{error}");
+    assert!(!Path::new(&out).exists());
+}
+
+#[test]
+fn images_tell_a_true_rig_from_one_in_the_other_direction() {
+    let folder = TempDir::new().unwrap();
+    let example = |file: &str| format!("examples/mvball/{file}");
+    let [a, b] = [example("cam0.png"), example("cam1.png")];
+    let images = [&a, &b, "--model", "models/mvball"];
+    let said = stdout(&mvtop(
+        &[&["rig", "check", &example("rig.json")], &images[..]].concat(),
+    ));
+    assert!(said.contains("1 object in 1 set"), "{said}");
+    assert!(said.ends_with("no camera is seen to be off\n"), "{said}");
+    let out = path(&folder, "better.json");
+    let refine = ["rig", "refine", &example("rig.json"), "-o", &out];
+    let error = refusal(&mvtop(&[&refine, &images[..]].concat()));
+    assert!(error.contains("do not contradict the rig"), "{error}");
+    assert!(!Path::new(&out).exists());
+
+    let rig = read_to_string(root().join(example("rig.json"))).unwrap();
+    let [read, meant] = ["T_world_cam", "T_cam_world"];
+    let (from, to) = if rig.contains(read) {
+        (read, meant)
+    } else {
+        (meant, read)
+    };
+    let wrong = path(&folder, "wrong.json");
+    write(&wrong, rig.replace(from, to)).unwrap();
+    let error = refusal(&mvtop(&[&["rig", "check", &wrong], &images[..]].concat()));
+    assert!(
+        error.contains("fit the images if read in the other direction"),
+        "{error}"
+    );
 }

@@ -13,6 +13,8 @@ pub struct Intrinsics {
     cx: f64,
     cy: f64,
     projection: Projection,
+    /// Degrees; `None` where the projection alone says it.
+    max_angle: Option<f64>,
 }
 
 impl Intrinsics {
@@ -38,7 +40,35 @@ impl Intrinsics {
             cx,
             cy,
             projection: projection.simplest(),
+            max_angle: None,
         })
+    }
+
+    /// The same for a lens that images nothing farther off its axis than this angle, degrees: the edge
+    /// of a fisheye's image circle, or of what a calibration has seen. Beyond it there is no line of
+    /// sight.
+    ///
+    /// # Errors
+    /// [`Error::Camera`] for an angle that is not above 0 and at most 180 degrees.
+    ///
+    /// ```
+    /// use mvtop_core::{Intrinsics, Projection};
+    /// use nalgebra::Point3;
+    ///
+    /// let lens = Intrinsics::new(500.0, 500.0, 320.0, 240.0, Projection::Pinhole)?;
+    /// let lens = lens.with_max_angle(45.5)?;
+    /// assert!(lens.project(&Point3::new(1.0, 0.0, 1.0)).is_some());
+    /// assert!(lens.project(&Point3::new(1.1, 0.0, 1.0)).is_none());
+    /// # Ok::<(), mvtop_core::Error>(())
+    /// ```
+    pub fn with_max_angle(self, degrees: f64) -> Result<Self> {
+        if !(degrees > 0.0 && degrees <= 180.0) {
+            return Err(Error::Camera(format!(
+                "`max_angle_deg`, from the optical axis, must be above 0 and at most 180 degrees, got {degrees}"
+            )));
+        }
+        let max_angle = Some(degrees);
+        Ok(Self { max_angle, ..self })
     }
 
     /// Focal length along x, px.
@@ -66,6 +96,18 @@ impl Intrinsics {
         &self.projection
     }
 
+    /// Greatest angle from the optical axis at which something is imaged, degrees; `None` where the
+    /// projection alone says it.
+    pub fn max_angle_deg(&self) -> Option<f64> {
+        self.max_angle
+    }
+
+    fn reaches(&self, ray: &Vector3<f64>) -> bool {
+        let angle = || ray.xy().norm().atan2(ray.z);
+        self.max_angle
+            .is_none_or(|most| angle() <= most.to_radians())
+    }
+
     /// Whether straight lines stay straight: no distortion, no fisheye.
     pub fn is_pinhole(&self) -> bool {
         self.projection == Projection::Pinhole
@@ -74,7 +116,7 @@ impl Intrinsics {
     /// Pixel at which a point of the camera frame (any unit of length) is imaged.
     ///
     /// `None` for a point that cannot be imaged: behind the camera (pinholes), or past the angle at
-    /// which the distortion would fold the image back onto itself.
+    /// which the distortion would fold the image back onto itself, or the lens images nothing.
     ///
     /// ```
     /// use mvtop_core::{Intrinsics, Projection};
@@ -88,6 +130,7 @@ impl Intrinsics {
     /// # Ok::<(), mvtop_core::Error>(())
     /// ```
     pub fn project(&self, point: &Point3<f64>) -> Option<Point2<f64>> {
+        let point = Some(point).filter(|point| self.reaches(&point.coords))?;
         let image = self.projection.project(point)?;
         let (u, v) = (self.fx * image.x + self.cx, self.fy * image.y + self.cy);
         finite(Point2::new(u, v))
@@ -101,7 +144,8 @@ impl Intrinsics {
         let (x, y) = ((pixel.x - self.cx) / self.fx, (pixel.y - self.cy) / self.fy);
         let ray = self.projection.unproject(&finite(Point2::new(x, y))?)?;
         // The norm of a ray that overflowed is no longer 1.
-        Unit::try_new(ray, 0.0).filter(|ray| (ray.norm() - 1.0).abs() < 1e-9)
+        let ray = Unit::try_new(ray, 0.0).filter(|ray| (ray.norm() - 1.0).abs() < 1e-9)?;
+        self.reaches(&ray).then_some(ray)
     }
 
     /// What hints at a mistake, given the size of the images.

@@ -157,7 +157,7 @@ pub fn step(
 /// What takes away the directions of a motion that the images do not tell.
 ///
 /// - `seen`: what they tell, an inverse covariance
-fn told(seen: &Matrix6<f64>, radius: f64) -> Option<Matrix6<f64>> {
+pub fn told(seen: &Matrix6<f64>, radius: f64) -> Option<Matrix6<f64>> {
     // Turns as the way that points at the radius make.
     let unit = Vector6::new(radius, radius, radius, 1.0, 1.0, 1.0);
     let (by_way, by_turn) = (

@@ -14,7 +14,7 @@ const SIDE: u32 = 480;
 const FINER: usize = 3;
 
 /// Numbers from 0 to 1 that are the same in every run.
-struct Draw(u64);
+pub(crate) struct Draw(pub(crate) u64);
 
 impl Draw {
     fn number(&mut self) -> f64 {
@@ -25,7 +25,7 @@ impl Draw {
         (self.0 >> 40) as f64 / (1u64 << 24) as f64
     }
 
-    fn direction(&mut self) -> Vector3<f64> {
+    pub(crate) fn direction(&mut self) -> Vector3<f64> {
         loop {
             let v = Vector3::from_fn(|_, _| 2.0 * self.number() - 1.0);
             if (0.1..1.0).contains(&v.norm()) {
@@ -34,7 +34,7 @@ impl Draw {
         }
     }
 
-    fn rotation(&mut self, angle: f64) -> UnitQuaternion<f64> {
+    pub(crate) fn rotation(&mut self, angle: f64) -> UnitQuaternion<f64> {
         UnitQuaternion::from_scaled_axis(self.direction() * angle)
     }
 }
@@ -76,7 +76,7 @@ fn united(parts: &[Mesh]) -> Mesh {
 }
 
 /// A box of 60 x 80 x 110 mm.
-fn cuboid() -> Mesh {
+pub(crate) fn cuboid() -> Mesh {
     let half = Vector3::new(0.03, 0.04, 0.055);
     let sides: Vec<Mesh> = (0..6)
         .map(|side| {
@@ -117,7 +117,7 @@ fn ball() -> Mesh {
     .unwrap()
 }
 
-fn camera(degrees: f64) -> Camera {
+pub(crate) fn camera(degrees: f64) -> Camera {
     let middle = (f64::from(SIDE) - 1.0) / 2.0;
     let pinhole = Intrinsics::new(600.0, 600.0, middle, middle, Projection::Pinhole).unwrap();
     // Around the origin, 0.6 m away, all looking at it from a bit above.
@@ -147,7 +147,12 @@ fn background(draw: &mut Draw) -> RgbImage {
 }
 
 /// What a camera sees of a mesh that is lit from the side, before a background, with noise.
-fn seen(mesh: &Mesh, camera: &Camera, pose: &Isometry3<f64>, draw: &mut Draw) -> RgbImage {
+pub(crate) fn seen(
+    mesh: &Mesh,
+    camera: &Camera,
+    pose: &Isometry3<f64>,
+    draw: &mut Draw,
+) -> RgbImage {
     let mut part = Part::new(mesh);
     // Each label is a color and how bright it is.
     let light = Vector3::new(0.5, -0.8, -0.3).normalize();

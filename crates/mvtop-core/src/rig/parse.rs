@@ -79,7 +79,13 @@ fn camera(index: usize, value: &Value, unit: f64) -> Checked<Camera> {
         place,
         value,
         &["id", "width", "height", "fx", "fy", "cx", "cy"],
-        &["model", "distortion", "T_world_cam", "T_cam_world"],
+        &[
+            "model",
+            "distortion",
+            "max_angle_deg",
+            "T_world_cam",
+            "T_cam_world",
+        ],
     )?;
     let place = &fields.place;
     let id = fields.text("id")?;
@@ -89,7 +95,15 @@ fn camera(index: usize, value: &Value, unit: f64) -> Checked<Camera> {
     let size = [side(&fields, "width")?, side(&fields, "height")?];
     let [fx, fy] = [fields.number("fx")?, fields.number("fy")?];
     let [cx, cy] = [fields.number("cx")?, fields.number("cy")?];
+    let max_angle = fields.optional("max_angle_deg").is_some();
+    let max_angle = max_angle
+        .then(|| fields.number("max_angle_deg"))
+        .transpose()?;
     let intrinsics = Intrinsics::new(fx, fy, cx, cy, projection(&fields)?)
+        .and_then(|lens| match max_angle {
+            Some(degrees) => lens.with_max_angle(degrees),
+            None => Ok(lens),
+        })
         .map_err(|error| format!("{place}: {error}"))?;
     Camera::new(id, size, intrinsics, world_from_cam(&fields, unit)?)
         .map_err(|error| error.to_string())

@@ -55,7 +55,9 @@ pub const BAD: &[(&str, &str, &[&str])] = &[
     ("\"id\": \"wide\"", "\"id\": 7", &["camera number 2", "`id` must be a string", "got 7"]),
     ("\"id\": \"wide\",", "", &["camera number 2", "`id` is missing"]),
     ("\"id\": \"wide\"", "\"name\": \"wide\"", &["unknown key `name`", "as `id`"]),
-    // Size, focal length, principal point.
+    // Size, focal length, principal point, what the lens reaches.
+    ("\"fx\": 278", "\"max_angle_deg\": 0, \"fx\": 278", &["camera `wide`", "`max_angle_deg`", "above 0", "got 0"]),
+    ("\"fx\": 278", "\"max_angle_deg\": \"90\", \"fx\": 278", &["camera `wide`", "`max_angle_deg` must be", "\"90\""]),
     ("\"width\": 1280", "\"width\": 0", &["camera `left`", "`width`", "from 1 to", "got 0"]),
     ("\"width\": 1280", "\"width\": 12.5", &["camera `left`", "`width`", "whole", "got 12.5"]),
     ("\"height\": 480", "\"height\": 1e9", &["camera `wide`", "`height`", "20000"]),

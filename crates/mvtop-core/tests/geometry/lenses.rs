@@ -49,6 +49,34 @@ fn brown_conrady_by_hand() {
 }
 
 #[test]
+fn nothing_is_seen_beyond_the_largest_angle() {
+    // 100 px from the middle are 30 degrees off the axis of an equidistant lens of 100 / (pi / 6) px.
+    let focal = 600.0 / std::f64::consts::PI;
+    let fisheye = kannala_brandt(&[0.0; 4]);
+    let lens = Intrinsics::new(focal, focal, 0.0, 0.0, fisheye).unwrap();
+    let limited = lens.clone().with_max_angle(30.0).unwrap();
+    assert_eq!(limited.max_angle_deg(), Some(30.0));
+    for degrees in [-29.9f64, 0.0, 29.9, 30.1, 90.0, 179.0] {
+        let (x, z) = degrees.to_radians().sin_cos();
+        let within = degrees.abs() < 30.0;
+        let all = project(&lens, 2.0 * x, 0.0, 2.0 * z);
+        let kept = project(&limited, 2.0 * x, 0.0, 2.0 * z);
+        assert_eq!(kept, all.filter(|_| within), "{degrees}");
+        let pixel = degrees * 10.0 / 3.0;
+        let (all, kept) = (
+            unproject(&lens, pixel, 0.0),
+            unproject(&limited, pixel, 0.0),
+        );
+        assert!(all.is_some());
+        assert_eq!(kept, all.filter(|_| within), "{degrees}");
+    }
+    for wrong in [0.0, -1.0, 180.1, f64::NAN, f64::INFINITY] {
+        let error = lens.clone().with_max_angle(wrong).unwrap_err().to_string();
+        assert!(error.contains("max_angle_deg"), "{error}");
+    }
+}
+
+#[test]
 fn thin_prism_and_tilt_by_hand() {
     let eight = [0.0; 8];
     let with = |more: &[f64]| unit(brown_conrady(&[&eight, more].concat()));

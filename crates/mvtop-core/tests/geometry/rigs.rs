@@ -50,6 +50,17 @@ fn a_good_rig_is_read_as_written() {
 }
 
 #[test]
+fn largest_angle_is_read_and_written() {
+    let limited = GOOD.replace("\"fx\": 278", "\"max_angle_deg\": 80.3, \"fx\": 278");
+    let rig = Rig::from_json(&limited).unwrap();
+    let angles = |rig: &Rig| [0, 1].map(|i| rig.cameras()[i].intrinsics().max_angle_deg());
+    assert_eq!(angles(&rig), [None, Some(80.3)]);
+    let again = Rig::from_json(&rig.to_json()).unwrap();
+    assert_eq!(angles(&again), [None, Some(80.3)]);
+    assert_ne!(rig, Rig::from_json(GOOD).unwrap());
+}
+
+#[test]
 fn optional_keys_have_defaults() {
     let mut value: Value = serde_json::from_str(GOOD).unwrap();
     value.as_object_mut().unwrap().remove("reference");

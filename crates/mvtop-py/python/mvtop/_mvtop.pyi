@@ -28,7 +28,7 @@ class Camera:
         For pickle: the arguments by position and by name.
         """
     def __ne__(self, value: object, /) -> bool: ...
-    def __new__(cls, /, K: ArrayLike, size: SupportsLenAndGetItem[SupportsIndex], *, distortion: ArrayLike | None = None, model: str = "pinhole", world_from_cam: ArrayLike | None = None, id: str = "cam0") -> Camera:
+    def __new__(cls, /, K: ArrayLike, size: SupportsLenAndGetItem[SupportsIndex], *, distortion: ArrayLike | None = None, model: str = "pinhole", world_from_cam: ArrayLike | None = None, id: str = "cam0", max_angle_deg: SupportsFloat | SupportsIndex | None = None) -> Camera:
         """
         A camera from arrays.
 
@@ -38,6 +38,7 @@ class Camera:
           "fisheye" k1 k2 k3 k4; also as rows or columns, as OpenCV returns them
         - model: "pinhole" (Brown-Conrady) or "fisheye" (Kannala-Brandt)
         - world_from_cam: (4, 4), camera frame to world frame, metres; the identity by default
+        - max_angle_deg: greatest angle from the optical axis at which the lens images anything
 
         Raises ValueError for anything that hints at a mistake, as a rig file does.
         """
@@ -49,6 +50,12 @@ class Camera:
         """
     @property
     def id(self, /) -> str: ...
+    @property
+    def max_angle_deg(self, /) -> float | None:
+        """
+        Greatest angle from the optical axis at which the lens images anything; None where it is the
+        projection alone that ends.
+        """
     @property
     def model(self, /) -> str:
         """

@@ -1,0 +1,223 @@
+//! Rigs against images: `rig check` with images, and `rig refine`.
+
+use std::path::PathBuf;
+
+use mvtop_core::calibration::{Correction, Observed, Off, observe};
+use mvtop_core::{Rig, ViewImage, image};
+
+use super::args::{Check, Images, Refine};
+use crate::failure::{Failure, Result};
+use crate::infer::assign;
+use crate::write;
+
+/// What is wrong with the rig by its images, if anything; what one object alone says is printed only.
+pub fn check(args: &Check) -> Result<Option<String>> {
+    let rig = Rig::load(&args.show.rig)?;
+    let observed = observed(&rig, &args.images, &args.with)?;
+    summary(&rig, &observed)?;
+    let off = observed.off();
+    if off.cameras.is_empty() {
+        let corrections = observed.corrections(rig.reference());
+        print_corrections(&rig, &corrections)?;
+        if corrections.iter().any(Correction::would_be_off) {
+            write::print(
+                "warning: one object alone says that cameras are off, and it may be taken for another; give \
+                 more objects or sets of images",
+            )?;
+        }
+        return Ok(None);
+    }
+    print_corrections(&rig, &off.cameras)?;
+    let refine = "`mvtop-cli rig refine` writes where the images show it";
+    let off = problem(&rig, &off);
+    Ok(Some(format!("{off}; {refine}")))
+}
+
+/// Writes the rig with the cameras that are off where the images show them.
+pub fn refine(args: &Refine) -> Result<()> {
+    write::may_write(&args.out, args.force)?;
+    if write::same_file(&args.rig, &args.out) {
+        let (rig, out) = (args.rig.display(), args.out.display());
+        return Err(Failure(format!(
+            "{out} is the rig that is read, {rig}; name another file"
+        )));
+    }
+    let rig = Rig::load(&args.rig)?;
+    let observed = observed(&rig, &args.images, &args.with)?;
+    summary(&rig, &observed)?;
+    let off = observed.off();
+    if off.cameras.is_empty() {
+        print_corrections(&rig, &observed.corrections(rig.reference()))?;
+        return Err(Failure(
+            "nothing was written: the images do not contradict the rig, and cameras that are not off are \
+             left alone"
+                .into(),
+        ));
+    }
+    let cameras: Vec<usize> = off.cameras.iter().map(|camera| camera.camera).collect();
+    let refined = observed.refined(&cameras)?;
+    print_corrections(&rig, &refined.moved)?;
+    let untold: Vec<&Correction> = refined.moved.iter().filter(|c| !c.is_told()).collect();
+    if let Some(camera) = untold.first() {
+        return Err(Failure(format!(
+            "nothing was written: the images tell that `{}` is off, but too little of where it stands; give \
+             more sets of images, with more objects in more places",
+            rig.cameras()[camera.camera].id()
+        )));
+    }
+    for (before, after) in observed
+        .pairs(&rig)
+        .iter()
+        .zip(observed.pairs(&refined.rig))
+    {
+        let [a, b] = before.cameras.map(|index| rig.cameras()[index].id());
+        let (was, now) = (before.px, after.px);
+        write::print(&format!(
+            "  {a} - {b}: {was:.2} px before, {now:.2} px after"
+        ))?;
+    }
+    let mean = |i: usize| {
+        let all = refined.held_out.iter().map(|set| set[i]);
+        all.sum::<f64>() / refined.held_out.len() as f64
+    };
+    if refined.held_out.is_empty() {
+        write::print("  one set of images alone: nothing was held out to judge this by")?;
+    } else {
+        let (count, before, after) = (refined.held_out.len(), mean(0), mean(1));
+        write::print(&format!(
+            "  of {count} sets, each held out: {before:.2} px before, {after:.2} px by what the others show"
+        ))?;
+        if after >= before {
+            return Err(Failure(
+                "nothing was written: sets that were held out fit no better; are the images of this rig, and \
+                 did its cameras stand still?"
+                    .into(),
+            ));
+        }
+    }
+    if !off.is_told {
+        write::print(&format!("  note: {}", problem(&rig, &off)))?;
+    }
+    let text = refined.rig.to_json();
+    Rig::from_json(&text)?;
+    write::whole(&args.out, text.as_bytes())?;
+    write::print(&format!("{}: written", args.out.display()))
+}
+
+fn observed(rig: &Rig, images: &[PathBuf], with: &Images) -> Result<Observed> {
+    let mut sets = Vec::new();
+    for set in sets_of(rig, images)? {
+        let load = |(camera, path): (usize, PathBuf)| -> Result<ViewImage> {
+            let image = image::load(&path, &rig.cameras()[camera])?;
+            Ok(ViewImage { camera, image })
+        };
+        sets.push(set.into_iter().map(load).collect::<Result<Vec<_>>>()?);
+    }
+    let estimator = with.network.load(&with.network.bundle()?)?;
+    Ok(observe(&estimator, rig, &sets, with.expected())?)
+}
+
+/// Images by set and camera.
+fn sets_of(rig: &Rig, images: &[PathBuf]) -> Result<Vec<Vec<(usize, PathBuf)>>> {
+    let count = rig.cameras().len();
+    if count < 2 {
+        let problem =
+            "rig: expected two cameras or more, got one, which nothing can be compared with";
+        return Err(Failure(problem.into()));
+    }
+    let id = |image: &PathBuf| {
+        let (id, _) = image.to_str()?.split_once('=')?;
+        rig.index_of(id)
+    };
+    if images.iter().all(|image| id(image).is_none()) {
+        if !images.len().is_multiple_of(count) {
+            let got = images.len();
+            return Err(Failure(format!(
+                "expected sets of {count} images, one for each camera of the rig, one set after the other, \
+                 got {got} images; to use some of the cameras, give each image as ID=PATH"
+            )));
+        }
+        return images.chunks(count).map(|set| assign(rig, set)).collect();
+    }
+    let mut sets: Vec<Vec<PathBuf>> = vec![Vec::new()];
+    let mut seen = Vec::new();
+    for image in images {
+        let camera = id(image);
+        if camera.is_some() && seen.contains(&camera) {
+            seen.clear();
+            sets.push(Vec::new());
+        }
+        seen.push(camera);
+        if let Some(set) = sets.last_mut() {
+            set.push(image.clone());
+        }
+    }
+    sets.iter().map(|set| assign(rig, set)).collect()
+}
+
+fn summary(rig: &Rig, observed: &Observed) -> Result<()> {
+    let (count, sets, agree) = (observed.objects(), observed.sets(), observed.agreeing());
+    let noise = observed.noise_px();
+    write::print(&format!(
+        "against the images: {count} object{} in {sets} set{} seen by two cameras or more, which agree on {agree}; edges of one \
+         object in one view are believed to {noise:.2} px",
+        s(count),
+        s(sets)
+    ))?;
+    for pair in observed.pairs(rig) {
+        let [a, b] = pair.cameras.map(|index| rig.cameras()[index].id());
+        let (px, count) = (pair.px, pair.objects);
+        write::print(&format!(
+            "  {a} - {b}: edges of {count} object{} are {px:.2} px off",
+            s(count)
+        ))?;
+    }
+    Ok(())
+}
+
+fn s(count: usize) -> &'static str {
+    if count == 1 { "" } else { "s" }
+}
+
+/// One sentence of the cameras that are off.
+fn problem(rig: &Rig, off: &Off) -> String {
+    let ids = off.cameras.iter().map(|off| rig.cameras()[off.camera].id());
+    let ids = ids.collect::<Vec<_>>().join("`, `");
+    match off.is_told {
+        true => format!("`{ids}` does not stand to the other cameras as the images show it"),
+        false => format!(
+            "cameras do not stand to each other as the images show it; which are wrong cannot be told, \
+             `{ids}` would explain it as well as others"
+        ),
+    }
+}
+
+fn print_corrections(rig: &Rig, corrections: &[Correction]) -> Result<()> {
+    for correction in corrections {
+        let pose = &correction.cam_from_shown;
+        let axis = pose
+            .rotation
+            .axis()
+            .map_or([0.0; 3], |axis| axis.into_inner().into());
+        let [x, y, z] = axis.map(|x| x + 0.0);
+        let [a, b, c] = <[f64; 3]>::from(pose.translation.vector * 1e3);
+        let verdict = match (correction.is_off(), correction.is_told()) {
+            (true, true) => "off",
+            (true, false) => "off, but where it stands is hardly told",
+            (false, _) if correction.would_be_off() => "off if that one object is what it seems",
+            (false, true) => "not off",
+            (false, false) => "not seen to be off, but where it stands is hardly told",
+        };
+        write::print(&format!(
+            "  `{}`: a turn by {:.2} deg (sd {:.2}) about [{x:.2} {y:.2} {z:.2}] and a move by {:.1} mm (sd \
+             {:.1}) [{a:.1} {b:.1} {c:.1}] in its own axes would fit best, {:.1} standard deviations: {verdict}",
+            rig.cameras()[correction.camera].id(),
+            pose.rotation.angle().to_degrees(),
+            correction.sigma.turn_deg,
+            1e3 * pose.translation.vector.norm(),
+            1e3 * correction.sigma.shift_m,
+            correction.deviation,
+        ))?;
+    }
+    Ok(())
+}
