@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     )
     from mvtop._prediction import Prediction
     from mvtop._shipped import example
+    from mvtop._tracker import Tracker
 
 __all__ = [
     "BOP_RESULTS_HEADER",
@@ -51,6 +52,7 @@ __all__ = [
     "Rig",
     "RigConsistency",
     "Sigma",
+    "Tracker",
     "Undetermined",
     "bop",
     "box_rays",
@@ -74,6 +76,7 @@ _HOMES = {
     "CameraPose": "mvtop._objects",
     "ObjectPose": "mvtop._objects",
     "Prediction": "mvtop._prediction",
+    "Tracker": "mvtop._tracker",
     "PredictionWarning": "mvtop._objects",
     "Refinement": "mvtop._objects",
     "RigConsistency": "mvtop._objects",
