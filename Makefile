@@ -32,7 +32,7 @@ MOST_hard = 8
 MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
-.PHONY: help demo test built-tests test-rust test-python lint fuzz soak fixtures eval tables pictures bench \
+.PHONY: help demo test built-tests test-rust test-python lint fuzz soak fixtures eval tables pictures bench bench-peers \
   wheel release-wheel test-wheel stubs licences test-ray
 
 help:  ## this list
@@ -120,6 +120,9 @@ pictures: tables  ## poses from one and from two views, drawn beside each other:
 
 bench: .venv/run.done  ## criterion benches
 	$(RUNTIME) cargo bench -p mvtop-benches
+
+bench-peers: .venv/test.done $(MVTOP)  ## beside other runtimes on the same network, times and memory: docs/performance.md
+	$(PY) benches/peers.py --out out/peers
 
 # Always asked: cargo knows best what is stale.
 .PHONY: $(CLI)

@@ -1,14 +1,16 @@
-//! The whole way from images to poses, with `models/mvball`.
+//! The whole way from images to poses, with `models/mvball`: of all views, and of one new one.
+
+use std::sync::Arc;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use mvtop_benches::repository;
-use mvtop_core::estimator::{Estimator, Options, PredictOptions};
+use mvtop_core::estimator::{Estimator, Options, PredictOptions, Tracker};
 use mvtop_core::{Camera, Rig, ViewImage, image};
 
 fn estimator(c: &mut Criterion) {
     let model = repository("models/mvball");
     let estimator = match Estimator::load(&model, &Options::default()) {
-        Ok(estimator) => estimator,
+        Ok(estimator) => Arc::new(estimator),
         Err(error) => return eprintln!("no benchmark of the estimator: {error}"),
     };
     let folder = repository("examples/mvball");
@@ -32,6 +34,21 @@ fn estimator(c: &mut Criterion) {
             b.iter(|| {
                 estimator
                     .predict(&rig, &images, &PredictOptions::default())
+                    .expect("a prediction")
+            })
+        });
+        let mut tracker = Tracker::new(estimator.clone(), Arc::new(rig));
+        // Two images that differ in every pixel and hardly to the eye, in turn.
+        let mut other = images[0].clone();
+        other.image.iter_mut().for_each(|x| *x ^= 1);
+        let mut turns = [images[0].clone(), other].into_iter().cycle();
+        tracker.update(images).expect("images of the rig");
+        group.bench_function(format!("one of {views} views is new"), |b| {
+            b.iter(|| {
+                let new = turns.next().into_iter().collect();
+                tracker.update(new).expect("an image of the rig");
+                tracker
+                    .predict(&PredictOptions::default())
                     .expect("a prediction")
             })
         });

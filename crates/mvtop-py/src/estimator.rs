@@ -4,13 +4,15 @@ use std::collections::BTreeMap;
 use std::mem::ManuallyDrop;
 use std::path::PathBuf;
 use std::process;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use mvtop_core::annotations::GivenBoxes;
 use mvtop_core::bundle::Class;
 use mvtop_core::onnx::SessionOptions;
 use mvtop_core::report::Report;
-use mvtop_core::{Estimator, Options, PredictOptions, Prediction, ViewImage, image, overlay};
+use mvtop_core::{
+    Estimator, Options, PredictOptions, Prediction, Tracker, ViewImage, image, overlay,
+};
 use pyo3::prelude::*;
 
 use crate::convert::{self, F64, Rgb, shaped};
@@ -24,7 +26,15 @@ type Boxes = (String, BTreeMap<String, [f64; 4]>);
 /// A network that is loaded in this process.
 #[pyclass(frozen, module = "mvtop._mvtop")]
 pub struct NativeEstimator {
-    estimator: ManuallyDrop<Estimator>,
+    estimator: ManuallyDrop<Arc<Estimator>>,
+    process: u32,
+}
+
+/// Predictions of one rig, again and again, by a network that is loaded in this process.
+#[pyclass(frozen, module = "mvtop._mvtop")]
+pub struct NativeTracker {
+    tracker: ManuallyDrop<Mutex<Tracker>>,
+    rig: Arc<mvtop_core::Rig>,
     process: u32,
 }
 
@@ -66,7 +76,7 @@ impl NativeEstimator {
         let estimator = compute(py, || Estimator::load(&bundle, &options))?.map_err(python)?;
         let_forks_exit();
         Ok(Self {
-            estimator: ManuallyDrop::new(estimator),
+            estimator: ManuallyDrop::new(Arc::new(estimator)),
             process: process::id(),
         })
     }
@@ -104,19 +114,7 @@ impl NativeEstimator {
     ) -> PyResult<NativePrediction> {
         let rig = rig.core().clone();
         let images = load(py, &rig, images)?;
-        let boxes = boxes.map(|all| {
-            let given = |(class, boxes): Boxes| GivenBoxes {
-                class,
-                boxes: boxes.into_iter().map(|(id, b)| (id, b.into())).collect(),
-            };
-            all.into_iter().map(given).collect()
-        });
-        let options = PredictOptions {
-            reference,
-            boxes,
-            min_views,
-            refine,
-        };
+        let options = options(reference, boxes, min_views, refine);
         let prediction = compute(py, || self.estimator.predict(&rig, &images, &options))?;
         let prediction = prediction.map_err(python)?;
         Ok(NativePrediction { prediction, rig })
@@ -161,6 +159,90 @@ impl Drop for NativeEstimator {
             // SAFETY: nothing uses it after this.
             unsafe { ManuallyDrop::drop(&mut self.estimator) }
         }
+    }
+}
+
+#[pymethods]
+impl NativeTracker {
+    #[new]
+    fn new(estimator: PyRef<NativeEstimator>, rig: PyRef<Rig>) -> Self {
+        let rig = rig.core().clone();
+        let tracker = Tracker::new((*estimator.estimator).clone(), rig.clone());
+        Self {
+            tracker: ManuallyDrop::new(Mutex::new(tracker)),
+            rig,
+            process: estimator.process,
+        }
+    }
+
+    /// New images are given by the index of their camera.
+    fn update<'py>(
+        &self,
+        py: Python<'py>,
+        images: Vec<(usize, Bound<'py, PyAny>)>,
+    ) -> PyResult<()> {
+        let images = load(py, &self.rig, images)?;
+        py.detach(|| self.lock().update(images)).map_err(python)
+    }
+
+    /// Of the latest images.
+    fn predict(
+        &self,
+        py: Python,
+        reference: Option<String>,
+        boxes: Option<Vec<Boxes>>,
+        min_views: usize,
+        refine: Option<bool>,
+    ) -> PyResult<NativePrediction> {
+        let options = options(reference, boxes, min_views, refine);
+        let prediction = compute(py, || self.lock().predict(&options))?;
+        Ok(NativePrediction {
+            prediction: prediction.map_err(python)?,
+            rig: self.rig.clone(),
+        })
+    }
+
+    /// Forgets the image of a camera, by its index.
+    fn remove(&self, py: Python, camera: usize) {
+        py.detach(|| self.lock().remove(camera));
+    }
+
+    fn __repr__(&self) -> String {
+        format!("NativeTracker({} cameras)", self.rig.cameras().len())
+    }
+}
+
+impl NativeTracker {
+    fn lock(&self) -> MutexGuard<'_, Tracker> {
+        self.tracker.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Drop for NativeTracker {
+    fn drop(&mut self) {
+        // As with the estimator, whose network it shares.
+        if self.process == process::id() {
+            // SAFETY: nothing uses it after this.
+            unsafe { ManuallyDrop::drop(&mut self.tracker) }
+        }
+    }
+}
+
+fn options(
+    reference: Option<String>,
+    boxes: Option<Vec<Boxes>>,
+    min_views: usize,
+    refine: Option<bool>,
+) -> PredictOptions {
+    let given = |(class, boxes): Boxes| GivenBoxes {
+        class,
+        boxes: boxes.into_iter().map(|(id, b)| (id, b.into())).collect(),
+    };
+    PredictOptions {
+        reference,
+        boxes: boxes.map(|all| all.into_iter().map(given).collect()),
+        min_views,
+        refine,
     }
 }
 

@@ -24,7 +24,7 @@ mod _mvtop {
     #[pymodule_export]
     use super::cli::{eval_bop, run_cli};
     #[pymodule_export]
-    use super::estimator::{NativeEstimator, NativePrediction};
+    use super::estimator::{NativeEstimator, NativePrediction, NativeTracker};
     #[pymodule_export]
     use super::metrics::{
         Mesh, Surface, Symmetries, auc_exact, auc_poet, auc_posecnn, average_recall, recall,

@@ -268,3 +268,34 @@ def test_wrong_calibration_is_warned_of(estimator, rig, arrays):
     assert (warning.code, warning.camera) == ("nothing_matches", None)
     assert "at no place is it seen by two cameras" in warning.message
     assert prediction.rig_consistency is None
+
+
+def assert_same(warm, cold):
+    """To rounding: a network may compute a picture otherwise beside others."""
+    assert len(warm.objects) == len(cold.objects) == 1
+    for key in ("ref_from_obj", "world_from_obj"):
+        a, b = (getattr(prediction.objects[0], key) for prediction in (warm, cold))
+        np.testing.assert_allclose(a, b, atol=1e-6)
+    assert warm.objects[0].boxes == cold.objects[0].boxes
+
+
+def test_a_tracker_keeps_the_latest_image_of_each_camera(estimator, rig, arrays, truth):
+    ids = [camera.id for camera in rig.cameras]
+    tracker = mvtop.Tracker(estimator, rig)
+    with pytest.raises(ValueError, match="image"):
+        tracker.predict()
+    tracker.update(arrays)
+    assert_same(tracker.predict(boxes=truth), estimator.predict(arrays, rig, boxes=truth))
+    images = dict(zip(ids, arrays, strict=True))
+    images[ids[1]] = np.ascontiguousarray(arrays[1][:, ::-1])
+    tracker.update({ids[1]: images[ids[1]]})
+    warm = tracker.predict(boxes=truth)
+    assert_same(warm, estimator.predict(images, rig, boxes=truth))
+    np.testing.assert_array_equal(warm.overlay()[ids[1]].shape, images[ids[1]].shape)
+    with pytest.raises(ValueError, match=ids[0]):
+        tracker.update({ids[0]: arrays[0][:8, :8]})
+    with pytest.raises(ValueError, match="expected one of"):
+        tracker.remove("nowhere")
+    tracker.remove(ids[0])
+    del images[ids[0]]
+    assert_same(tracker.predict(boxes=truth), estimator.predict(images, rig, boxes=truth))

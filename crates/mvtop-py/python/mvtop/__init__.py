@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     )
     from mvtop._prediction import Prediction
     from mvtop._shipped import example
+    from mvtop._tracker import Tracker
 
 __all__ = [
     "BOP_RESULTS_HEADER",
@@ -53,6 +54,7 @@ __all__ = [
     "Rig",
     "RigConsistency",
     "Sigma",
+    "Tracker",
     "Undetermined",
     "bop",
     "box_rays",
@@ -77,6 +79,7 @@ _HOMES = {
     "Hypothesis": "mvtop._objects",
     "ObjectPose": "mvtop._objects",
     "Prediction": "mvtop._prediction",
+    "Tracker": "mvtop._tracker",
     "PredictionWarning": "mvtop._objects",
     "Refinement": "mvtop._objects",
     "RigConsistency": "mvtop._objects",

@@ -109,9 +109,11 @@ class Estimator:
             raise ValueError(
                 f"rig: expected a mvtop.Rig, got {type(rig).__name__}; see mvtop.Rig.load"
             )
-        given = _by_camera(images, rig)
+        given = images_by_camera(images, rig)
         native = self._here()
-        prediction = native.predict(rig, given, reference, _boxes(boxes), min_views, refine)
+        prediction = native.predict(
+            rig, given, reference, boxes_by_camera(boxes), min_views, refine
+        )
         return Prediction.of(rig, Source(native, prediction, given))
 
     def __repr__(self) -> str:
@@ -125,7 +127,7 @@ def _unpickled(path: str, options: dict[str, Any]) -> Estimator:
     return Estimator.load(path, **options)
 
 
-def _by_camera(images: Images, rig: Rig) -> list[tuple[int, Any]]:
+def images_by_camera(images: Images, rig: Rig) -> list[tuple[int, Any]]:
     ids = [camera.id for camera in rig.cameras]
     known = ", ".join(ids)
     if isinstance(images, Mapping):
@@ -148,7 +150,7 @@ def _by_camera(images: Images, rig: Rig) -> list[tuple[int, Any]]:
     return list(enumerate(images))
 
 
-def _boxes(boxes: Boxes | None) -> list[Any] | None:
+def boxes_by_camera(boxes: Boxes | None) -> list[Any] | None:
     """The name of each object and its boxes by camera id."""
     if boxes is None:
         return None

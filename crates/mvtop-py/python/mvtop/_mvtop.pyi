@@ -273,6 +273,26 @@ class NativePrediction:
         """
 
 @final
+class NativeTracker:
+    """
+    Predictions of one rig, again and again, by a network that is loaded in this process.
+    """
+    def __new__(cls, /, estimator: NativeEstimator, rig: Rig) -> NativeTracker: ...
+    def __repr__(self, /) -> str: ...
+    def predict(self, /, reference: str | None, boxes: SupportsGetItem[int, tuple[str, dict[str, SupportsLenAndGetItem[SupportsFloat | SupportsIndex]]]] | None, min_views: SupportsIndex, refine: bool | None) -> NativePrediction:
+        """
+        Of the latest images.
+        """
+    def remove(self, /, camera: SupportsIndex) -> None:
+        """
+        Forgets the image of a camera, by its index.
+        """
+    def update(self, /, images: SupportsGetItem[int, tuple[SupportsIndex, Any]]) -> None:
+        """
+        New images are given by the index of their camera.
+        """
+
+@final
 class Rig:
     """
     The cameras that look at a scene together.

@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from mvtop._estimator import Estimator, boxes_by_camera, images_by_camera
+from mvtop._mvtop import NativeTracker, Rig
+from mvtop._prediction import Prediction, Source
+
+if TYPE_CHECKING:
+    from mvtop._estimator import Boxes, Images
+
+
+class Tracker:
+    """Keeps the latest image of each camera of a rig, and what the network has said of it, so that
+    a new image of one camera does not compute those of the others again.
+
+    A prediction is that of `Estimator.predict` on the same images. It is used in the process that
+    it was made in.
+    """
+
+    def __init__(self, estimator: Estimator, rig: Rig) -> None:
+        self._estimator = estimator._here()
+        self._rig = rig
+        self._native = NativeTracker(self._estimator, rig)
+        self._images: dict[int, Any] = {}
+
+    def update(self, images: Images) -> None:
+        """Takes over new images, each in the place of the one of its camera.
+
+        - images: as in `Estimator.predict`: in a dict by camera id, other cameras keep theirs
+
+        Raises ValueError where they do not fit the rig; none is then taken over.
+        """
+        new = images_by_camera(images, self._rig)
+        self._native.update(new)
+        self._images |= new
+
+    def predict(
+        self,
+        *,
+        reference: str | None = None,
+        boxes: Boxes | None = None,
+        min_views: int = 1,
+        refine: bool | None = None,
+    ) -> Prediction:
+        """Finds objects and their poses in the latest image of each camera.
+
+        - reference, boxes, min_views, refine: as in `Estimator.predict`
+
+        Raises what that raises.
+        """
+        given = boxes_by_camera(boxes)
+        prediction = self._native.predict(reference, given, min_views, refine)
+        shown = sorted(self._images.items(), key=lambda of: of[0])
+        return Prediction.of(self._rig, Source(self._estimator, prediction, shown))
+
+    def remove(self, camera: str) -> None:
+        """Forgets the image of a camera, by its id: of one that is off, say.
+
+        Raises ValueError where the rig has no such camera.
+        """
+        ids = [known.id for known in self._rig.cameras]
+        if camera not in ids:
+            raise ValueError(
+                f"camera: expected one of {', '.join(ids)}, as in the rig, got `{camera}`"
+            )
+        self._native.remove(ids.index(camera))
+        self._images.pop(ids.index(camera), None)
+
+    def __repr__(self) -> str:
+        return f"Tracker({len(self._images)} of {len(self._rig.cameras)} cameras)"
