@@ -14,6 +14,8 @@ use crate::refine::{self, Refiner};
 /// How far the pose that a view is searched from is expected to be off: turns, degrees, and the
 /// position as a share of the distance.
 const START: (f64, f64) = (10.0, 0.03);
+/// Starts that are nearer to each other are one, as a share of the diameter.
+const SAME_START: f64 = 0.05;
 /// Of an image that shows a smaller share of the edges, the box is believed instead.
 const LEAST_SUPPORTED: f64 = 0.5;
 /// Edges of one view err together: how much larger the covariance is than they say.
@@ -107,8 +109,13 @@ impl Alone {
             t_m: START.1 * distance,
         };
         let from = |start| refiner.refine(std::slice::from_ref(view), start, sigma);
-        let found = rayon::join(|| from(&by_box), || from(world_from_obj));
-        let best = [found.0, found.1]
+        // Where the box is where the pose has it, both searches would be one.
+        let apart = shift.norm() > SAME_START * refiner.diameter_m();
+        let (joint, boxed) = rayon::join(
+            || from(world_from_obj),
+            || apart.then(|| from(&by_box)).flatten(),
+        );
+        let best = [boxed, joint]
             .into_iter()
             .flatten()
             .filter(|found| found.supported > LEAST_SUPPORTED)
