@@ -30,7 +30,6 @@ from mvtop_train.data import objects
 from mvtop_train.errors import UserError, argument_parser, command
 from mvtop_train.export import bundle, reference
 from mvtop_train.network import config as configs
-from mvtop_train.network import pose
 from mvtop_train.network.model import Mvtop
 from mvtop_train.training.checkpoint import load_weights
 from peers_worker import ANCHORS, CONTESTANTS
@@ -85,7 +84,7 @@ def prepare(model: Mvtop, work: Path, views: int) -> None:
         given |= {f"{anchor}.{name}": x.numpy() for name, x in inputs.items()}
     given = {name: array.astype(np.float32) for name, array in given.items()}
     np.savez(work / "inputs.npz", **given)
-    world_from_cam = [camera.world_from_cam.tolist() for camera in cameras]
+    world_from_cam = [picture.world_from_cam.tolist() for picture in pictures]
     (work / "cameras.json").write_text(json.dumps(world_from_cam))
 
 
@@ -118,16 +117,14 @@ class Worker:
 
 
 def world_from_obj(poses: list, cameras: list) -> np.ndarray:
-    """[4, 4], of a contestant's poses in its anchors, or mvtop's own in the world."""
-    if len(poses[0]) == 4:  # rows, and not rotation and translation of an anchor
+    """[4, 4], of a contestant's answers in its anchors, or mvtop's own pose in the world."""
+    if isinstance(poses[0], list):
         return np.array(poses)
-    of_anchors = []
-    for (rotation, translation), world_from_cam in zip(poses, cameras, strict=False):
-        anchor_from_obj = np.eye(4)
-        anchor_from_obj[:3, :3] = pose.rotation_from_6d(torch.tensor(rotation))
-        anchor_from_obj[:3, 3] = translation
-        of_anchors.append(np.array(world_from_cam) @ anchor_from_obj)
-    return reference.mean_pose(of_anchors)
+    found = []
+    for answers, world_from_cam in zip(poses, cameras, strict=False):
+        decoded = {name: torch.tensor(x) for name, x in answers.items()}
+        found += reference.hypotheses_of(decoded, np.array(world_from_cam))
+    return reference.combined(found)[0]
 
 
 def difference(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:

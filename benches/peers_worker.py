@@ -8,7 +8,6 @@ imported but what the contestant needs.
 """
 
 import json
-import resource
 import sys
 import time
 from pathlib import Path
@@ -73,8 +72,8 @@ class Graphs:
         ]
 
     def poses(self, decoded: list) -> list:
-        names = ("rotation_6d", "translation")
-        return [[np.asarray(one[name][0], float).tolist() for name in names] for one in decoded]
+        """The decoder's answers, by anchor and name."""
+        return [{name: np.asarray(x, float).tolist() for name, x in one.items()} for one in decoded]
 
 
 class OnnxRuntime(Graphs):
@@ -145,6 +144,7 @@ class Torch(Graphs):
         if self.inputs.closeups:
             modules["closeup"] = encoded(model)
         self.graphs = {name: self.load(module.eval()) for name, module in modules.items()}
+        self.answers = bundle.outputs_of(model.config)
 
     def load(self, module):
         return module
@@ -160,7 +160,7 @@ class Torch(Graphs):
     def run(self, graph, inputs: dict) -> dict:
         outputs = graph(**inputs)
         outputs = outputs if isinstance(outputs, tuple) else (outputs,)
-        names = ("rotation_6d", "translation", "sigma") if "rays" in inputs else ("memory",)
+        names = self.answers if "rays" in inputs else ("memory",)
         return dict(zip(names, outputs, strict=False))
 
     def __call__(self, prepared) -> list:
@@ -224,6 +224,12 @@ CONTESTANTS = {
 }
 
 
+def peak_mb() -> float:
+    """Of this process's memory, MB; `ru_maxrss` is at least that of the process it came from."""
+    status = Path("/proc/self/status").read_text()
+    return int(status.split("VmHWM:")[1].split()[0]) / 1e3
+
+
 def main():
     name, work = sys.argv[1:]
     contestant, prepared = CONTESTANTS[name](Path(work)), {}
@@ -234,8 +240,7 @@ def main():
         begun = time.perf_counter()
         answer = contestant(prepared[views])
         taken = time.perf_counter() - begun
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        said = {"ms": 1e3 * taken, "peak_mb": peak, "poses": contestant.poses(answer)}
+        said = {"ms": 1e3 * taken, "peak_mb": peak_mb(), "poses": contestant.poses(answer)}
         print(json.dumps(said), flush=True)
 
 
