@@ -33,10 +33,20 @@ use crate::mesh::Mesh;
 use crate::prediction::Sigma;
 use crate::{BBox, Camera};
 
+/// Close-ups as sharp as the images, to come near.
+const COARSE: Detail = Detail {
+    enlarged: 1.0,
+    largest: 224.0,
+};
+/// Twice as sharp, as lines look at whole pixels: half of one, next to a knob, is a degree.
+const FINE: Detail = Detail {
+    enlarged: 2.0,
+    largest: 400.0,
+};
 /// Steps of the lines, px of the close-up, one after the other.
-const STEPS: [f64; 8] = [4.0, 4.0, 3.0, 2.0, 1.0, 1.0, 1.0, 1.0];
-/// Least and largest side of a close-up, px.
-const SIDES: [f64; 2] = [96.0, 224.0];
+const STEPS: [(Detail, &[f64]); 2] = [(COARSE, &[4.0, 3.0, 2.0]), (FINE, &[2.0, 1.5, 1.0, 1.0])];
+/// Least side of a close-up, px.
+const SMALLEST: f64 = 96.0;
 /// An edge that is found within this of where it is expected is supported, px.
 const SUPPORTED: f64 = 1.5;
 /// An edge is not supported where its place is less certain than this, px².
@@ -80,6 +90,15 @@ pub struct Refined {
 pub struct Refiner {
     part: Part,
     diameter: f64,
+}
+
+/// How large the close-ups are.
+#[derive(Debug, Clone, Copy)]
+struct Detail {
+    /// Px of the close-up in one of the image, if there is room for them.
+    enlarged: f64,
+    /// Largest side, px.
+    largest: f64,
 }
 
 /// A view at work; its memory is used again from step to step.
@@ -138,24 +157,27 @@ impl Refiner {
         world_from_obj: &Isometry3<f64>,
         sigma: Sigma,
     ) -> Option<Refined> {
-        let mut working = self.working(views, world_from_obj);
-        if working.is_empty() {
-            return None;
-        }
         let prior = Prior::new(*world_from_obj, sigma);
-        let before = self.fit(&mut working, world_from_obj)?;
         let (mut pose, mut information) = (*world_from_obj, Matrix6::zeros());
-        for step in STEPS {
-            working
-                .par_iter_mut()
-                .for_each(|view| view.look(self, &pose, step));
-            let rows: Vec<&[Row]> = working.iter().map(|view| &view.rows[..]).collect();
-            let center = &self.part.center;
-            let (radius, scale) = (self.diameter / 4.0, 1.0 + 1.5 * step);
-            let found = solve::step(&rows, &prior, &pose, center, radius, scale)?;
-            pose = solve::moved(&pose, center, &found.motion);
-            information = found.information;
+        let mut working = Vec::new();
+        for (detail, steps) in STEPS {
+            working = self.working(views, &pose, detail);
+            if working.is_empty() {
+                return None;
+            }
+            for &step in steps {
+                working
+                    .par_iter_mut()
+                    .for_each(|view| view.look(self, &pose, step));
+                let rows: Vec<&[Row]> = working.iter().map(|view| &view.rows[..]).collect();
+                let center = &self.part.center;
+                let (radius, scale) = (self.diameter / 4.0, 1.0 + 1.5 * step);
+                let found = solve::step(&rows, &prior, &pose, center, radius, scale)?;
+                pose = solve::moved(&pose, center, &found.motion);
+                information = found.information;
+            }
         }
+        let before = self.fit(&mut working, world_from_obj)?;
         let after = self.fit(&mut working, &pose).unwrap_or_default();
         // What lies within may not be given up for the outline, nor the other way round.
         let better = |i: usize| after.separation[i] - before.separation[i];
@@ -182,14 +204,14 @@ impl Refiner {
 
     /// How well the images show the object at a pose; `None` where no view shows its edges.
     pub fn quality(&self, views: &[View], world_from_obj: &Isometry3<f64>) -> Option<Quality> {
-        let mut working = self.working(views, world_from_obj);
+        let mut working = self.working(views, world_from_obj, FINE);
         Some(self.fit(&mut working, world_from_obj)?.quality)
     }
 
-    fn working(&self, views: &[View], world_from_obj: &Isometry3<f64>) -> Vec<Working> {
+    fn working(&self, views: &[View], pose: &Isometry3<f64>, detail: Detail) -> Vec<Working> {
         let views = views.par_iter().enumerate();
         views
-            .filter_map(|(index, view)| Working::new(self, index, view, world_from_obj))
+            .filter_map(|(index, view)| Working::new(self, index, view, pose, detail))
             .collect()
     }
 
@@ -246,16 +268,23 @@ impl Refiner {
 
 impl Working {
     /// `None` where the object does not lie in the image.
-    fn new(refiner: &Refiner, index: usize, view: &View, pose: &Isometry3<f64>) -> Option<Self> {
+    fn new(
+        refiner: &Refiner,
+        index: usize,
+        view: &View,
+        pose: &Isometry3<f64>,
+        detail: Detail,
+    ) -> Option<Self> {
         let camera = view.camera;
         let bbox = around(&refiner.part.vertices, camera, pose)?;
         bbox.clip(camera.width(), camera.height())?;
-        let side = (bbox.width().max(bbox.height()) / FILL).clamp(SIDES[0], SIDES[1]) as u32;
+        let size = bbox.width().max(bbox.height());
+        let side = (detail.enlarged * size / FILL).clamp(SMALLEST, detail.largest) as u32;
         let closeup = CloseUp::new(camera, bbox, side)?;
         let pixels = closeup.pixels(camera, view.image);
         Some(Self {
             index,
-            scale: f64::from(side) * FILL / bbox.width().max(bbox.height()),
+            scale: f64::from(side) * FILL / size,
             picture: Picture::new(side as usize, &pixels),
             closeup,
             raster: Raster::default(),

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Matrix6};
 
 use super::solve::{self, Prior};
-use super::{Refiner, View, Working};
+use super::{COARSE, Refiner, View, Working};
 use crate::Result;
 use crate::prediction::Sigma;
 
@@ -48,7 +48,7 @@ impl Lines {
             camera: &camera,
             image: view.image,
         };
-        let working = Working::new(refiner, 0, &view, cam_from_obj);
+        let working = Working::new(refiner, 0, &view, cam_from_obj, COARSE);
         Ok(working.map(|working| Self { working }))
     }
 
