@@ -39,6 +39,17 @@ impl BBox {
         self.y1 - self.y0
     }
 
+    /// Larger or smaller by a factor, about its middle.
+    pub(crate) fn scaled(&self, factor: f64) -> Self {
+        let (center, width, height) = (self.center(), self.width(), self.height());
+        Self {
+            x0: center.x - factor * width / 2.0,
+            y0: center.y - factor * height / 2.0,
+            x1: center.x + factor * width / 2.0,
+            y1: center.y + factor * height / 2.0,
+        }
+    }
+
     /// The part within an image of `width` by `height` px; `None` where less than a pixel a side is
     /// left, or a side is not a number.
     pub fn clip(&self, width: u32, height: u32) -> Option<Self> {

@@ -102,7 +102,11 @@ impl CloseUp {
         let mut pixels = vec![None; size * size];
         pixels.par_iter_mut().enumerate().for_each(|(i, pixel)| {
             let (u, v) = ((i % size) as f64, (i / size) as f64);
-            if !self.on_image(real, self.direction(u, v)) {
+            let Some(middle) = self.on_image(real, self.direction(u, v)) else {
+                return;
+            };
+            if self.taps == 1 {
+                *pixel = Some(bilinear(image, middle));
                 return;
             }
             let (mut sum, mut count) = ([0.0_f32; 3], 0.0);
@@ -130,7 +134,8 @@ impl CloseUp {
         let mut rays = camera_rays(&self.camera, &self.letterbox(), strides);
         for mut ray in rays.axis_iter_mut(Axis(0)) {
             let direction = Vector3::from_fn(|i, _| f64::from(ray[i]));
-            if !self.on_image(real, (self.cam_from_close * direction).into()) {
+            let direction = (self.cam_from_close * direction).into();
+            if self.on_image(real, direction).is_none() {
                 ray.fill(0.0);
             }
         }
@@ -139,7 +144,7 @@ impl CloseUp {
 
     /// Whether pixel (u, v) looks at something on the real camera's image.
     pub fn shows(&self, real: &Camera, u: f64, v: f64) -> bool {
-        self.on_image(real, self.direction(u, v))
+        self.on_image(real, self.direction(u, v)).is_some()
     }
 
     /// Where pixel (u, v) looks, in the real camera's frame.
@@ -149,11 +154,12 @@ impl CloseUp {
         (self.cam_from_close * Vector3::new(x, y, 1.0)).into()
     }
 
-    fn on_image(&self, real: &Camera, direction: Point3<f64>) -> bool {
-        real.intrinsics().project(&direction).is_some_and(|at| {
-            (-0.5..=f64::from(real.width()) - 0.5).contains(&at.x)
-                && (-0.5..=f64::from(real.height()) - 0.5).contains(&at.y)
-        })
+    /// Where the real camera's image shows what lies in a direction, if it does.
+    fn on_image(&self, real: &Camera, direction: Point3<f64>) -> Option<Point2<f64>> {
+        let at = real.intrinsics().project(&direction)?;
+        let inside = (-0.5..=f64::from(real.width()) - 0.5).contains(&at.x)
+            && (-0.5..=f64::from(real.height()) - 0.5).contains(&at.y);
+        inside.then_some(at)
     }
 }
 

@@ -37,11 +37,13 @@ use crate::{BBox, Camera};
 const COARSE: Detail = Detail {
     enlarged: 1.0,
     largest: 224.0,
+    filled: FILL,
 };
 /// Twice as sharp, as lines look at whole pixels: half of one, next to a knob, is a degree.
 const FINE: Detail = Detail {
     enlarged: 2.0,
-    largest: 400.0,
+    largest: 320.0,
+    filled: 0.8,
 };
 /// Steps of the lines, px of the close-up, one after the other.
 const STEPS: [(Detail, &[f64]); 2] = [(COARSE, &[4.0, 3.0, 2.0]), (FINE, &[2.0, 1.5, 1.0, 1.0])];
@@ -99,6 +101,8 @@ struct Detail {
     enlarged: f64,
     /// Largest side, px.
     largest: f64,
+    /// What the object takes of it.
+    filled: f64,
 }
 
 /// A view at work; its memory is used again from step to step.
@@ -279,12 +283,13 @@ impl Working {
         let bbox = around(&refiner.part.vertices, camera, pose)?;
         bbox.clip(camera.width(), camera.height())?;
         let size = bbox.width().max(bbox.height());
-        let side = (detail.enlarged * size / FILL).clamp(SMALLEST, detail.largest) as u32;
-        let closeup = CloseUp::new(camera, bbox, side)?;
+        let side = detail.enlarged * size / detail.filled;
+        let side = side.clamp(SMALLEST, detail.largest) as u32;
+        let closeup = CloseUp::new(camera, bbox.scaled(FILL / detail.filled), side)?;
         let pixels = closeup.pixels(camera, view.image);
         Some(Self {
             index,
-            scale: f64::from(side) * FILL / size,
+            scale: f64::from(side) * detail.filled / size,
             picture: Picture::new(side as usize, &pixels),
             closeup,
             raster: Raster::default(),
