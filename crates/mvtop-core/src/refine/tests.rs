@@ -264,8 +264,8 @@ fn boxes_cans_and_balls_with_knobs_come_back() {
         point: Point3::origin(),
     };
     for (name, mesh, axis, bound) in [
-        ("box", cuboid(), None, [0.5, 0.0005]),
-        ("can", can(), Some(about_z), [0.5, 0.0005]),
+        ("box", cuboid(), None, [0.3, 0.0003]),
+        ("can", can(), Some(about_z), [0.3, 0.0003]),
         ("ball", ball(), None, [1.0, 0.0005]),
     ] {
         let errors = errors(&mesh, axis, 40);
