@@ -6,7 +6,7 @@
 //! So the pose network sees every object in the same size and place, at the image's own resolution,
 //! without the lens's distortion.
 
-use image::RgbImage;
+use image::{Rgb, RgbImage};
 use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};
 use ndarray::{Array2, Array3, Axis};
 use rayon::prelude::*;
@@ -165,20 +165,23 @@ impl CloseUp {
 
 /// RGB, 0 to 255, between the four pixels around `at`; beyond the image its outermost pixels go on.
 fn bilinear(image: &RgbImage, at: Point2<f64>) -> [f32; 3] {
-    let (width, height) = (f64::from(image.width()), f64::from(image.height()));
-    let (u, v) = (at.x.clamp(0.0, width - 1.0), at.y.clamp(0.0, height - 1.0));
-    let (u0, v0) = (u.floor(), v.floor());
-    let (right, below) = ((u - u0) as f32, (v - v0) as f32);
-    let (u0, v0) = (u0 as u32, v0 as u32);
-    let (u1, v1) = (
-        (u0 + 1).min(image.width() - 1),
-        (v0 + 1).min(image.height() - 1),
+    let (last_u, last_v) = (image.width() - 1, image.height() - 1);
+    let (u, v) = (
+        at.x.clamp(0.0, last_u.into()),
+        at.y.clamp(0.0, last_v.into()),
     );
-    let [a, b, c, d] = [(u0, v0), (u1, v0), (u0, v1), (u1, v1)]
-        .map(|(u, v)| image.get_pixel(u, v).0.map(f32::from));
-    std::array::from_fn(|i| {
-        let above = a[i] + right * (b[i] - a[i]);
-        let under = c[i] + right * (d[i] - c[i]);
-        above + below * (under - above)
-    })
+    let (u0, v0) = (u as u32, v as u32);
+    let (u1, v1) = ((u0 + 1).min(last_u), (v0 + 1).min(last_v));
+    let right = (u - f64::from(u0)) as f32;
+    let below = (v - f64::from(v0)) as f32;
+    let [Rgb(a), Rgb(b)] = [image.get_pixel(u0, v0), image.get_pixel(u1, v0)];
+    let [Rgb(c), Rgb(d)] = [image.get_pixel(u0, v1), image.get_pixel(u1, v1)];
+    let mut rgb = [0.0; 3];
+    for i in 0..3 {
+        let [a, b, c, d] = [a[i], b[i], c[i], d[i]].map(f32::from);
+        let above = a + right * (b - a);
+        let under = c + right * (d - c);
+        rgb[i] = above + below * (under - above);
+    }
+    rgb
 }
