@@ -6,9 +6,9 @@ Each contestant is a process of its own, which holds its network for all rounds;
 one runs once, in another order each time, so that other work on the machine disturbs all alike:
 ratios hold, times are of the machine. mvtop does everything from image arrays to the pose, given
 the boxes; the others run the network alone on prepared tensors: the detector on whole images, the
-close-ups, and the decoder once for each of up to four views. All poses must agree with PyTorch's in
-fp32 within TOLERANCE. Contestants that are not installed, or not ready in time, are left out and
-named.
+close-ups, and the decoder once for each of up to four views. "mvtop int8" has its ranges from the
+same images. All poses must agree with PyTorch's in fp32 within TOLERANCE. Contestants that are not
+installed, or not ready in time, are left out and named.
 """
 
 import importlib.metadata
@@ -37,7 +37,7 @@ from peers_worker import ANCHORS, CONTESTANTS
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLE = ROOT / "examples/mvball"
 # Degrees and millimetres by which a pose may differ from PyTorch's in fp32.
-TOLERANCE = {"fp32": (0.05, 0.05), "bf16": (5.0, 5.0)}
+TOLERANCE = {"fp32": (0.05, 0.05), "bf16": (5.0, 5.0), "int8": (5.0, 5.0)}
 REFERENCE = "PyTorch fp32"
 
 
@@ -84,6 +84,9 @@ def prepare(model: Mvtop, work: Path, views: int) -> None:
         given |= {f"{anchor}.{name}": x.numpy() for name, x in inputs.items()}
     given = {name: array.astype(np.float32) for name, array in given.items()}
     np.savez(work / "inputs.npz", **given)
+    if config.closeup:
+        pictures_of = {"features": given["images"], "closeup": given["pictures"]}
+        bundle.write_bundle(model, work / "integers", {}, pictures=pictures_of)
     world_from_cam = [picture.world_from_cam.tolist() for picture in pictures]
     (work / "cameras.json").write_text(json.dumps(world_from_cam))
 
@@ -174,7 +177,8 @@ def compare(work: Path, names: list[str], views: list[int], rounds: int, seconds
     gaps = {n: [difference(of["poses"][v], expected[v]) for v in views] for n, of in found.items()}
     for name, of in found.items():
         del of["poses"]
-        of["precision"] = "bf16" if name.endswith("bf16") else "fp32"
+        kind = name.split()[-1]
+        of["precision"] = kind if kind in TOLERANCE else "fp32"
         of["degrees"], of["mm"] = (max(gap) for gap in zip(*gaps[name], strict=True))
     return {"contestants": found, "left_out": left_out}
 

@@ -189,11 +189,13 @@ class TorchBf16(Torch):
 class Mvtop:
     """All of it, from arrays of the whole images to the pose, boxes given."""
 
+    bundle = "bundle"
+
     def __init__(self, work: Path):
         import mvtop
 
         self.mvtop = mvtop
-        self.estimator = mvtop.Estimator.load(work / "bundle")
+        self.estimator = mvtop.Estimator.load(work / self.bundle)
         self.rig = mvtop.Rig.load(work / "rig.json")
         self.boxes = json.loads((work / "boxes.json").read_text())
         with np.load(work / "images.npz") as file:
@@ -213,8 +215,15 @@ class Mvtop:
         return prediction.objects[0].world_from_obj.tolist()
 
 
+class MvtopIntegers(Mvtop):
+    """As bundles are shipped: convolutions in 8 bits."""
+
+    bundle = "integers"
+
+
 CONTESTANTS = {
     "mvtop": Mvtop,
+    "mvtop int8": MvtopIntegers,
     "ONNX Runtime, portable": OnnxRuntime,
     "OpenVINO f32": OpenVino,
     "OpenVINO bf16": OpenVinoBf16,
