@@ -46,7 +46,9 @@ const FINE: Detail = Detail {
     filled: 0.8,
 };
 /// Steps of the lines, px of the close-up, one after the other.
-const STEPS: [(Detail, &[f64]); 2] = [(COARSE, &[4.0, 3.0, 2.0]), (FINE, &[2.0, 1.5, 1.0, 1.0])];
+const STEPS: [Steps; 2] = [(COARSE, &[4.0, 3.0, 2.0]), (FINE, &[2.0, 1.5, 1.0, 1.0])];
+/// Steps that end on the coarse close-ups.
+const COARSE_STEPS: [Steps; 1] = [(COARSE, &[4.0, 4.0, 3.0, 2.0, 1.0, 1.0, 1.0])];
 /// Least side of a close-up, px.
 const SMALLEST: f64 = 96.0;
 /// An edge that is found within this of where it is expected is supported, px.
@@ -105,6 +107,9 @@ struct Detail {
     filled: f64,
 }
 
+/// Close-ups, and the steps of the lines on them, px.
+type Steps = (Detail, &'static [f64]);
+
 /// A view at work; its memory is used again from step to step.
 struct Working {
     /// Index of the view, as given.
@@ -161,10 +166,31 @@ impl Refiner {
         world_from_obj: &Isometry3<f64>,
         sigma: Sigma,
     ) -> Option<Refined> {
+        self.refine_by(&STEPS, views, world_from_obj, sigma)
+    }
+
+    /// Like [`Self::refine`], on close-ups no sharper than the images: quicker, and exact enough to
+    /// compare what views tell.
+    pub fn refine_coarsely(
+        &self,
+        views: &[View],
+        world_from_obj: &Isometry3<f64>,
+        sigma: Sigma,
+    ) -> Option<Refined> {
+        self.refine_by(&COARSE_STEPS, views, world_from_obj, sigma)
+    }
+
+    fn refine_by(
+        &self,
+        steps: &[Steps],
+        views: &[View],
+        world_from_obj: &Isometry3<f64>,
+        sigma: Sigma,
+    ) -> Option<Refined> {
         let prior = Prior::new(*world_from_obj, sigma);
         let (mut pose, mut information) = (*world_from_obj, Matrix6::zeros());
         let mut working = Vec::new();
-        for (detail, steps) in STEPS {
+        for &(detail, steps) in steps {
             working = self.working(views, &pose, detail);
             if working.is_empty() {
                 return None;

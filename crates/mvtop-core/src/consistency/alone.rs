@@ -108,7 +108,7 @@ impl Alone {
             rot_deg: START.0,
             t_m: START.1 * distance,
         };
-        let from = |start| refiner.refine(std::slice::from_ref(view), start, sigma);
+        let from = |start| refiner.refine_coarsely(std::slice::from_ref(view), start, sigma);
         // Where the box is where the pose has it, both searches would be one.
         let apart = shift.norm() > SAME_START * refiner.diameter_m();
         let (joint, boxed) = rayon::join(
