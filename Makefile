@@ -62,6 +62,7 @@ lint: .venv/test.done
 	rustfmt --check --edition 2024 crates/mvtop-core/src/camera/*.rs # declared by a macro, which cargo fmt does not read
 	cargo clippy --release --workspace --all-targets -- -D warnings
 	scripts/licences.py --check crates/mvtop-py/THIRD-PARTY-LICENCES.txt
+	scripts/deny.sh
 	$(PY) -m ruff check training crates/mvtop-py
 	$(PY) -m ruff check --config crates/mvtop-py/pyproject.toml examples benches
 	$(PY) -m ruff format --check training crates/mvtop-py
