@@ -27,6 +27,13 @@ def tiny():
     return model
 
 
+@pytest.fixture(scope="session")
+def closeups():
+    """The tiny network, of close-ups, with random weights."""
+    torch.manual_seed(2)
+    return Mvtop(config.preset("tiny", MVBALL)).eval()
+
+
 def random_pose(rng: np.random.Generator, translation=(0.0, 0.0, 0.0)) -> np.ndarray:
     q, r = np.linalg.qr(rng.normal(size=(3, 3)))
     q *= np.sign(np.diag(r))

@@ -6,14 +6,11 @@ import numpy as np
 import onnxruntime
 import pytest
 import torch
-from conftest import MVBALL
 from test_export import decoder_inputs, run
 
 from mvtop_train.data import closeup
 from mvtop_train.data.views import warp
 from mvtop_train.export import bundle, self_test
-from mvtop_train.network import config
-from mvtop_train.network.model import Mvtop
 
 K = np.array([[610.0, 0, 322], [0, 590, 236], [0, 0, 1]])
 
@@ -56,19 +53,13 @@ def test_boxes_are_jittered_without_bias():
     assert closeup.jittered(box, rng, 0.0) == pytest.approx(box)
 
 
-@pytest.fixture(scope="module")
-def model():
-    torch.manual_seed(2)
-    return Mvtop(config.preset("tiny", MVBALL)).eval()
-
-
 @pytest.mark.parametrize("bits", [32, 16, 8])
-def test_exported_closeups_match_torch(model, tmp_path, bits):
-    bundle.write_bundle(model, tmp_path, {}, portable=True, bits=bits)
+def test_exported_closeups_match_torch(closeups, tmp_path, bits):
+    bundle.write_bundle(closeups, tmp_path, {}, portable=True, bits=bits)
     manifest = json.loads((tmp_path / "model.json").read_text())
     assert manifest["closeup"] == {"size": 64, "strides": [16, 32]}
     assert set(manifest["graphs"]) == {"features", "closeup", "decoder"}
-    c, n, torch_seed = model.config, 4 * 4 + 2 * 2, 5
+    c, n, torch_seed = closeups.config, 4 * 4 + 2 * 2, 5
     torch.manual_seed(torch_seed)
     rays = torch.nn.functional.normalize(torch.randn(3, n, 3), dim=-1)
     given = {
@@ -84,18 +75,18 @@ def test_exported_closeups_match_torch(model, tmp_path, bits):
     for name, (module, inputs) in given.items():
         session = onnxruntime.InferenceSession(tmp_path / f"{name}.onnx")
         with torch.no_grad():
-            expected = module(model)(*inputs.values())
+            expected = module(closeups)(*inputs.values())
         expected = (expected,) if torch.is_tensor(expected) else expected
         for ours, theirs in zip(run(session, inputs), expected, strict=True):
             scale = theirs.abs().max().item()
             assert np.abs(ours - theirs.numpy()).max() < tolerance * scale, name
 
 
-def test_the_self_test_is_of_the_weights_that_are_stored(model, tmp_path):
-    bundle.write_bundle(model, tmp_path, {}, portable=True, bits=8)
+def test_the_self_test_is_of_the_weights_that_are_stored(closeups, tmp_path):
+    bundle.write_bundle(closeups, tmp_path, {}, portable=True, bits=8)
     told = json.loads((tmp_path / "model.json").read_text())["self_test"]["outputs"]
-    exact = self_test.outputs(bundle.fold_batch_norm(model))
-    shape = 1, 3, model.config.height, model.config.width
+    exact = self_test.outputs(self_test.OfModel(bundle.fold_batch_norm(closeups)))
+    shape = 1, 3, closeups.config.height, closeups.config.width
     session = onnxruntime.InferenceSession(tmp_path / "features.onnx")
     _, boxes = run(session, {"images": self_test.numbers(*shape)})
     answer = boxes.mean((0, 2, 3))
@@ -103,10 +94,10 @@ def test_the_self_test_is_of_the_weights_that_are_stored(model, tmp_path):
     assert off < 1e-3 and off < 0.1 * off_exact
 
 
-def test_fewer_bits_make_smaller_files(model, tmp_path):
+def test_fewer_bits_make_smaller_files(closeups, tmp_path):
     sizes = []
     for bits in (32, 16, 8):
-        bundle.write_bundle(model, tmp_path / str(bits), {}, portable=True, bits=bits)
+        bundle.write_bundle(closeups, tmp_path / str(bits), {}, portable=True, bits=bits)
         sizes.append((tmp_path / str(bits) / "features.onnx").stat().st_size)
     whole, half, quarter = sizes
     assert half < 0.75 * whole and quarter < 0.8 * half

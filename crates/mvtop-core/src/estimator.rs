@@ -240,13 +240,13 @@ impl Estimator {
             found = self.completed(network, closeups, &views, found)?;
         }
         if options.boxes.is_none() {
-            for (object, pose) in &mut found {
+            let share = |(object, pose): &(Sighting, DecodedPose)| {
                 let class = &self.bundle.classes[object.class];
-                let share = complete::share_of_views(class, &views, object, pose);
-                pose.support = pose.support.map(|support| support * share);
-            }
+                complete::share_of_views(class, &views, object, pose)
+            };
+            let shares: Vec<f64> = found.iter().map(share).collect();
             let least = self.bundle.detector.support_threshold;
-            found = believed(found, least, &self.radii);
+            found = believed(found, &shares, least, &self.radii);
         }
         for (object, pose) in &found {
             pose.check_in_front(&views)?;
@@ -255,14 +255,14 @@ impl Estimator {
         let decode = clock.lap();
 
         let mut refinements = vec![None; found.len()];
-        let mut refine = 0.0;
+        let mut differences = vec![Vec::new(); found.len()];
+        let (mut refine, mut check) = (0.0, 0.0);
         if options.refine != Some(false) {
             refinements = refined::on_images(&self.refiners, &views, &self.bundle, &mut found);
             refine = clock.lap();
+            differences = refined::by_view(&self.refiners, &views, &self.bundle, &found);
+            check = clock.lap();
         }
-
-        let differences = refined::by_view(&self.refiners, &views, &self.bundle, &found);
-        let check = clock.lap();
 
         let ref_from_world = rig.cameras()[reference].world_from_cam().inverse();
         let mut objects: Vec<ObjectPose> = found

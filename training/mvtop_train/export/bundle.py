@@ -26,7 +26,7 @@ from ..network.config import ObjectClass
 from ..network.decoder import Boxes
 from ..network.heads import Hypotheses
 from ..network.model import Mvtop
-from . import self_test
+from . import integers, self_test
 
 OPSET = 17
 LARGE = 1024  # weights of a tensor from which on it is worth storing them in fewer bits
@@ -266,11 +266,12 @@ def write_bundle(
     model: Mvtop, out: Path, provenance: dict, portable: bool = False,
     score_threshold: float = 0.3, known: tuple[objects.Object, ...] = (),
     agree_threshold: float | None = None, bits: int = 32, support_threshold: float = 0.0,
-    most_deviation: float | None = None,
+    most_deviation: float | None = None, pictures: dict[str, np.ndarray] | None = None,
 ):  # fmt: skip
     """Write every file of a bundle; `model.json` comes last. `known`: the MV-ball if left out.
 
-    bits  in which large weights are stored: 32, 16, or 8 (convolutions; others 16)
+    bits      in which large weights are stored: 32, 16, or 8 (convolutions; others 16)
+    pictures  of `integers.pictures_of`: convolutions are computed in 8 bits
     """
     config = model.config
     known = known or (objects.ball(),)
@@ -284,6 +285,11 @@ def write_bundle(
     model = fold_batch_norm(model)
     with sampling.standard_operators() if portable else contextlib.nullcontext():
         graphs = graphs_of(model)
+    tested = self_test.OfModel(as_stored(model) if bits < 16 else model)
+    if pictures:
+        with sampling.standard_operators():
+            tested = self_test.OfGraphs(integers.of_all(graphs_of(model), pictures), config)
+        graphs = integers.of_all(graphs, pictures)
     for name, graph in graphs.items():
         if bits < 16:
             store_in_bytes(graph)
@@ -321,7 +327,7 @@ def write_bundle(
         "graphs": {name: f"{name}.onnx" for name in graphs},
         "portable": portable,
         "files": {name: _entry(out / name) for name in files},
-        "self_test": self_test.of(as_stored(model) if bits < 16 else model),
+        "self_test": self_test.of(tested),
         "provenance": provenance,
     }  # fmt: skip
     (out / "model.json").write_text(json.dumps(description, indent=1) + "\n")

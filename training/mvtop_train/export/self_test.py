@@ -1,18 +1,21 @@
 """What a network answers to one fixed input, for the manifest: `mvtop-cli doctor` compares.
 
-Computed by PyTorch, so that an export that went wrong is told, too. The input is the same numbers
+Computed by PyTorch, so that an export that went wrong is told, too; of networks in whole numbers by
+ONNX Runtime with standard operators. The input is the same numbers
 in Rust (mvtop-core/src/estimator/self_test.rs), one picture and one object.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
+import onnx
+import onnxruntime
 import torch
 
+from ..network.config import Config
 from ..network.decoder import Boxes
 from ..network.model import Mvtop
 
-# Of the outputs, as a share of the largest in its group. Providers in half precision keep it; a
-# network with other weights or a broken operator is off by far more.
-TOLERANCE = 0.05
 GOLDEN = 0.6180339887498949
 
 
@@ -29,25 +32,21 @@ def rays(cells: int) -> torch.Tensor:
 
 
 @torch.no_grad()
-def outputs(model: Mvtop) -> dict[str, list[float]]:
+def outputs(network: "OfModel | OfGraphs") -> dict[str, list[float]]:
     """By name, in the order that `mvtop-cli doctor` names them."""
-    config, features = model.config, model.features
+    config = network.config
     cells = sum(rows * columns for rows, columns in config.decoder_shapes())
     images = numbers(1, 3, config.height, config.width)
-    scores, boxes = features.detect(images)
+    probable, boxes = network.detect(images)
     pictures = numbers(1, 3, config.closeup, config.closeup) if config.closeup else images
-    memory = features.encoder(features.pose_levels(pictures), rays(cells))
-    centers, half_sizes = torch.full((1, 1, 1, 2), 0.5), torch.full((1, 1, 1, 2), 0.3)
-    box_rays, valid = numbers(1, 1, 1, 12), torch.ones(1, 1, 1)
-    poses = model.decoder(
-        memory[None], numbers(1, 1, cells, config.los_channels),
-        Boxes(centers, half_sizes, box_rays, valid),
-        torch.zeros(1, 1, dtype=torch.long), config.decoder_shapes(),
-    )[-1]  # fmt: skip
-    if config.hypotheses > 1:
-        poses = poses.best()
-    rotation_6d, translation, sigma = (x[0, 0].tolist() for x in poses)
-    probable = scores.sigmoid()
+    memory = network.describe(pictures, rays(cells))
+    centers, half_sizes = torch.full((1, 1, 2), 0.5), torch.full((1, 1, 2), 0.3)
+    decoded = network.decode(
+        memory, numbers(1, cells, config.los_channels),
+        (centers, half_sizes, numbers(1, 1, 12), torch.ones(1, 1)),
+        torch.zeros(1, dtype=torch.long),
+    )  # fmt: skip
+    rotation_6d, translation, sigma = (x[0].tolist() for x in decoded)
     return {
         "det_scores": [probable.mean().item(), probable.max().item()],
         "det_boxes": [boxes[:, side].mean().item() for side in range(4)],
@@ -58,10 +57,67 @@ def outputs(model: Mvtop) -> dict[str, list[float]]:
     }
 
 
-def of(model: Mvtop) -> dict:
+def of(network: "OfModel | OfGraphs") -> dict:
     """The manifest's entry."""
     rounded = {
         name: [float(f"{number:.6g}") for number in values]
-        for name, values in outputs(model).items()
+        for name, values in outputs(network).items()
     }
-    return {"tolerance": TOLERANCE, "outputs": rounded}
+    return {"tolerance": network.tolerance, "outputs": rounded}
+
+
+@dataclass(frozen=True)
+class OfModel:
+    """What PyTorch computes."""
+
+    model: Mvtop
+    # Of the outputs, as a share of the largest in its group. Providers in half precision keep it; a
+    # network with other weights or a broken operator is off by far more.
+    tolerance: float = 0.05
+
+    @property
+    def config(self) -> Config:
+        return self.model.config
+
+    def detect(self, images):
+        scores, boxes = self.model.features.detect(images)
+        return scores.sigmoid(), boxes
+
+    def describe(self, pictures, camera_rays):
+        features = self.model.features
+        return features.encoder(features.pose_levels(pictures), camera_rays)
+
+    def decode(self, memory, lines, boxes, class_index):
+        boxes = Boxes(*(x[None] for x in boxes))
+        poses = self.model.decoder(
+            memory[None], lines[None], boxes, class_index[None], self.config.decoder_shapes()
+        )[-1]
+        poses = poses.best() if self.config.hypotheses > 1 else poses
+        return [x[0] for x in poses]
+
+
+@dataclass(frozen=True)
+class OfGraphs:
+    """What ONNX Runtime computes of portable graphs: of networks that PyTorch knows only in
+    floating point."""
+
+    graphs: dict[str, onnx.ModelProto]
+    config: Config
+    # Steps of 8 bits, which other providers may round otherwise, are magnified on such pictures.
+    tolerance: float = 0.2
+
+    def _run(self, graph: str, outputs: list[str], inputs: tuple):
+        session = onnxruntime.InferenceSession(self.graphs[graph].SerializeToString())
+        names = [x.name for x in session.get_inputs()]
+        made = session.run(outputs, {n: x.numpy() for n, x in zip(names, inputs, strict=True)})
+        return [torch.from_numpy(x) for x in made]
+
+    def detect(self, images):
+        return self._run("features", ["det_scores", "det_boxes"], (images,))
+
+    def describe(self, pictures, camera_rays):
+        return self._run("closeup", ["memory"], (pictures, camera_rays))[0]
+
+    def decode(self, memory, lines, boxes, class_index):
+        given = (memory, lines, *boxes, class_index)
+        return self._run("decoder", ["rotation_6d", "translation", "sigma"], given)

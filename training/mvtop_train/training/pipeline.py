@@ -172,7 +172,7 @@ def export(settings: runconfig.RunConfig, weights: Path, bundle: Path, found):
     command = [
         sys.executable, "-m", "mvtop_train.export", "--weights", str(weights), "--data",
         settings.data, "--out", str(bundle), "--bits", "8", "--score-threshold", str(found.score),
-        "--agree-threshold", str(found.agree),
+        "--agree-threshold", str(found.agree), *(["--integers"] if settings.closeup else []),
     ]  # fmt: skip
     subprocess.run(command, check=True)
     scenes, known = support.scenes_of(held_images(settings)), settings.known()

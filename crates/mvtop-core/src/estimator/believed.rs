@@ -1,4 +1,4 @@
-//! Which of the objects that were found are there, by what the close-ups show of them.
+//! Which of the objects that were found are there, by what the views show of them.
 
 use super::pose::DecodedPose;
 use super::sightings::Sighting;
@@ -9,15 +9,25 @@ const APART: f64 = 0.5;
 
 /// Without objects that the close-ups do not support, and of objects in each other's place without
 /// the one that fewer views show, or that is supported less: a network that knows several classes may
-/// take one thing for two. Objects without support (networks without object coordinates) stay.
+/// take one thing for two.
 ///
-/// - `least`: support of an object that is kept
+/// Of objects without support (networks without object coordinates), what one view alone has found
+/// in sight of another is dropped where views agree on an object: the rig is right then. Where they
+/// agree on none it stays, as the rig may be what is wrong.
+///
+/// - `shares`: of the views that should show an object, those that do
+/// - `least`: support, times that share, of an object that is kept
 /// - `radii`: least and greatest half width of each class, metres
 pub fn believed(
-    found: Vec<(Sighting, DecodedPose)>,
+    mut found: Vec<(Sighting, DecodedPose)>,
+    shares: &[f64],
     least: f64,
     radii: &[[f64; 2]],
 ) -> Vec<(Sighting, DecodedPose)> {
+    for ((_, pose), share) in found.iter_mut().zip(shares) {
+        pose.support = pose.support.map(|support| support * share);
+    }
+    let agreed = found.iter().any(|(object, _)| object.views() > 1);
     let standing = |(object, pose): &(Sighting, DecodedPose)| (object.views(), pose.support);
     let place = |(_, pose): &(Sighting, DecodedPose)| pose.world_from_obj.translation.vector;
     let gives_way = |one: &(Sighting, DecodedPose), other: &(Sighting, DecodedPose)| {
@@ -25,12 +35,11 @@ pub fn believed(
         let together = (place(one) - place(other)).norm() < APART * reach;
         together && standing(one) < standing(other)
     };
-    let keeps = |one: &(Sighting, DecodedPose)| {
-        let supported =
-            |support| support >= least && !found.iter().any(|other| gives_way(one, other));
-        one.1.support.is_none_or(supported)
+    let keeps = |(one, share): (&(Sighting, DecodedPose), &f64)| match one.1.support {
+        Some(support) => support >= least && !found.iter().any(|other| gives_way(one, other)),
+        None => !agreed || *share == 1.0,
     };
-    let kept: Vec<bool> = found.iter().map(keeps).collect();
+    let kept: Vec<bool> = found.iter().zip(shares).map(keeps).collect();
     let pairs = found.into_iter().zip(kept);
     pairs
         .filter_map(|(one, kept)| kept.then_some(one))
@@ -63,7 +72,8 @@ mod tests {
 
     fn left(found: Vec<(Sighting, DecodedPose)>) -> Vec<(usize, f64)> {
         let radii = [[0.04, 0.08], [0.02, 0.05]];
-        let left = believed(found, 0.3, &radii);
+        let shares = vec![1.0; found.len()];
+        let left = believed(found, &shares, 0.3, &radii);
         let about = |(object, pose): (Sighting, DecodedPose)| {
             (object.class, pose.world_from_obj.translation.x)
         };
@@ -94,8 +104,35 @@ mod tests {
     }
 
     #[test]
-    fn without_support_all_stay() {
+    fn without_support_all_stay_that_no_view_contradicts() {
         let found = vec![object(0, 0.0, None), object(0, 0.001, None)];
         assert_eq!(left(found).len(), 2);
+    }
+
+    #[test]
+    fn what_another_view_should_show_is_dropped_where_views_agree_on_something() {
+        let bbox = Some([0., 0., 9., 9.].into());
+        let seen = |x, boxes| {
+            let (mut sighting, pose) = object(0, x, None);
+            sighting.boxes = boxes;
+            (sighting, pose)
+        };
+        let both = seen(0.0, vec![bbox; 2]);
+        let (lone, hidden) = (seen(1.0, vec![bbox, None]), seen(2.0, vec![None, bbox]));
+        let count = |found: &[(Sighting, DecodedPose)], shares: &[f64]| {
+            believed(found.to_vec(), shares, 0.0, &[[0.04, 0.08]]).len()
+        };
+        let all = [both, lone, hidden];
+        assert_eq!(count(&all, &[1.0, 0.5, 0.5]), 1);
+        assert_eq!(count(&all, &[1.0, 0.5, 1.0]), 2, "beside the other's image");
+        assert_eq!(count(&all[1..], &[0.5, 0.5]), 2, "the rig may be wrong");
+    }
+
+    #[test]
+    fn support_counts_for_the_views_that_show_it() {
+        let found = vec![object(0, 0.0, Some(0.5)), object(0, 1.0, Some(0.5))];
+        let left = believed(found, &[1.0, 0.5], 0.3, &[[0.04, 0.08]]);
+        assert_eq!(left.len(), 1);
+        assert_eq!(left[0].1.support, Some(0.5));
     }
 }

@@ -165,7 +165,7 @@ fn rig_on_which_an_object_agrees_is_not_doubted_for_what_single_views_find() {
         [WarningCode::ViewsContradict]
     );
     let prediction = told(&[&[first, second], &[first, third]], &rig());
-    assert_eq!(prediction.objects.len(), 3);
+    assert_eq!(prediction.objects.len(), 1);
     assert_eq!(codes(&prediction), []);
 }
 
