@@ -1,7 +1,7 @@
 //! A second look at parts of large images.
 //!
 //! The detector sees whole images scaled down to its input. Of images much larger than that, objects
-//! that are small in them shrink below what it finds (some 30 px of its input). So the parts where an
+//! that are small in them shrink below what it finds (some 35 px of its input). So the parts where an
 //! object is to be expected are shown to it larger: where one view has a box and another one has
 //! none, the place in the other one that this box tells; and where there is no box at all, all of the
 //! images. Nothing of this is done to images that shrink less.
