@@ -6,7 +6,7 @@
 //! So the pose network sees every object in the same size and place, at the image's own resolution,
 //! without the lens's distortion.
 
-use image::RgbImage;
+use image::{Rgb, RgbImage};
 use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};
 use ndarray::{Array2, Array3, Axis};
 use rayon::prelude::*;
@@ -99,21 +99,13 @@ impl CloseUp {
     /// A pixel is the mean of some bilinear samples; `None` where its center is off the image.
     pub fn pixels(&self, real: &Camera, image: &RgbImage) -> Vec<Option<[f32; 3]>> {
         let size = self.camera.width() as usize;
-        let mut pixels = vec![None; size * size];
-        pixels.par_iter_mut().enumerate().for_each(|(i, pixel)| {
-            let (u, v) = ((i % size) as f64, (i / size) as f64);
-            let Some(middle) = self.on_image(real, self.direction(u, v)) else {
-                return;
-            };
-            if self.taps == 1 {
-                *pixel = Some(bilinear(image, middle));
-                return;
-            }
+        let directions = self.directions();
+        let mean = |u: f64, v: f64| {
             let (mut sum, mut count) = ([0.0_f32; 3], 0.0);
             let offset = |tap: u32| (f64::from(tap) + 0.5) / f64::from(self.taps) - 0.5;
             for row in 0..self.taps {
                 for column in 0..self.taps {
-                    let direction = self.direction(u + offset(column), v + offset(row));
+                    let direction = directions.of(u + offset(column), v + offset(row));
                     if let Some(at) = real.intrinsics().project(&direction) {
                         let rgb = bilinear(image, at);
                         (0..3).for_each(|c| sum[c] += rgb[c]);
@@ -121,7 +113,19 @@ impl CloseUp {
                     }
                 }
             }
-            *pixel = (count > 0.0).then(|| sum.map(|sum| sum / count));
+            (count > 0.0).then(|| sum.map(|sum| sum / count))
+        };
+        let mut pixels = vec![None; size * size];
+        let rows = pixels.par_chunks_mut(size).enumerate();
+        rows.for_each(|(v, row)| {
+            for (u, pixel) in row.iter_mut().enumerate() {
+                let (u, v) = (u as f64, v as f64);
+                *pixel = match on_image(real, &directions.of(u, v)) {
+                    Some(middle) if self.taps == 1 => Some(bilinear(image, middle)),
+                    Some(_) => mean(u, v),
+                    None => None,
+                };
+            }
         });
         pixels
     }
@@ -135,7 +139,7 @@ impl CloseUp {
         for mut ray in rays.axis_iter_mut(Axis(0)) {
             let direction = Vector3::from_fn(|i, _| f64::from(ray[i]));
             let direction = (self.cam_from_close * direction).into();
-            if self.on_image(real, direction).is_none() {
+            if on_image(real, &direction).is_none() {
                 ray.fill(0.0);
             }
         }
@@ -144,41 +148,68 @@ impl CloseUp {
 
     /// Whether pixel (u, v) looks at something on the real camera's image.
     pub fn shows(&self, real: &Camera, u: f64, v: f64) -> bool {
-        self.on_image(real, self.direction(u, v)).is_some()
+        on_image(real, &self.directions().of(u, v)).is_some()
     }
 
-    /// Where pixel (u, v) looks, in the real camera's frame.
-    fn direction(&self, u: f64, v: f64) -> Point3<f64> {
+    fn directions(&self) -> Directions {
         let close = self.camera.intrinsics();
-        let (x, y) = ((u - close.cx()) / close.fx(), (v - close.cy()) / close.fy());
-        (self.cam_from_close * Vector3::new(x, y, 1.0)).into()
+        let turn = self.cam_from_close.to_rotation_matrix();
+        let [right, down] = [0, 1].map(|axis| turn.matrix().column(axis) / close.fx());
+        let axis = turn.matrix().column(2).into_owned();
+        Directions {
+            first: axis - right * close.cx() - down * close.cy(),
+            right,
+            down,
+        }
     }
+}
 
-    /// Where the real camera's image shows what lies in a direction, if it does.
-    fn on_image(&self, real: &Camera, direction: Point3<f64>) -> Option<Point2<f64>> {
-        let at = real.intrinsics().project(&direction)?;
-        let inside = (-0.5..=f64::from(real.width()) - 0.5).contains(&at.x)
-            && (-0.5..=f64::from(real.height()) - 0.5).contains(&at.y);
-        inside.then_some(at)
+/// Where pixels look, in the real camera's frame: linear in column and row.
+struct Directions {
+    /// Of pixel (0, 0).
+    first: Vector3<f64>,
+    /// How the next column's differs.
+    right: Vector3<f64>,
+    /// How the next row's differs.
+    down: Vector3<f64>,
+}
+
+impl Directions {
+    /// Of a place (u, v) in the picture; of any length.
+    #[inline]
+    fn of(&self, u: f64, v: f64) -> Point3<f64> {
+        (self.first + self.right * u + self.down * v).into()
     }
+}
+
+/// Where the camera's image shows what lies in a direction, if it does.
+#[inline]
+fn on_image(camera: &Camera, direction: &Point3<f64>) -> Option<Point2<f64>> {
+    let at = camera.intrinsics().project(direction)?;
+    let inside = (-0.5..=f64::from(camera.width()) - 0.5).contains(&at.x)
+        && (-0.5..=f64::from(camera.height()) - 0.5).contains(&at.y);
+    inside.then_some(at)
 }
 
 /// RGB, 0 to 255, between the four pixels around `at`; beyond the image its outermost pixels go on.
 fn bilinear(image: &RgbImage, at: Point2<f64>) -> [f32; 3] {
-    let (width, height) = (f64::from(image.width()), f64::from(image.height()));
-    let (u, v) = (at.x.clamp(0.0, width - 1.0), at.y.clamp(0.0, height - 1.0));
-    let (u0, v0) = (u.floor(), v.floor());
-    let (right, below) = ((u - u0) as f32, (v - v0) as f32);
-    let (u0, v0) = (u0 as u32, v0 as u32);
-    let (u1, v1) = (
-        (u0 + 1).min(image.width() - 1),
-        (v0 + 1).min(image.height() - 1),
+    let (last_u, last_v) = (image.width() - 1, image.height() - 1);
+    let (u, v) = (
+        at.x.clamp(0.0, last_u.into()),
+        at.y.clamp(0.0, last_v.into()),
     );
-    let [a, b, c, d] = [(u0, v0), (u1, v0), (u0, v1), (u1, v1)]
-        .map(|(u, v)| image.get_pixel(u, v).0.map(f32::from));
-    std::array::from_fn(|i| {
-        let above = a[i] + right * (b[i] - a[i]);
-        let under = c[i] + right * (d[i] - c[i]);
-        above + below * (under - above)
-    })
+    let (u0, v0) = (u as u32, v as u32);
+    let (u1, v1) = ((u0 + 1).min(last_u), (v0 + 1).min(last_v));
+    let right = (u - f64::from(u0)) as f32;
+    let below = (v - f64::from(v0)) as f32;
+    let [Rgb(a), Rgb(b)] = [image.get_pixel(u0, v0), image.get_pixel(u1, v0)];
+    let [Rgb(c), Rgb(d)] = [image.get_pixel(u0, v1), image.get_pixel(u1, v1)];
+    let mut rgb = [0.0; 3];
+    for i in 0..3 {
+        let [a, b, c, d] = [a[i], b[i], c[i], d[i]].map(f32::from);
+        let above = a + right * (b - a);
+        let under = c + right * (d - c);
+        rgb[i] = above + below * (under - above);
+    }
+    rgb
 }

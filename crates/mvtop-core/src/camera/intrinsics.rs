@@ -102,6 +102,7 @@ impl Intrinsics {
         self.max_angle
     }
 
+    #[inline]
     fn reaches(&self, ray: &Vector3<f64>) -> bool {
         let angle = || ray.xy().norm().atan2(ray.z);
         self.max_angle
@@ -129,6 +130,7 @@ impl Intrinsics {
     /// assert!((ray.x - 1.0).abs() < 1e-9);
     /// # Ok::<(), mvtop_core::Error>(())
     /// ```
+    #[inline]
     pub fn project(&self, point: &Point3<f64>) -> Option<Point2<f64>> {
         let point = Some(point).filter(|point| self.reaches(&point.coords))?;
         let image = self.projection.project(point)?;
@@ -174,6 +176,7 @@ impl Intrinsics {
     }
 }
 
+#[inline]
 pub(super) fn finite(point: Point2<f64>) -> Option<Point2<f64>> {
     (point.x.is_finite() && point.y.is_finite()).then_some(point)
 }

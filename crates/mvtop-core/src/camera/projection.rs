@@ -124,6 +124,7 @@ macro_rules! projections {
 
             /// Where a point of the camera frame is imaged, in focal lengths from the principal
             /// point; `None` for one that cannot be imaged.
+            #[inline]
             pub fn project(&self, point: &Point3<f64>) -> Option<Point2<f64>> {
                 match self {
                     Self::Pinhole => projection::on_plane(point),
@@ -229,6 +230,7 @@ fn either(names: Vec<String>) -> String {
 }
 
 /// The point on the plane z = 1, `None` unless it lies in front of the camera.
+#[inline]
 pub(super) fn on_plane(point: &Point3<f64>) -> Option<Point2<f64>> {
     let on_plane = (point.z > 0.0).then(|| Point2::new(point.x / point.z, point.y / point.z));
     on_plane.and_then(finite)

@@ -112,7 +112,7 @@ impl Raster {
 
     /// Index of the pixel nearest to a place in the picture, if it is one.
     pub fn index(&self, at: Point2<f64>) -> Option<usize> {
-        let (u, v) = (at.x.round(), at.y.round());
+        let (u, v) = (at.x + 0.5, at.y + 0.5);
         let inside = |x: f64| x >= 0.0 && x < self.size as f64;
         (inside(u) && inside(v)).then(|| v as usize * self.size + u as usize)
     }

@@ -189,20 +189,25 @@ fn beside<'a>(
 
 /// Shares some of each bin's count with its neighbours, so that few pixels tell of more colors.
 fn spread(bins: &mut Vec<f32>, scratch: &mut Vec<f32>) {
-    for stride in [1, LEVELS, LEVELS * LEVELS] {
-        scratch.clear();
-        scratch.extend(bins.iter().enumerate().map(|(i, &own)| {
-            let level = i / stride % LEVELS;
-            let below = if level > 0 { bins[i - stride] } else { own };
-            let above = if level + 1 < LEVELS {
-                bins[i + stride]
-            } else {
-                own
-            };
-            0.25 * below + 0.5 * own + 0.25 * above
-        }));
-        std::mem::swap(bins, scratch);
-    }
+    spread_along::<1>(bins, scratch);
+    spread_along::<LEVELS>(bins, scratch);
+    spread_along::<{ LEVELS * LEVELS }>(bins, scratch);
+}
+
+/// Along one channel, whose levels are `STRIDE` bins apart.
+fn spread_along<const STRIDE: usize>(bins: &mut Vec<f32>, scratch: &mut Vec<f32>) {
+    scratch.clear();
+    scratch.extend(bins.iter().enumerate().map(|(i, &own)| {
+        let level = i / STRIDE % LEVELS;
+        let below = if level > 0 { bins[i - STRIDE] } else { own };
+        let above = if level + 1 < LEVELS {
+            bins[i + STRIDE]
+        } else {
+            own
+        };
+        0.25 * below + 0.5 * own + 0.25 * above
+    }));
+    std::mem::swap(bins, scratch);
 }
 
 /// Where the edge is along the line through a point: by the regions to both sides of it, or by the
