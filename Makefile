@@ -62,6 +62,7 @@ lint: .venv/test.done
 	rustfmt --check --edition 2024 crates/mvtop-core/src/camera/*.rs # declared by a macro, which cargo fmt does not read
 	cargo clippy --release --workspace --all-targets -- -D warnings
 	scripts/licences.py --check crates/mvtop-py/THIRD-PARTY-LICENCES.txt
+	scripts/deny.sh
 	$(PY) -m ruff check training crates/mvtop-py
 	$(PY) -m ruff check --config crates/mvtop-py/pyproject.toml examples benches
 	$(PY) -m ruff format --check training crates/mvtop-py
@@ -96,7 +97,7 @@ test-ray: test-wheel .venv/ray.done  ## a whole BOP data set on a local Ray clus
 	$(PY) -m pytest -q examples
 
 fuzz:  ## readers of every kind of file, on good ones changed at random: CASES=n for each
-	PROPTEST_CASES=$(CASES) PROPTEST_RNG_SEED=$$RANDOM cargo test --release -p mvtop-core -p mvtop-eval --test fuzz
+	PROPTEST_CASES=$(CASES) PROPTEST_RNG_SEED=$$RANDOM cargo test --release -p mvtop-core -p mvtop-eval -p mvtop-import --test fuzz
 
 soak: $(MVTOP)  ## many predictions, reloads, kills and resumes: PREDICTIONS=n KILLED=n
 	$(PY) scripts/soak.py --predictions $(PREDICTIONS) --killed $(KILLED)

@@ -4,7 +4,9 @@
     scripts/licences.py --out FILE     write it anew, after a change of Cargo.lock
     scripts/licences.py --check FILE   whether it is of the crates that are linked now
 
-Refuses crates under licences that are not permissive. Nothing is fetched but what cargo needs to build.
+Refuses crates under licences that deny.toml does not allow, and those that do not come from
+crates.io, whether they are linked or only build and test it. Nothing is fetched but what cargo
+needs to build.
 """
 
 import argparse
@@ -12,19 +14,23 @@ import json
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
-PERMISSIVE = {
-    "0BSD", "Apache-2.0", "Apache-2.0 WITH LLVM-exception", "BSD-2-Clause", "BSD-3-Clause",
-    "BSL-1.0", "CC0-1.0", "ISC", "MIT", "MIT-0", "Unicode-3.0", "Unlicense", "Zlib",
-}  # fmt: skip
+ROOT = Path(__file__).parents[1]
+PERMISSIVE = set(tomllib.loads((ROOT / "deny.toml").read_text())["licenses"]["allow"])
+REGISTRY = "registry+https://github.com/rust-lang/crates.io-index"
 TEXTS = re.compile(r"(licen[cs]e|copying|notice|unlicense)", re.IGNORECASE)
 
 
-def linked() -> list[dict]:
-    """The crates from registries that `mvtop-py` is built of, by name."""
+def metadata() -> dict:
+    """What cargo says of the workspace and all that it builds on."""
     command = ["cargo", "metadata", "--format-version", "1", "--locked"]
-    about = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+    return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+
+
+def linked(about: dict) -> list[dict]:
+    """The crates from elsewhere that `mvtop-py` is built of, by name."""
     packages = {package["id"]: package for package in about["packages"]}
     nodes = {node["id"]: node for node in about["resolve"]["nodes"]}
     found, open_ = set(), [i for i, p in packages.items() if p["name"] == "mvtop-py"]
@@ -48,6 +54,16 @@ def permitted(expression: str) -> bool:
     return any(all(part.strip() in PERMISSIVE for part in way.split(" AND ")) for way in ways)
 
 
+def refuse(crates: list[dict]):
+    """Ends with an error where one of them may not be used."""
+    wrong = [f"{c['name']} ({c['license']})" for c in crates if not permitted(c["license"] or "")]
+    if wrong:
+        sys.exit(f"error: expected permissive licences, got {', '.join(wrong)}; fix: another crate")
+    foreign = [f"{c['name']} ({c['source']})" for c in crates if c["source"] != REGISTRY]
+    if foreign:
+        sys.exit(f"error: expected crates of crates.io, got {', '.join(foreign)}; fix: name a release")
+
+
 def texts(crate: dict) -> list[Path]:
     """The files of a crate's licences; of MIT or Apache-2.0, of which one is enough, MIT's."""
     files = sorted(Path(crate["manifest_path"]).parent.iterdir())
@@ -57,9 +73,6 @@ def texts(crate: dict) -> list[Path]:
 
 
 def text(crates: list[dict]) -> str:
-    wrong = [f"{c['name']} ({c['license']})" for c in crates if not permitted(c["license"] or "")]
-    if wrong:
-        sys.exit(f"error: expected permissive licences, got {', '.join(wrong)}; fix: another crate")
     of_text: dict[str, list[str]] = {}
     lines = ["Crates that are linked into mvtop's wheel, and their licences.", ""]
     for crate in crates:
@@ -79,7 +92,9 @@ def main():
     parser.add_argument("--out", type=Path, help="file to write")
     parser.add_argument("--check", type=Path, help="file to compare")
     args = parser.parse_args()
-    now = text(linked())
+    about = metadata()
+    refuse([package for package in about["packages"] if package["source"]])
+    now = text(linked(about))
     if args.out:
         args.out.write_text(now, encoding="utf-8")
     if args.check and args.check.read_text(encoding="utf-8") != now:

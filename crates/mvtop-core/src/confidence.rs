@@ -27,6 +27,9 @@ pub const EVIDENCE: [&str; 10] = [
 /// How far off views are said to be at most: where one shows something else, it may be any number.
 const MOST_DEVIATION: f64 = 50.0;
 
+/// Largest weight that is believed; the odds of far larger ones may be no number.
+const MOST_WEIGHT: f64 = 1e6;
+
 /// How a bundle judges its poses.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Confidence {
@@ -62,13 +65,13 @@ impl Confidence {
             ));
         }
         let above_zero = |x: f64| x.is_finite() && x > 0.0;
-        let finite =
-            self.bias.is_finite() && self.weights.values().all(|weight| weight.is_finite());
-        if finite && above_zero(self.within_deg) && above_zero(self.within_m) {
+        let mut weights = self.weights.values().chain([&self.bias]);
+        let bounded = weights.all(|weight| weight.abs() <= MOST_WEIGHT);
+        if bounded && above_zero(self.within_deg) && above_zero(self.within_m) {
             return Ok(());
         }
         Err(format!(
-            "confidence has {self:?}, expected finite numbers, and bounds above 0"
+            "confidence has {self:?}, expected weights of {MOST_WEIGHT:e} at most, and bounds above 0"
         ))
     }
 }
@@ -227,6 +230,8 @@ mod tests {
         let unknown = confidence(&[("weather", 1.0)]).check().unwrap_err();
         assert!(unknown.contains("\"weather\"") && unknown.contains("\"views\""));
         assert!(confidence(&[("views", f64::NAN)]).check().is_err());
+        // Two of these may cancel to no number.
+        assert!(confidence(&[("views", 1e300)]).check().is_err());
         let no_bound = Confidence {
             within_m: 0.0,
             ..confidence(&[])

@@ -1,5 +1,7 @@
 //! Boxes from the detector's score and box maps: local maxima, then non-maximum suppression.
 
+use std::collections::BTreeSet;
+
 use ndarray::{ArrayView2, ArrayView3};
 
 use crate::BBox;
@@ -48,6 +50,19 @@ pub fn peaks(
             .collect();
         candidates.sort_by(|a, b| b.score.total_cmp(&a.score));
         kept.extend(suppress(candidates, nms_iou));
+    }
+    kept.sort_by(|a, b| b.score.total_cmp(&a.score));
+    kept
+}
+
+/// Boxes of one view from several pictures of it, best first: of two of a class that overlap by more
+/// than `nms_iou`, the better stays.
+pub(crate) fn merged(mut boxes: Vec<Detection>, nms_iou: f64) -> Vec<Detection> {
+    boxes.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let mut kept: Vec<Detection> = Vec::new();
+    for class in boxes.iter().map(|one| one.class).collect::<BTreeSet<_>>() {
+        let of_class = boxes.iter().filter(|one| one.class == class).copied();
+        kept.extend(suppress(of_class.collect(), nms_iou));
     }
     kept.sort_by(|a, b| b.score.total_cmp(&a.score));
     kept

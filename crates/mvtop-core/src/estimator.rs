@@ -1,6 +1,7 @@
 //! From images to poses: start reading at [`Estimator::predict`].
 
 mod believed;
+mod closer;
 mod complete;
 mod decode;
 mod doubts;
@@ -208,7 +209,11 @@ impl Estimator {
         let objects = match &options.boxes {
             Some(boxes) => sightings::given(&self.bundle, rig, &views, boxes)?,
             None => {
-                let mut objects = sightings::detected(&self.bundle, &self.radii, &views, &maps);
+                let mut boxes = sightings::in_whole_images(&self.bundle, &views, &maps);
+                if let Shown::CloseUps(_) = shown {
+                    closer::look(network, &self.bundle, &self.radii, &views, &mut boxes)?;
+                }
+                let mut objects = sightings::detected(&self.bundle, &self.radii, &views, &boxes);
                 objects.retain(|object| object.views() >= options.min_views);
                 objects
             }

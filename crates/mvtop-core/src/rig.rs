@@ -8,7 +8,7 @@ mod unit;
 use std::collections::HashSet;
 use std::path::Path;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point2};
 use serde_json::{Value, json};
 
 use crate::camera::Camera;
@@ -20,6 +20,8 @@ const VERSION: u64 = 1;
 const MAX_FILE_BYTES: u64 = 1 << 24;
 /// Far above real rigs, low enough to bound memory.
 const MOST_CAMERAS: usize = 1000;
+/// Longest focal length that is believed, in sides of the image.
+const MOST_FOCAL: f64 = 100.0;
 
 /// The cameras that look at a scene together, in one world frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,8 +39,9 @@ impl Rig {
     /// camera's images of a still scene are a rig, too.
     ///
     /// # Errors
-    /// [`Error::Rig`] without cameras or for more than 1000, for two of the same id, and for a
-    /// reference that is none of them.
+    /// [`Error::Rig`] without cameras or for more than 1000, for two of the same id, for a reference
+    /// that is none of them, for a focal length above a hundred times the image's side, and for a
+    /// lens that has no ray for the middle of the image.
     ///
     /// ```
     /// use mvtop_core::{Camera, Intrinsics, Projection, Rig};
@@ -75,6 +78,7 @@ impl Rig {
                 "the reference must be the index of one of the {count} cameras, got {reference}"
             ));
         }
+        cameras.iter().try_for_each(sees)?;
         Ok(Self { cameras, reference })
     }
 
@@ -186,6 +190,29 @@ impl Rig {
     /// Index of the camera of that id.
     pub fn index_of(&self, id: &str) -> Option<usize> {
         self.cameras.iter().position(|camera| camera.id() == id)
+    }
+}
+
+/// Refuses a camera that a rig has no use for: with hardly any field of view, or with a lens that
+/// images nothing in the middle, as by coefficients of another model or in another order.
+fn sees(camera: &Camera) -> Result<(), String> {
+    let (id, lens) = (camera.id(), camera.intrinsics());
+    let sides = [camera.width(), camera.height()].map(f64::from);
+    for (name, focal, side) in [("fx", lens.fx(), sides[0]), ("fy", lens.fy(), sides[1])] {
+        if focal > MOST_FOCAL * side {
+            return Err(format!(
+                "camera `{id}`: the focal length `{name}` of {focal} px is too long for an image of \
+                 {side} px, which would show half a degree; give it in pixels of this image"
+            ));
+        }
+    }
+    let middle = Point2::from(sides.map(|side| (side - 1.0) / 2.0));
+    match lens.unproject(&middle) {
+        Some(_) => Ok(()),
+        None => Err(format!(
+            "camera `{id}`: its lens has no ray for the middle of the image; check the model and the \
+             order of the coefficients of `distortion`"
+        )),
     }
 }
 

@@ -6,11 +6,15 @@ mod mutate;
 
 use mutate::{changed, edits};
 use mvtop_eval::Result;
-use mvtop_eval::bop::{load_frames, load_models, load_targets};
+use mvtop_eval::bop::{load_frames, load_models, load_results, load_targets};
 use proptest::prelude::*;
 
 const TARGETS: &str = r#"[{"scene_id": 1, "im_id": 3, "obj_id": 5, "inst_count": 2},
  {"scene_id": 2, "im_id": 4, "obj_id": 6, "inst_count": 1}]"#;
+const RESULTS: &str = "scene_id,im_id,obj_id,score,R,t,time
+1,3,5,0.9,0 -1 0 1 0 0 0 0 1,10 20 900,0.25
+2,4,cup,1,1 0 0 0 1 0 0 0 1,-10 0.5 1e3,-1
+";
 const CAMERAS: &str = r#"{"0": {"cam_K": [600, 0, 320, 0, 610, 240, 0, 0, 1], "depth_scale": 0.1,
  "cam_R_w2c": [1, 0, 0, 0, 1, 0, 0, 0, 1], "cam_t_w2c": [-1000, 0, 0]}}"#;
 const POSES: &str = r#"{"0": [{"obj_id": 5, "cam_R_m2c": [0, -1, 0, 1, 0, 0, 0, 0, 1],
@@ -90,6 +94,12 @@ fn unchanged_files_are_read() {
         load_models(read(&MODELS).path(), |_| true).unwrap().len(),
         1
     );
+    let results = read(&[("r.csv", RESULTS)]);
+    let names = [("cup".to_owned(), 6)].into();
+    let rows = load_results(&results.path().join("r.csv"), &names)
+        .unwrap()
+        .0;
+    assert_eq!(rows.len(), 2);
     let targets = read(&[("t.json", TARGETS)]);
     assert_eq!(
         load_targets(&targets.path().join("t.json")).unwrap().len(),
@@ -102,6 +112,18 @@ proptest! {
     fn targets(edits in edits()) {
         let folder = folder(&[("t.json", TARGETS)], 0, &edits);
         answered(load_targets(&folder.path().join("t.json")));
+    }
+
+    #[test]
+    fn results(edits in edits()) {
+        let folder = folder(&[("r.csv", RESULTS)], 0, &edits);
+        let names = [("cup".to_owned(), 6)].into();
+        let read = answered(load_results(&folder.path().join("r.csv"), &names));
+        for row in read.unwrap_or_default().0 {
+            let r = nalgebra::Matrix3::from_row_slice(&row.estimate.r);
+            prop_assert!((r * r.transpose() - nalgebra::Matrix3::identity()).norm() < 1e-9);
+            prop_assert!(row.estimate.score.is_finite() && row.time_s.is_none_or(f64::is_finite));
+        }
     }
 
     #[test]

@@ -1,10 +1,8 @@
 //! Files, read whole but not without end.
 
-use std::fs::File;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use mvtop_core::{Error, Result};
+use mvtop_core::{Error, Result, file};
 
 use crate::Checked;
 
@@ -55,22 +53,10 @@ pub fn read(paths: &[PathBuf]) -> Result<Vec<Source>> {
 
 impl Source {
     fn read(path: &Path) -> Result<Self> {
-        let mut bytes = Vec::new();
-        File::open(path)
-            .and_then(|file| file.take(MOST_BYTES + 1).read_to_end(&mut bytes))
-            .map_err(Error::read(path))?;
-        let name = path.display().to_string();
-        if bytes.len() as u64 > MOST_BYTES {
-            return Err(Error::Rig {
-                origin: name,
-                problem: format!("larger than {} MiB, so no calibration", MOST_BYTES >> 20),
-                cause: None,
-            });
-        }
         Ok(Self {
-            name,
+            name: path.display().to_string(),
             path: path.to_owned(),
-            bytes,
+            bytes: file::read(path, MOST_BYTES)?,
         })
     }
 

@@ -3,6 +3,7 @@
 //! Not serde's YAML: OpenCV's `%YAML:1.0` is no YAML directive, its tags say nothing that is needed,
 //! and a calibration that says a key twice must not lose one of the two.
 
+use mvtop_core::json;
 use saphyr_parser::{Event, Parser, ScalarStyle};
 use serde_json::{Map, Number, Value};
 
@@ -17,7 +18,7 @@ pub fn documents(source: &Source) -> Checked<Vec<Value>> {
     let text = source.text()?;
     let of = |problem: String| format!("{}: {problem}", source.name);
     if text.trim_start().starts_with(['{', '[']) && source.file_name().ends_with(".json") {
-        let value = serde_json::from_str(text).map_err(|cause| of(format!("no JSON: {cause}")))?;
+        let value = json::from_str(text).map_err(|cause| of(format!("no JSON: {cause}")))?;
         return Ok(vec![value]);
     }
     parse(text).map_err(of)

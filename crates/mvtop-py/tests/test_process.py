@@ -132,6 +132,29 @@ if child == 0:
     os._exit(os.waitpid(grandchild, 0)[1] != 0)
 assert os.waitpid(child, 0)[1] == 0
 """,
+    # At moments at which the threads hold whatever lock they take.
+    "many while threads predict": """
+import os, signal, threading
+done, wrong = threading.Event(), []
+def work():
+    while not done.is_set() and not wrong:
+        if pose(estimator) != here:
+            wrong.append("a thread's pose")
+threads = [threading.Thread(target=work) for _ in range(2)]
+for thread in threads:
+    thread.start()
+for _ in range(12):
+    child = os.fork()
+    if child == 0:
+        signal.alarm(60)  # what hangs dies
+        os._exit(0 if pose(estimator) == here else 1)
+    if os.waitpid(child, 0)[1] != 0:
+        wrong.append("a forked process")
+done.set()
+for thread in threads:
+    thread.join()
+assert not wrong, wrong
+""",
 }
 
 

@@ -22,7 +22,7 @@ fn translation_mm(pose: &Isometry3<f64>) -> Vec<f64> {
 }
 
 /// The sample's views as frames 0 to 3 of a scene, or as cameras of frame 0.
-fn write_dataset(dir: &Path, one_frame: bool) {
+pub fn write_dataset(dir: &Path, one_frame: bool) {
     let sample = root().join("fixtures/tiny/sample");
     let rig = Rig::load(&sample.join("rig.json")).unwrap();
     let truth = &load_truth(&sample.join("truth.json")).unwrap()[0];
@@ -291,6 +291,16 @@ fn what_was_cut_short_goes_on_and_nothing_is_doubled() {
     );
     let anew = summary(&eval(&dataset, &report, &["--views", "1", "--force"]));
     assert_eq!(anew["views"], 1);
+}
+
+#[test]
+fn kill_before_the_first_word_leaves_nothing_in_the_way() {
+    let dir = TempDir::new().unwrap();
+    let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
+    write_dataset(&dataset, false);
+    fs::create_dir(&report).unwrap();
+    fs::write(report.join("groups.jsonl"), "").unwrap();
+    summary(&eval(&dataset, &report, &["--views", "2"]));
 }
 
 #[test]

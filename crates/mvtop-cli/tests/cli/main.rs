@@ -6,6 +6,8 @@ mod doctor;
 mod eval_bop;
 mod eval_samples;
 mod infer;
+#[cfg(unix)]
+mod journal;
 mod rig;
 
 use std::path::{Path, PathBuf};

@@ -5,7 +5,7 @@ use ndarray::Axis;
 use super::view::View;
 use crate::annotations::GivenBoxes;
 use crate::associate::{LineOfSight, associate};
-use crate::bundle::{Bundle, Detector};
+use crate::bundle::Bundle;
 use crate::detect::{Detection, peaks};
 use crate::network::DetectorMaps;
 use crate::rays::BoxRays;
@@ -28,39 +28,52 @@ impl Sighting {
     }
 }
 
-/// Objects that the detector sees, best score first.
+/// Boxes of each view that the detector has found in the whole images, in pixels of these.
+pub fn in_whole_images(
+    bundle: &Bundle,
+    views: &[View],
+    maps: &DetectorMaps,
+) -> Vec<Vec<Detection>> {
+    let seen = |(v, view): (usize, &View)| {
+        let found = boxes(bundle, maps, v).into_iter();
+        let in_image = |peak: Detection| {
+            let bbox = view.image_box(peak.bbox)?;
+            Some(Detection { bbox, ..peak })
+        };
+        found.filter_map(in_image).collect()
+    };
+    views.iter().enumerate().map(seen).collect()
+}
+
+/// Boxes that the detector has found in one picture, in pixels of its input.
+pub fn boxes(bundle: &Bundle, maps: &DetectorMaps, picture: usize) -> Vec<Detection> {
+    let faintest = f64::from(bundle.detector.faintest());
+    let scores = maps.scores.index_axis(Axis(0), picture);
+    let boxes = maps.boxes.index_axis(Axis(0), picture);
+    peaks(scores, boxes, faintest, f64::from(bundle.detector.nms_iou))
+}
+
+/// Objects that the boxes show, best score first.
 ///
 /// The views are taken for independent witnesses: an object's score is the probability that not
 /// all of them are wrong. So a box too faint to be an object by itself is one together with its
 /// match in another view, and objects that several views agree on come before those in one.
 ///
 /// - `radii`: least and greatest half width of each class, metres
+/// - `boxes`: `[V][boxes]`, in the images; one that the lens gives no rays for cannot be decoded
 pub fn detected(
     bundle: &Bundle,
     radii: &[[f64; 2]],
     views: &[View],
-    maps: &DetectorMaps,
+    boxes: &[Vec<Detection>],
 ) -> Vec<Sighting> {
-    let Detector {
-        score_threshold,
-        nms_iou,
-        ..
-    } = bundle.detector;
-    let threshold = f64::from(score_threshold);
-    let faintest = f64::from(bundle.detector.faintest());
+    let threshold = f64::from(bundle.detector.score_threshold);
     let mut detections: Vec<Vec<Detection>> = Vec::new();
     let mut lines_of_sight = Vec::new();
-    for (v, view) in views.iter().enumerate() {
-        let scores = maps.scores.index_axis(Axis(0), v);
-        let boxes = maps.boxes.index_axis(Axis(0), v);
-        // A box that the lens gives no rays for cannot be decoded.
-        let (found, lines) = peaks(scores, boxes, faintest, f64::from(nms_iou))
-            .into_iter()
-            .filter_map(|peak| {
-                let bbox = view.image_box(peak.bbox)?;
-                let line = LineOfSight::new(peak.class, view.camera, bbox)?;
-                Some((Detection { bbox, ..peak }, line))
-            })
+    for (view, boxes) in views.iter().zip(boxes) {
+        let (found, lines) = boxes
+            .iter()
+            .filter_map(|seen| Some((*seen, LineOfSight::new(seen.class, view.camera, seen.bbox)?)))
             .unzip();
         detections.push(found);
         lines_of_sight.push(lines);

@@ -1,6 +1,7 @@
 //! The whole flow with a network that answers from geometry alone.
 
 mod arguments;
+mod closer;
 mod closeups;
 mod completed;
 mod detected;

@@ -32,6 +32,32 @@ fn answered<T>(answer: mvtop_core::Result<T>) -> Option<T> {
     }
 }
 
+/// As bundles have it.
+const CONFIDENCE: &str = r#""confidence": {"within_deg": 5.0, "within_m": 0.005, "bias": 6.05,
+ "weights": {"deviation": -1.17, "expected_rotation": -1.83, "views": 2.07, "overlap": 4.58}}"#;
+
+/// A copy of the fixture's bundle.
+fn whole() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for entry in std::fs::read_dir(repo("fixtures/whole")).unwrap() {
+        let from = entry.unwrap().path();
+        if from.is_file() && from.extension().is_some_and(|end| end != "pt") {
+            std::fs::copy(&from, folder.path().join(from.file_name().unwrap())).unwrap();
+        }
+    }
+    folder
+}
+
+#[test]
+fn confidences_are_read_where_they_are_good() {
+    let folder = whole();
+    let manifest = String::from_utf8(good("fixtures/whole/model.json")).unwrap();
+    let manifest = manifest.replacen('{', &format!("{{{CONFIDENCE}, "), 1);
+    std::fs::write(folder.path().join("model.json"), manifest).unwrap();
+    let bundle = Bundle::load(folder.path()).unwrap();
+    assert_eq!(bundle.confidence.unwrap().weights.len(), 4);
+}
+
 proptest! {
     #[test]
     fn rigs(edits in edits(), which in 0..2usize) {
@@ -57,13 +83,7 @@ proptest! {
 
     #[test]
     fn manifests_and_points(edits in edits(), which in 0..2usize) {
-        let folder = tempfile::tempdir().unwrap();
-        for entry in std::fs::read_dir(repo("fixtures/whole")).unwrap() {
-            let from = entry.unwrap().path();
-            if from.is_file() && from.extension().is_some_and(|end| end != "pt") {
-                std::fs::copy(&from, folder.path().join(from.file_name().unwrap())).unwrap();
-            }
-        }
+        let folder = whole();
         let name = ["model.json", "mvball.points.json"][which];
         let bytes = changed(&good(&format!("fixtures/whole/{name}")), &edits);
         std::fs::write(folder.path().join(name), bytes).unwrap();
@@ -71,6 +91,21 @@ proptest! {
             let classes = bundle.classes.iter();
             prop_assert!(classes.clone().all(|class| !class.points.is_empty()));
             prop_assert!(classes.clone().all(|class| class.diameter_m > 0.0));
+        }
+    }
+
+    #[test]
+    fn confidences(edits in edits()) {
+        let folder = whole();
+        let weights = String::from_utf8_lossy(&changed(CONFIDENCE.as_bytes(), &edits)).into_owned();
+        let manifest = String::from_utf8(good("fixtures/whole/model.json")).unwrap();
+        let manifest = manifest.replacen('{', &format!("{{{weights}, "), 1);
+        std::fs::write(folder.path().join("model.json"), manifest).unwrap();
+        if let Some(found) = answered(Bundle::load(folder.path())).and_then(|b| b.confidence) {
+            // The odds of any evidence are a number.
+            let mut weights = found.weights.values().chain([&found.bias]);
+            prop_assert!(weights.all(|weight| weight.abs() < 1e9));
+            prop_assert!(found.within_deg > 0.0 && found.within_m > 0.0);
         }
     }
 

@@ -65,6 +65,8 @@ pub const BAD: &[(&str, &str, &[&str])] = &[
     ("\"fx\": 278", "\"fx\": 0", &["camera `wide`", "`fx`", "above 0", "got 0"]),
     ("\"fy\": 278", "\"fy\": -278", &["camera `wide`", "`fy`", "above 0", "got -278"]),
     ("\"fx\": 863.73", "\"fx\": 0.67", &["camera `left`", "`fx`", "0.67 px", "in pixels"]),
+    ("\"fy\": 863.22", "\"fy\": 86322", &["camera `left`", "`fy`", "86322 px", "too long", "720 px"]),
+    ("[0.0885, -0.226, ", "[-5000, -0.226, ", &["camera `left`", "middle of the image", "distortion"]),
     ("\"fx\": 278", "\"fx\": \"278\"", &["`fx` must be a finite number", "got \"278\""]),
     ("\"cx\": 315.5", "\"cx\": -700", &["camera `wide`", "`cx`", "-700 px", "`width` 640 px"]),
     ("\"cy\": 385.53", "\"cy\": 1500", &["camera `left`", "`cy`", "1500 px", "`height` 720 px"]),

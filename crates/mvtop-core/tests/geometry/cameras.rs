@@ -312,7 +312,9 @@ proptest! {
             for [fx, fy, cx, cy] in [[fx, fy, cx, cy], usual] {
                 let camera = Intrinsics::new(fx, fy, cx, cy, lens.projection().clone())
                     .and_then(|lens| Camera::new(format!("cam{i}"), size, lens, pose));
-                if let Ok(camera) = camera {
+                // A rig asks for more than a camera: that it sees something.
+                let sees = |camera: &Camera| Rig::new(vec![camera.clone()], 0).is_ok();
+                if let Some(camera) = camera.ok().filter(sees) {
                     built.push(camera);
                     break;
                 }

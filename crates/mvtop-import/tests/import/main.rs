@@ -3,6 +3,7 @@
 mod asked;
 mod by_hand;
 mod fitted;
+mod hostile;
 mod written;
 
 use std::path::PathBuf;

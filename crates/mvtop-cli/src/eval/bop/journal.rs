@@ -64,10 +64,9 @@ impl Journal {
     ) -> Result<(Self, Vec<Line>)> {
         let (about, path) = (dir.join(ABOUT), dir.join(GROUPS));
         write::folder(dir)?;
-        let mut begun = begun(&about)?;
-        let mut names = results.iter().chain([&GROUPS]);
-        let there = |name: &&&str| dir.join(name).symlink_metadata().is_ok();
-        if let (None, Some(name)) = (&begun, names.find(there)) {
+        // Before `run.json` is looked for: an evaluation that begins meanwhile writes that first.
+        let foreign = foreign(dir, results);
+        if let (Some(name), None) = (foreign, begun(&about)?) {
             return Err(Failure(format!(
                 "{} holds {name}, but no {ABOUT} that says of which evaluation; name another \
                  folder, or move the file",
@@ -83,6 +82,8 @@ impl Journal {
             )),
             TryLockError::Error(cause) => failed("lock", &path)(cause),
         })?;
+        // Not before: another evaluation may have begun and ended in between.
+        let mut begun = begun(&about)?;
         if force && begun.is_some() {
             file.set_len(0).map_err(failed("empty", &path))?;
             for old in results
@@ -120,6 +121,16 @@ impl Journal {
             .and_then(|()| self.file.flush())
             .map_err(failed("write", &self.path))
     }
+}
+
+/// One of the names that something in a folder has, if any. A journal without a line is nothing: it is
+/// what an evaluation leaves that was killed before it could say what it is of.
+fn foreign<'a>(dir: &Path, results: &[&'a str]) -> Option<&'a str> {
+    let there = |name: &str| dir.join(name).symlink_metadata().ok();
+    let begun = there(GROUPS).is_some_and(|about| !about.is_file() || about.len() > 0);
+    let mut results = results.iter().copied();
+    let result = results.find(|name| there(name).is_some());
+    result.or(begun.then_some(GROUPS))
 }
 
 /// What a folder's evaluation was begun with; `None` where there is none. A file of that name which
