@@ -1,8 +1,9 @@
-//! The whole way from images to poses, with `models/mvball`: of all views, and of one new one.
+//! The whole way from images to poses, with `models/mvball`: of all views, of one new one, and for
+//! several callers at once.
 
 use std::sync::Arc;
 
-use criterion::{Criterion, criterion_group, criterion_main};
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use mvtop_benches::repository;
 use mvtop_core::estimator::{Estimator, Options, PredictOptions, Tracker};
 use mvtop_core::{Camera, Rig, ViewImage, image};
@@ -55,5 +56,43 @@ fn estimator(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, estimator);
+/// Several threads ask one estimator at once for poses of the example.
+fn callers(c: &mut Criterion) {
+    let model = repository("models/mvball");
+    let estimator = match Estimator::load(&model, &Options::default()) {
+        Ok(estimator) => estimator,
+        Err(error) => return eprintln!("no benchmark of callers: {error}"),
+    };
+    let folder = repository("examples/mvball");
+    let rig = Rig::load(&folder.join("rig.json")).expect("the example's rig");
+    let cameras = rig.cameras().iter().enumerate();
+    let images: Vec<ViewImage> = cameras
+        .map(|(view, camera)| ViewImage {
+            camera: view,
+            image: image::load(&folder.join(format!("{}.png", camera.id())), camera)
+                .expect("an image of the example"),
+        })
+        .collect();
+    let predict = || {
+        let found = estimator.predict(&rig, &images, &PredictOptions::default());
+        found.expect("a prediction").objects[0].world_from_obj
+    };
+    let expected = predict();
+    let mut group = c.benchmark_group("predictions of callers at once");
+    for callers in [1, 2, 4] {
+        group.throughput(Throughput::Elements(callers));
+        group.bench_function(callers.to_string(), |b| {
+            b.iter(|| {
+                std::thread::scope(|scope| {
+                    let each = (0..callers).map(|_| scope.spawn(predict));
+                    for caller in each.collect::<Vec<_>>() {
+                        assert_eq!(caller.join().expect("a caller"), expected);
+                    }
+                });
+            })
+        });
+    }
+}
+
+criterion_group!(benches, estimator, callers);
 criterion_main!(benches);
