@@ -57,6 +57,26 @@ fn opencv_rvec_and_tvec_of_each_camera_map_world_to_camera() {
 }
 
 #[test]
+fn size_of_other_images_is_noticed_by_the_principal_point() {
+    let notes = |size: &str| {
+        let options = Options {
+            image_sizes: vec![ImageSize::parse(size).unwrap()],
+            ..scaled(0.025)
+        };
+        let imported = read(&[("in.yml", STEREO), ("ex.yml", PAIR)], &options);
+        imported.unwrap().notes.join("\n")
+    };
+    // Principal points at 320 240 and 330 250.
+    assert!(!notes("640x480").contains("principal point"));
+    let said = notes("320x240");
+    assert!(
+        said.contains("`cam1`: warning: its principal point, 320 240"),
+        "{said}"
+    );
+    assert!(said.contains("middle of images of 320x240 px"), "{said}");
+}
+
+#[test]
 fn kalibr_chain_goes_from_camera_to_camera() {
     let camera = "camera_model: pinhole\n  distortion_model: equidistant\n  distortion_coeffs: [0.1, 0.02, \
                   0.003, 0.0004]\n  intrinsics: [300, 301, 320, 240]\n  resolution: [640, 480]\n";
