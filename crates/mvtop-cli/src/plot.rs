@@ -13,7 +13,14 @@ type Drawn = std::result::Result<(), DrawingAreaErrorKind<std::io::Error>>;
 const SMALL: (u32, u32) = (380, 240);
 /// Bars of a histogram of errors, at most.
 const BINS: f64 = 24.0;
-const COLORS: [RGBColor; 2] = [RGBColor(31, 119, 180), RGBColor(214, 39, 40)];
+const COLORS: [RGBColor; 6] = [
+    RGBColor(31, 119, 180),
+    RGBColor(214, 39, 40),
+    RGBColor(44, 160, 44),
+    RGBColor(255, 127, 14),
+    RGBColor(148, 103, 189),
+    RGBColor(140, 86, 75),
+];
 const LINES: RGBColor = RGBColor(221, 221, 221);
 const REST: RGBColor = RGBColor(153, 153, 153);
 
@@ -138,7 +145,7 @@ pub fn recall_curves(
             let mesh = mesh.x_desc(unit).x_labels(6).y_labels(6);
             mesh.y_label_formatter(&|y| number(*y))
         });
-        for ((name, errors), color) in errors_of.iter().zip(COLORS) {
+        for ((name, errors), color) in errors_of.iter().zip(COLORS.into_iter().cycle()) {
             chart
                 .draw_series(LineSeries::new(steps(errors, max), color.stroke_width(2)))?
                 .label(*name)

@@ -83,20 +83,34 @@ fn cams_from_world(rig: &Rig) -> Vec<Isometry3<f64>> {
     cameras.map(|c| c.world_from_cam().inverse()).collect()
 }
 
+/// Refuses a rig of which no image tells anything.
+///
+/// # Errors
+/// [`Error::Input`] for one of a single camera.
+pub fn comparable(rig: &Rig) -> Result<()> {
+    match rig.cameras().len() {
+        2.. => Ok(()),
+        _ => Err(Error::Input(
+            "rig: expected two cameras or more, got one, which nothing can be compared with".into(),
+        )),
+    }
+}
+
 /// What `sets` of images tell of a rig.
 ///
 /// - `sets`: each of one moment, as for [`Estimator::predict`]; the cameras stand still over all
 /// - `expected`: how far its cameras are expected to be off
 ///
 /// # Errors
-/// Those of [`Estimator::predict`]; [`Error::Input`] for a bundle without meshes, where no two images show
-/// objects of a class, and where what they show contradicts the rig altogether.
+/// Those of [`Estimator::predict`]; [`Error::Input`] for a rig of one camera, a bundle without meshes, where
+/// no two images show objects of a class, and where what they show contradicts the rig altogether.
 pub fn observe(
     estimator: &Estimator,
     rig: &Rig,
     sets: &[Vec<ViewImage>],
     expected: Expected,
 ) -> Result<Observed> {
+    comparable(rig)?;
     let refiners = estimator.refiners();
     if refiners.iter().all(Option::is_none) {
         return Err(Error::Input(format!(

@@ -1,11 +1,14 @@
 //! What a file says of its cameras, before what it leaves open is filled in and all is checked.
 
-use mvtop_core::{Camera, Rig, transform};
+use mvtop_core::{Camera, Intrinsics, Rig, transform};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
 use crate::lens::{Lens, Plane};
 use crate::node::Rows4;
 use crate::{Checked, Direction, Options};
+
+/// How far a principal point lies from the middle of images that are not cropped, shares of a side.
+const MOST_OFF_MIDDLE: f64 = 0.25;
 
 /// A rig as a file has it.
 pub struct Draft {
@@ -96,6 +99,7 @@ impl Draft {
             let size = image_size(&id, camera.size, options).map_err(of)?;
             let (intrinsics, fitted) = camera.lens.intrinsics(&camera.plane, size).map_err(of)?;
             notes.extend(fitted.map(of));
+            notes.extend(off_middle(&intrinsics, size).map(of));
             let mut world_from_cam = match camera.pose {
                 Some(pose) => directed(&pose, options).map_err(of)?,
                 None if alone => Isometry3::identity(),
@@ -111,6 +115,22 @@ impl Draft {
         })?;
         Ok((rig, notes))
     }
+}
+
+/// Of a crop the principal point is where it may; else the size is that of other images.
+fn off_middle(intrinsics: &Intrinsics, size: [u32; 2]) -> Option<String> {
+    let center = [intrinsics.cx(), intrinsics.cy()];
+    let off = center.iter().zip(size).any(|(center, side)| {
+        let side = f64::from(side);
+        (center - (side - 1.0) / 2.0).abs() > MOST_OFF_MIDDLE * side
+    });
+    let ([cx, cy], [width, height]) = (center, size);
+    off.then(|| {
+        format!(
+            "warning: its principal point, {cx:.0} {cy:.0}, lies far from the middle of images of \
+             {width}x{height} px; is that their size when it was calibrated?"
+        )
+    })
 }
 
 fn image_size(id: &str, said: Option<[u32; 2]>, options: &Options) -> Checked<[u32; 2]> {

@@ -13,7 +13,7 @@ use crate::{Checked, yaml};
 pub enum Format {
     /// OpenCV's FileStorage (YAML or JSON), and files with its names.
     OpenCv,
-    /// ROS: `camera_info` and TF.
+    /// ROS: `camera_info`, and TF or a list of frames.
     Ros,
     /// Kalibr: a chain of cameras.
     Kalibr,
@@ -132,6 +132,7 @@ fn look(source: &Source) -> Option<Format> {
     } else if has("transforms")
         || has("transform")
         || any(|v| v.get("child_frame_id").is_some())
+        || in_all("parent")
         || (has("distortion_model") && (has("projection_matrix") || has("P") || has("p")))
     {
         Some(Format::Ros)

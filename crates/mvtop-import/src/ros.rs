@@ -1,18 +1,17 @@
-//! ROS: `camera_info` as `camera_calibration` writes it or as a message, and poses as TF (`/tf_static`).
+//! ROS: `camera_info` as `camera_calibration` writes it or as a message, and poses as TF (`/tf_static`)
+//! or as a list of frames.
 
-use std::collections::BTreeMap;
+mod frames;
 
-use mvtop_core::transform;
 use nalgebra::Isometry3;
+
+use self::frames::Tree;
 
 use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Lens, Plane};
 use crate::node::Node;
 use crate::source::Source;
 use crate::{Checked, Options, yaml};
-
-/// Parent of each frame, and parent_from_child.
-type Tree = BTreeMap<String, (String, Isometry3<f64>)>;
 
 struct Info {
     /// Name of the camera, and of its frame where the file has it.
@@ -26,7 +25,7 @@ struct Info {
 }
 
 pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
-    let mut tree = Tree::new();
+    let mut tree = Tree::default();
     let mut infos = Vec::new();
     for source in sources {
         for document in yaml::documents(source)?
@@ -37,7 +36,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
             let of_camera = top.find(&["camera_matrix", "K", "k"]).is_some();
             match of_camera {
                 true => infos.push(info(&top, source, options)?),
-                false => transforms(&top, &mut tree)?,
+                false => tree.add(&top)?,
             }
         }
     }
@@ -67,7 +66,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
         let pose = match (pair, info.baseline) {
             (true, Some(x)) => Some(Isometry3::translation(x, 0.0, 0.0) * info.rectification),
             _ if tree.is_empty() => None,
-            _ => Some(in_root(&info, &tree)?),
+            _ => Some(tree.root_from_cam(&info.name, info.frame.as_deref())?),
         };
         info.camera.pose = pose.map(|world_from_cam| {
             Pose::world_from_cam(match options.rectified {
@@ -81,7 +80,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
         cameras,
         metres: Some(1.0),
         posing: "a camera_info has no pose, so give a file of transforms as well (ros2 topic echo \
-                 --once /tf_static)",
+                 --once /tf_static), or a list `FRAME: {parent: FRAME, xyz: [x, y, z], rpy: [r, p, y]}`",
         notes,
     })
 }
@@ -164,87 +163,4 @@ fn name_apart(infos: &mut [Info]) {
             info.camera.id = format!("{}_{index}", info.camera.id);
         }
     }
-}
-
-/// Adds transforms of a message or of a list of them.
-fn transforms(top: &Node, tree: &mut Tree) -> Checked<()> {
-    let list = match top.find(&["transforms"]) {
-        Some(list) => list.list()?,
-        None if top.value.is_array() => top.list()?,
-        None => vec![top.clone()],
-    };
-    for item in list {
-        let parent = item.get(&["header"])?.get(&["frame_id"])?.text()?;
-        let child = item.get(&["child_frame_id"])?.text()?;
-        let motion = item.get(&["transform"])?;
-        let (t, q) = (motion.get(&["translation"])?, motion.get(&["rotation"])?);
-        let part = |node: &Node, key: &str| node.get(&[key])?.number();
-        let wxyz = [
-            part(&q, "w")?,
-            part(&q, "x")?,
-            part(&q, "y")?,
-            part(&q, "z")?,
-        ];
-        let t = [part(&t, "x")?, part(&t, "y")?, part(&t, "z")?];
-        let parent_from_child = transform::from_quaternion_wxyz(wxyz, t)
-            .map_err(|error| format!("{}: {error}", motion.place))?;
-        let plain = |frame: &str| frame.trim_start_matches('/').to_owned();
-        if tree
-            .insert(plain(child), (plain(parent), parent_from_child))
-            .is_some()
-        {
-            return Err(format!(
-                "{}: the frame `{child}` is there twice",
-                item.place
-            ));
-        }
-    }
-    Ok(())
-}
-
-/// Pose of a camera in the frame that has no parent.
-fn in_root(info: &Info, tree: &Tree) -> Checked<Isometry3<f64>> {
-    let name = info.name.trim_start_matches('/');
-    // A frame of optical axes (z forward); `_link` and `_frame` are a body's (x forward).
-    let optical = [
-        name.to_owned(),
-        format!("{name}_optical_frame"),
-        format!("{name}_color_optical_frame"),
-        format!("{name}_optical"),
-    ];
-    let named = info
-        .frame
-        .iter()
-        .map(|frame| frame.trim_start_matches('/').to_owned());
-    let candidates: Vec<String> = named.chain(optical).collect();
-    let Some(frame) = candidates.iter().find(|frame| tree.contains_key(*frame)) else {
-        let known: Vec<&str> = tree.keys().map(String::as_str).collect();
-        return Err(format!(
-            "camera `{name}`: no transform of its optical frame ({}) among those of {}; set its \
-             camera_name, or the message's frame_id, to one of them",
-            candidates.join(", "),
-            known.join(", ")
-        ));
-    };
-    if ["_link", "_frame"].iter().any(|end| frame.ends_with(end))
-        && !frame.ends_with("optical_frame")
-    {
-        return Err(format!(
-            "camera `{name}`: its frame `{frame}` is a body's (x forward); expected its optical frame \
-             (z forward), with the transform between the two"
-        ));
-    }
-    let (mut at, mut root_from_cam) = (frame, Isometry3::identity());
-    for _ in 0..=tree.len() {
-        match tree.get(at) {
-            None => return Ok(root_from_cam),
-            Some((parent, parent_from_child)) => {
-                root_from_cam = parent_from_child * root_from_cam;
-                at = parent;
-            }
-        }
-    }
-    Err(format!(
-        "camera `{name}`: the transforms above `{frame}` go round in a circle"
-    ))
 }

@@ -295,6 +295,7 @@ fn json<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
 }
 
 /// An array that goes to Python as numpy's of 64-bit floats.
+#[derive(Clone)]
 pub struct F64(pub ArrayD<f64>);
 
 /// The same of 32-bit floats.

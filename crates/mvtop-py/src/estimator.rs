@@ -8,6 +8,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use mvtop_core::annotations::GivenBoxes;
 use mvtop_core::bundle::Class;
+use mvtop_core::calibration::{Expected, observe};
 use mvtop_core::onnx::SessionOptions;
 use mvtop_core::report::Report;
 use mvtop_core::{
@@ -15,6 +16,7 @@ use mvtop_core::{
 };
 use pyo3::prelude::*;
 
+use crate::calibration::RigCheck;
 use crate::convert::{self, F64, Rgb, shaped};
 use crate::error::{python, value};
 use crate::process::{compute, let_forks_exit};
@@ -118,6 +120,26 @@ impl NativeEstimator {
         let prediction = compute(py, || self.estimator.predict(&rig, &images, &options))?;
         let prediction = prediction.map_err(python)?;
         Ok(NativePrediction { prediction, rig })
+    }
+
+    /// Sets of images, each given by the index of its camera, against the rig that they are of.
+    fn check_rig<'py>(
+        &self,
+        py: Python<'py>,
+        rig: PyRef<Rig>,
+        sets: Vec<Vec<(usize, Bound<'py, PyAny>)>>,
+        turn_sd_deg: f64,
+        shift_sd_m: f64,
+    ) -> PyResult<RigCheck> {
+        let rig = rig.core().clone();
+        let sets = sets.into_iter().map(|images| load(py, &rig, images));
+        let sets = sets.collect::<PyResult<Vec<_>>>()?;
+        let expected = Expected {
+            turn_deg: turn_sd_deg,
+            shift_m: shift_sd_m,
+        };
+        let observed = compute(py, || observe(&self.estimator, &rig, &sets, expected))?;
+        Ok(RigCheck::new(observed.map_err(python)?, rig))
     }
 
     /// The images as arrays.

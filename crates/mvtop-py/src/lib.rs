@@ -1,6 +1,7 @@
 //! The compiled part of the Python package `mvtop`; what users see is in `python/mvtop`.
 
 mod bop;
+mod calibration;
 mod cli;
 mod convert;
 mod error;
@@ -21,6 +22,8 @@ mod _mvtop {
     const BOP_RESULTS_HEADER: &str = mvtop_eval::bop::RESULTS_HEADER;
     #[pymodule_export]
     use super::bop::{Image, Instance, ModelInfo, bop_results_line, read_models_info, read_scene};
+    #[pymodule_export]
+    use super::calibration::{RefinedRig, RigCheck, RigCorrection};
     #[pymodule_export]
     use super::cli::{eval_bop, run_cli};
     #[pymodule_export]

@@ -343,6 +343,10 @@ impl Rig {
 }
 
 impl Rig {
+    pub fn of(rig: Arc<mvtop_core::Rig>) -> Self {
+        Self(rig)
+    }
+
     pub fn core(&self) -> &Arc<mvtop_core::Rig> {
         &self.0
     }

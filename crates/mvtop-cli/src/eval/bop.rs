@@ -1,5 +1,6 @@
 //! `eval bop`: a split of a data set in BOP's layout.
 
+mod compared;
 mod journal;
 mod page;
 mod plan;
@@ -127,17 +128,31 @@ fn of_files(args: &BopArgs) -> Result<Answer> {
                 done.written.join(", ")
             ));
         }
-        rows.push((stem(path), done.results));
+        rows.push((stem(path), done));
     }
-    if let (false, Some((_, results))) = (several, rows.first()) {
+    if let (false, Some((_, done))) = (several, rows.first()) {
         return Ok(Answer {
-            json: write::json(results)?,
+            json: write::json(&done.results)?,
             text: texts.join("\n\n"),
         });
     }
+    let mut text = side_by_side(rows.iter().map(|(name, done)| (name, &done.results)));
+    if let Some(folder) = &args.report {
+        let about = about(args, &[], &plan)?;
+        let name = |id| format!("{id} {}", plan.classes.get(&id).map_or("", |name| name));
+        let scored = rows.iter().map(|(name, done)| compared::Scored {
+            name,
+            results: &done.results,
+            lines: &done.lines,
+        });
+        let scored: Vec<compared::Scored> = scored.collect();
+        let file = folder.join("compared.html");
+        write::whole(&file, compared::page(&about, &scored, name)?.as_bytes())?;
+        text += &format!("\n\n{}: written", file.display());
+    }
     Ok(Answer {
         json: write::json(&Value::Object(json))?,
-        text: side_by_side(&rows),
+        text,
     })
 }
 
@@ -150,6 +165,7 @@ fn warn(sentences: &[String]) {
 /// What came of all groups, and the files that hold it.
 struct Done {
     results: Results,
+    lines: Vec<Line>,
     written: Vec<String>,
 }
 
@@ -189,7 +205,11 @@ fn evaluate_all(
     let results = Results::new(&lines, args.trial.bounds(), source.expects());
     let Some(folder) = folder else {
         let written = Vec::new();
-        return Ok(Done { results, written });
+        return Ok(Done {
+            results,
+            lines,
+            written,
+        });
     };
     let mut written = vec!["summary.json".to_owned(), "groups.jsonl".to_owned()];
     if let Source::Network(_) = source {
@@ -203,7 +223,11 @@ fn evaluate_all(
         write::whole(&folder.join("report.html"), html.as_bytes())?;
         written.push("report.html".into());
     }
-    Ok(Done { results, written })
+    Ok(Done {
+        results,
+        lines,
+        written,
+    })
 }
 
 impl Source<'_> {

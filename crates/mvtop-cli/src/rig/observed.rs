@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use mvtop_core::calibration::{Correction, Observed, Off, observe};
+use mvtop_core::calibration::{Correction, Observed, Refined, comparable, observe};
 use mvtop_core::{Rig, ViewImage, image};
 
 use super::args::{Check, Images, Refine};
@@ -15,8 +15,7 @@ pub fn check(args: &Check) -> Result<Option<String>> {
     let rig = Rig::load(&args.show.rig)?;
     let observed = observed(&rig, &args.images, &args.with)?;
     summary(&rig, &observed)?;
-    let off = observed.off();
-    if off.cameras.is_empty() {
+    let Some(problem) = observed.problem() else {
         let corrections = observed.corrections(rig.reference());
         print_corrections(&rig, &corrections)?;
         if corrections.iter().any(Correction::would_be_off) {
@@ -26,11 +25,11 @@ pub fn check(args: &Check) -> Result<Option<String>> {
             )?;
         }
         return Ok(None);
-    }
-    print_corrections(&rig, &off.cameras)?;
-    let refine = "`mvtop-cli rig refine` writes where the images show it";
-    let off = problem(&rig, &off);
-    Ok(Some(format!("{off}; {refine}")))
+    };
+    print_corrections(&rig, &observed.off().cameras)?;
+    Ok(Some(format!(
+        "{problem}; `mvtop-cli rig refine` writes where the images show it"
+    )))
 }
 
 /// Writes the rig with the cameras that are off where the images show them.
@@ -46,62 +45,44 @@ pub fn refine(args: &Refine) -> Result<()> {
     let observed = observed(&rig, &args.images, &args.with)?;
     summary(&rig, &observed)?;
     let off = observed.off();
-    if off.cameras.is_empty() {
-        print_corrections(&rig, &observed.corrections(rig.reference()))?;
-        return Err(Failure(
-            "nothing was written: the images do not contradict the rig, and cameras that are not off are \
-             left alone"
-                .into(),
-        ));
-    }
     let cameras: Vec<usize> = off.cameras.iter().map(|camera| camera.camera).collect();
     let refined = observed.refined(&cameras)?;
-    print_corrections(&rig, &refined.moved)?;
-    let untold: Vec<&Correction> = refined.moved.iter().filter(|c| !c.is_told()).collect();
-    if let Some(camera) = untold.first() {
-        return Err(Failure(format!(
-            "nothing was written: the images tell that `{}` is off, but too little of where it stands; give \
-             more sets of images, with more objects in more places",
-            rig.cameras()[camera.camera].id()
-        )));
+    if cameras.is_empty() {
+        print_corrections(&rig, &observed.corrections(rig.reference()))?;
+    } else {
+        print_refined(&rig, &observed, &refined)?;
     }
-    for (before, after) in observed
-        .pairs(&rig)
-        .iter()
-        .zip(observed.pairs(&refined.rig))
-    {
+    let better = refined.accepted();
+    let better = better.map_err(|error| Failure(format!("nothing was written: {error}")))?;
+    if let Some(problem) = observed.problem().filter(|_| !off.is_told) {
+        write::print(&format!("  note: {problem}"))?;
+    }
+    let text = better.to_json();
+    Rig::from_json(&text)?;
+    write::whole(&args.out, text.as_bytes())?;
+    write::print(&format!("{}: written", args.out.display()))
+}
+
+fn print_refined(rig: &Rig, observed: &Observed, refined: &Refined) -> Result<()> {
+    print_corrections(rig, &refined.moved)?;
+    let (before, after) = (observed.pairs(rig), observed.pairs(&refined.rig));
+    for (before, after) in before.iter().zip(after) {
         let [a, b] = before.cameras.map(|index| rig.cameras()[index].id());
         let (was, now) = (before.px, after.px);
         write::print(&format!(
             "  {a} - {b}: {was:.2} px before, {now:.2} px after"
         ))?;
     }
-    let mean = |i: usize| {
-        let all = refined.held_out.iter().map(|set| set[i]);
-        all.sum::<f64>() / refined.held_out.len() as f64
-    };
-    if refined.held_out.is_empty() {
-        write::print("  one set of images alone: nothing was held out to judge this by")?;
-    } else {
-        let (count, before, after) = (refined.held_out.len(), mean(0), mean(1));
-        write::print(&format!(
-            "  of {count} sets, each held out: {before:.2} px before, {after:.2} px by what the others show"
-        ))?;
-        if after >= before {
-            return Err(Failure(
-                "nothing was written: sets that were held out fit no better; are the images of this rig, and \
-                 did its cameras stand still?"
-                    .into(),
-            ));
+    match refined.held_out_px() {
+        None => write::print("  one set of images alone: nothing was held out to judge this by"),
+        Some([before, after]) => {
+            let count = refined.held_out.len();
+            write::print(&format!(
+                "  of {count} sets, each held out: {before:.2} px before, {after:.2} px by what the others \
+                 show"
+            ))
         }
     }
-    if !off.is_told {
-        write::print(&format!("  note: {}", problem(&rig, &off)))?;
-    }
-    let text = refined.rig.to_json();
-    Rig::from_json(&text)?;
-    write::whole(&args.out, text.as_bytes())?;
-    write::print(&format!("{}: written", args.out.display()))
 }
 
 fn observed(rig: &Rig, images: &[PathBuf], with: &Images) -> Result<Observed> {
@@ -119,12 +100,8 @@ fn observed(rig: &Rig, images: &[PathBuf], with: &Images) -> Result<Observed> {
 
 /// Images by set and camera.
 fn sets_of(rig: &Rig, images: &[PathBuf]) -> Result<Vec<Vec<(usize, PathBuf)>>> {
+    comparable(rig)?;
     let count = rig.cameras().len();
-    if count < 2 {
-        let problem =
-            "rig: expected two cameras or more, got one, which nothing can be compared with";
-        return Err(Failure(problem.into()));
-    }
     let id = |image: &PathBuf| {
         let (id, _) = image.to_str()?.split_once('=')?;
         rig.index_of(id)
@@ -177,19 +154,6 @@ fn summary(rig: &Rig, observed: &Observed) -> Result<()> {
 
 fn s(count: usize) -> &'static str {
     if count == 1 { "" } else { "s" }
-}
-
-/// One sentence of the cameras that are off.
-fn problem(rig: &Rig, off: &Off) -> String {
-    let ids = off.cameras.iter().map(|off| rig.cameras()[off.camera].id());
-    let ids = ids.collect::<Vec<_>>().join("`, `");
-    match off.is_told {
-        true => format!("`{ids}` does not stand to the other cameras as the images show it"),
-        false => format!(
-            "cameras do not stand to each other as the images show it; which are wrong cannot be told, \
-             `{ids}` would explain it as well as others"
-        ),
-    }
 }
 
 fn print_corrections(rig: &Rig, corrections: &[Correction]) -> Result<()> {

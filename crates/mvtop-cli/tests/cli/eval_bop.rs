@@ -577,6 +577,27 @@ fn results_that_an_evaluation_wrote_give_its_scores_without_the_network() {
     assert_eq!(both["mvtop_balls-test"]["all"], of_file["all"]);
     assert_eq!(both["other"]["all"]["found"], 2);
     assert_eq!(both["other"]["all"]["objects"], 4);
+
+    // With one, a page that compares them beside the page of each.
+    let pages = dir.path().join("pages");
+    let with_pages = ["--report", pages.to_str().unwrap()];
+    assert_eq!(
+        summary(&score(&dataset, &[&csv, &other], &with_pages)),
+        both
+    );
+    let page = fs::read_to_string(pages.join("compared.html")).unwrap();
+    assert_eq!(page.matches("<svg").count(), 1);
+    // A row of all scores each, and a column each by object.
+    assert_eq!(page.matches("<td>mvtop_balls-test</td>").count(), 1);
+    assert_eq!(page.matches("<th>other</th>").count(), 3);
+    let ar = format!(
+        "<td>{:.1} %</td>",
+        100.0 * both["other"]["all"]["ar"].as_f64().unwrap()
+    );
+    assert!(page.matches(&ar).count() >= 2, "{ar}: {page}");
+    for name in ["mvtop_balls-test", "other"] {
+        assert!(pages.join(name).join("report.html").is_file());
+    }
 }
 
 /// A data set of two balls in one image, 0.3 m apart, of which the second one is seen better.

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Vector6};
 
 use super::adjust::{Adjusted, Sighting, adjusted};
 use super::{Expected, Observed, cams_from_world};
-use crate::{Result, Rig};
+use crate::{Error, Result, Rig};
 
 /// A camera is off where it is so by more than this many standard deviations, turn and shift together:
 /// six numbers exceed it by chance as rarely as one number exceeds 3.
@@ -91,6 +91,46 @@ impl Correction {
     }
 }
 
+impl Refined {
+    /// Means over the sets that were held out; `None` of one set.
+    pub fn held_out_px(&self) -> Option<[f64; 2]> {
+        let mean = |i: usize| {
+            let all = self.held_out.iter().map(|set| set[i]);
+            all.sum::<f64>() / self.held_out.len() as f64
+        };
+        (!self.held_out.is_empty()).then(|| [mean(0), mean(1)])
+    }
+
+    /// The rig, where the images tell it.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where no camera was moved, where too little is told of where one stands, and
+    /// where sets that were held out fit no better.
+    pub fn accepted(&self) -> Result<&Rig> {
+        if self.moved.is_empty() {
+            return Err(Error::Input(
+                "the images do not contradict the rig, and cameras that are not off are left alone"
+                    .into(),
+            ));
+        }
+        if let Some(camera) = self.moved.iter().find(|camera| !camera.is_told()) {
+            return Err(Error::Input(format!(
+                "the images tell that `{}` is off, but too little of where it stands; give more sets of \
+                 images, with more objects in more places",
+                self.rig.cameras()[camera.camera].id()
+            )));
+        }
+        match self.held_out_px() {
+            Some([before, after]) if after >= before => Err(Error::Input(
+                "sets that were held out fit no better; are the images of this rig, and did its cameras \
+                 stand still?"
+                    .into(),
+            )),
+            _ => Ok(&self.rig),
+        }
+    }
+}
+
 impl Observed {
     /// How many objects were seen by two cameras or more, over all sets.
     pub fn objects(&self) -> usize {
@@ -148,7 +188,25 @@ impl Observed {
         }
     }
 
-    /// The rig with some cameras where the images show them, the others standing still.
+    /// What is wrong with the rig, in one sentence; `None` of one that the images do not contradict.
+    pub fn problem(&self) -> Option<String> {
+        let off = self.off();
+        let id = |off: &Correction| self.given.cameras()[off.camera].id();
+        let ids = off.cameras.iter().map(id).collect::<Vec<_>>().join("`, `");
+        match (off.cameras.is_empty(), off.is_told) {
+            (true, _) => None,
+            (false, true) => Some(format!(
+                "`{ids}` does not stand to the other cameras as the images show it"
+            )),
+            (false, false) => Some(format!(
+                "cameras do not stand to each other as the images show it; which are wrong cannot be \
+                 told, `{ids}` would explain it as well as others"
+            )),
+        }
+    }
+
+    /// The rig with some cameras where the images show them, the others standing still. Whether that
+    /// is better than what was known says [`Refined::accepted`].
     ///
     /// # Errors
     /// Those of [`crate::Camera::moved_to`].

@@ -117,6 +117,9 @@ fn camera_that_is_off_is_named_and_moved_back_alone() {
                 assert!(turned < 3.0 * correction.sigma.turn_deg, "{turned} deg");
                 assert!(moved < 3.0 * correction.sigma.shift_m, "{moved} m");
             }
+            assert_eq!(refined.accepted().unwrap(), &refined.rig);
+            let named = format!("`{}` does not stand", truth.cameras()[wrong].id());
+            assert!(observed.problem().unwrap().starts_with(&named));
             assert_eq!(refined.held_out.len(), 3);
             let better = |[before, after]: &[f64; 2]| after < before;
             assert!(refined.held_out.iter().all(better), "{refined:?}");
@@ -135,6 +138,15 @@ fn views_that_see_something_else_move_no_camera() {
     let truth = rig();
     let observed = observed(&truth, &truth, 0.2, 3, &mut Draw(11));
     assert!(observed.off().cameras.is_empty(), "{:?}", observed.off());
+    assert_eq!(observed.problem(), None);
+    let none = observed.refined(&[]).unwrap();
+    assert_eq!(none.rig, truth);
+    assert!(
+        none.accepted()
+            .unwrap_err()
+            .to_string()
+            .contains("do not contradict")
+    );
     let (turned, moved) = between(&observed.refined(&[1]).unwrap().rig, &truth, [0, 1]);
     assert!(turned < 0.5 && moved < 0.005, "{turned} deg, {moved} m");
 }
@@ -145,6 +157,24 @@ fn of_two_cameras_none_is_known_to_be_the_wrong_one() {
     let given = with_off(&truth, 1, 2.0, 0.0);
     let off = observed(&truth, &given, 0.2, 0, &mut Draw(5)).off();
     assert!(!off.is_told && off.cameras.len() == 1, "{off:?}");
+}
+
+#[test]
+fn held_out_sets_that_fit_no_better_refuse_a_rig() {
+    let truth = rig();
+    let given = with_off(&truth, 1, 2.0, 0.0);
+    let observed = observed(&truth, &given, 0.2, 0, &mut Draw(5));
+    let mut refined = observed.refined(&[1]).unwrap();
+    assert!(refined.accepted().is_ok());
+    refined.held_out = vec![[1.0, 0.5], [1.0, 1.5]];
+    assert_eq!(refined.held_out_px(), Some([1.0, 1.0]));
+    assert!(
+        refined
+            .accepted()
+            .unwrap_err()
+            .to_string()
+            .contains("held out")
+    );
 }
 
 #[test]
@@ -159,6 +189,14 @@ fn where_little_is_seen_little_is_told() {
     // Nor is any called off for what it alone says.
     assert!(by_one.iter().all(|one| one.objects == 1 && !one.is_off()));
     assert!(by_one.iter().any(|one| !one.is_told()), "{by_one:?}");
+    let refined = observed.refined(&[1, 2]).unwrap();
+    assert!(
+        refined
+            .accepted()
+            .unwrap_err()
+            .to_string()
+            .contains("too little")
+    );
 }
 
 #[test]

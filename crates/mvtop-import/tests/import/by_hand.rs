@@ -57,6 +57,26 @@ fn opencv_rvec_and_tvec_of_each_camera_map_world_to_camera() {
 }
 
 #[test]
+fn size_of_other_images_is_noticed_by_the_principal_point() {
+    let notes = |size: &str| {
+        let options = Options {
+            image_sizes: vec![ImageSize::parse(size).unwrap()],
+            ..scaled(0.025)
+        };
+        let imported = read(&[("in.yml", STEREO), ("ex.yml", PAIR)], &options);
+        imported.unwrap().notes.join("\n")
+    };
+    // Principal points at 320 240 and 330 250.
+    assert!(!notes("640x480").contains("principal point"));
+    let said = notes("320x240");
+    assert!(
+        said.contains("`cam1`: warning: its principal point, 320 240"),
+        "{said}"
+    );
+    assert!(said.contains("middle of images of 320x240 px"), "{said}");
+}
+
+#[test]
 fn kalibr_chain_goes_from_camera_to_camera() {
     let camera = "camera_model: pinhole\n  distortion_model: equidistant\n  distortion_coeffs: [0.1, 0.02, \
                   0.003, 0.0004]\n  intrinsics: [300, 301, 320, 240]\n  resolution: [640, 480]\n";
@@ -122,6 +142,67 @@ fn ros_poses_are_those_of_the_optical_frames_in_the_root() {
         &options,
     );
     assert!(body.unwrap_err().to_string().contains("optical frame"));
+}
+
+#[test]
+fn ros_poses_may_be_listed_as_a_urdf_has_them() {
+    // A quarter turn about the parent's x, y and z, one after the other: x stays x, goes to -z and stays
+    // there; z goes to -y, stays there and goes to x.
+    let list = "left_link: {parent: base, xyz: [1, 0, 0.5]}\n\
+                left_optical_frame: {parent: left_link, xyz: [0, 0.5, 0], rpy: [-1.5707963267948966, 0, \
+                -1.5707963267948966]}\n\
+                right: {parent: base, rpy: [1.5707963267948966, 1.5707963267948966, 1.5707963267948966]}\n\
+                third: {parent: right, xyz: [0, 0, 2], q_wxyz: [0, 1, 0, 0]}\n\
+                fourth: {parent: right, q_xyzw: [1, 0, 0, 0]}\n";
+    let infos = ["left", "right", "third", "fourth"].map(|name| info(name, "0"));
+    let mut files: Vec<(&str, &str)> = vec![("frames.yaml", list)];
+    let names = ["a.yaml", "b.yaml", "c.yaml", "d.yaml"];
+    files.extend(
+        names
+            .iter()
+            .zip(&infos)
+            .map(|(name, text)| (*name, text.as_str())),
+    );
+    let imported = read(&files, &Options::default()).unwrap();
+    assert_eq!(imported.format, Format::Ros);
+    let [left, right, third, fourth] = imported.rig.cameras() else {
+        panic!("four cameras")
+    };
+    // As the usual transform of ROS from body to optical axes.
+    assert_pose(left, [1.0, 0.5, 0.5], [0.0, -1.0, 0.0], X);
+    assert_pose(right, [0.0; 3], MINUS_Z, X);
+    // 2 m along right's z, and half a turn about its x.
+    assert_pose(third, [2.0, 0.0, 0.0], MINUS_Z, [-1.0, 0.0, 0.0]);
+    assert_pose(fourth, [0.0; 3], MINUS_Z, [-1.0, 0.0, 0.0]);
+}
+
+#[test]
+fn ros_lists_of_frames_that_cannot_be_meant_are_refused() {
+    let left = info("left", "0");
+    let error = |list: &str| {
+        let files = [("left.yaml", left.as_str()), ("frames.yaml", list)];
+        read(&files, &Options::default()).unwrap_err().to_string()
+    };
+    for (list, words) in [
+        ("left: {parent: base, rpy: [-90, 0, -90]}", "radians"),
+        (
+            "left: {parent: base, rpy: [0, 0, 0], q_wxyz: [1, 0, 0, 0]}",
+            "one of rpy",
+        ),
+        ("left: {parent: base, q_wxyz: [1, 1, 0, 0]}", "norm 1"),
+        (
+            "left: {parent: base, quaternion: [1, 0, 0, 0]}",
+            "`quaternion`",
+        ),
+        ("left: {parent: left}", "circle"),
+        // A URDF's link of a camera is no optical frame: the turn is not guessed, but said.
+        (
+            "left_link: {parent: base}",
+            "left_optical_frame: {parent: left_link, rpy: [-1.570796",
+        ),
+    ] {
+        assert!(error(list).contains(words), "{list}: {}", error(list));
+    }
 }
 
 #[test]

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from mvtop import _runtime, _shipped
-from mvtop._mvtop import NativeEstimator, Rig
+from mvtop._mvtop import NativeEstimator, Rig, RigCheck
 from mvtop._objects import ObjectClass, object_classes
 from mvtop._prediction import Prediction, Source
 
@@ -105,16 +105,41 @@ class Estimator:
         Raises ValueError where images, reference, boxes or min_views do not fit the rig or the
         network.
         """
-        if not isinstance(rig, Rig):
-            raise ValueError(
-                f"rig: expected a mvtop.Rig, got {type(rig).__name__}; see mvtop.Rig.load"
-            )
+        refuse_no_rig(rig)
         given = images_by_camera(images, rig)
         native = self._here()
         prediction = native.predict(
             rig, given, reference, boxes_by_camera(boxes), min_views, refine
         )
         return Prediction.of(rig, Source(native, prediction, given))
+
+    def check_rig(
+        self,
+        sets: Iterable[Images],
+        rig: Rig,
+        *,
+        turn_sd_deg: float = 1.0,
+        shift_sd_m: float = 0.01,
+    ) -> RigCheck:
+        """Compares where a rig's cameras stand with what images of known objects show.
+
+        - sets: of images, each as for `predict`, of one moment; the cameras stand still over all,
+          objects need not
+        - turn_sd_deg, shift_sd_m: how far each camera is expected to be off: standard deviations of
+          a turn about each axis, degrees, and of a move along each, metres
+        - returns: what is off, if anything, by how much, and the rig as the images show it:
+          `RigCheck.problem`, `RigCheck.corrections()`, `RigCheck.refined()`
+
+        Raises ValueError where images do not fit the rig, for a rig of one camera, a bundle whose
+        classes have no meshes, where no two images show one of its objects, and where the images
+        contradict the rig altogether: then it says which direction or axes would fit.
+        """
+        refuse_no_rig(rig)
+        for name, sd in (("turn_sd_deg", turn_sd_deg), ("shift_sd_m", shift_sd_m)):
+            if not 0.0 < sd < float("inf"):
+                raise ValueError(f"{name}: expected a number above 0, got {sd}")
+        given = [images_by_camera(images, rig) for images in sets]
+        return self._here().check_rig(rig, given, turn_sd_deg, shift_sd_m)
 
     def __repr__(self) -> str:
         return f"Estimator({self._path!r}, provider={self._options['provider']!r})"
@@ -125,6 +150,11 @@ class Estimator:
 
 def _unpickled(path: str, options: dict[str, Any]) -> Estimator:
     return Estimator.load(path, **options)
+
+
+def refuse_no_rig(rig: object) -> None:
+    if not isinstance(rig, Rig):
+        raise ValueError(f"rig: expected a mvtop.Rig, got {type(rig).__name__}; see mvtop.Rig.load")
 
 
 def images_by_camera(images: Images, rig: Rig) -> list[tuple[int, Any]]:

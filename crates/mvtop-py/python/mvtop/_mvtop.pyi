@@ -5,7 +5,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Final, SupportsFloat, SupportsIndex, final
 
-__all__ = ["BOP_RESULTS_HEADER", "Camera", "Image", "Instance", "Mesh", "ModelInfo", "NativeEstimator", "NativePrediction", "NativeTracker", "Rig", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "correlation", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "eval_bop", "read_models_info", "read_scene", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "set_num_threads", "translation_error", "vsd"]
+__all__ = ["BOP_RESULTS_HEADER", "Camera", "Image", "Instance", "Mesh", "ModelInfo", "NativeEstimator", "NativePrediction", "NativeTracker", "RefinedRig", "Rig", "RigCheck", "RigCorrection", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "correlation", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "eval_bop", "read_models_info", "read_scene", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "set_num_threads", "translation_error", "vsd"]
 
 BOP_RESULTS_HEADER: Final[str]
 
@@ -235,6 +235,10 @@ class NativeEstimator:
     """
     def __new__(cls, /, bundle: str | PathLike[str], ort_lib: str | PathLike[str] | None, provider: str, threads: SupportsIndex) -> NativeEstimator: ...
     def __repr__(self, /) -> str: ...
+    def check_rig(self, /, rig: Rig, sets: SupportsGetItem[int, SupportsGetItem[int, tuple[SupportsIndex, Any]]], turn_sd_deg: SupportsFloat | SupportsIndex, shift_sd_m: SupportsFloat | SupportsIndex) -> RigCheck:
+        """
+        Sets of images, each given by the index of its camera, against the rig that they are of.
+        """
     def classes(self, /) -> list[tuple[str, int, float]]:
         """
         Name and number of each class, with its diameter in metres.
@@ -290,6 +294,34 @@ class NativeTracker:
     def update(self, /, images: SupportsGetItem[int, tuple[SupportsIndex, Any]]) -> None:
         """
         New images are given by the index of their camera.
+        """
+
+@final
+class RefinedRig:
+    """
+    A rig some of whose cameras were moved to where images show them.
+    """
+    def __repr__(self, /) -> str: ...
+    @property
+    def held_out_px(self, /) -> tuple[float, float] | None:
+        """
+        How far edges are off in sets that were held out one by one, by the rig as given and by what the
+        other sets show: means, px of close-ups; None of one set.
+        """
+    @property
+    def moved(self, /) -> list[RigCorrection]:
+        """
+        How cameras were moved.
+        """
+    @property
+    def pairs(self, /) -> dict[tuple[str, str], float]:
+        """
+        By ids of two cameras, as `RigCheck.pairs`, of the new rig.
+        """
+    @property
+    def rig(self, /) -> Rig:
+        """
+        The rig; cameras that are not in `moved` stand where they stood.
         """
 
 @final
@@ -373,6 +405,114 @@ class Rig:
     def to_json(self, /) -> str:
         """
         The text of a rig file, in metres.
+        """
+
+@final
+class RigCheck:
+    """
+    What sets of images say of a rig, from `Estimator.check_rig`.
+    """
+    def __repr__(self, /) -> str: ...
+    @property
+    def agreeing(self, /) -> int:
+        """
+        How many of these two cameras or more agree on.
+        """
+    def corrections(self, /, base: str | None = None) -> list[RigCorrection]:
+        """
+        How each other camera would be moved, if one stands where the rig says.
+
+        - base: id of that one; the reference by default
+
+        Raises ValueError where the rig has no such camera.
+        """
+    @property
+    def is_told(self, /) -> bool:
+        """
+        Whether no other cameras explain the images as well as `off`: of two cameras, either may be the
+        wrong one.
+        """
+    @property
+    def noise_px(self, /) -> float:
+        """
+        What edges of one object in one view are found to err by together, px of close-ups.
+        """
+    @property
+    def objects(self, /) -> int:
+        """
+        How many objects two cameras or more show, over all sets.
+        """
+    @property
+    def off(self, /) -> list[RigCorrection]:
+        """
+        The fewest cameras whose being off explains the images; empty where these do not contradict the
+        rig.
+        """
+    @property
+    def pairs(self, /) -> dict[tuple[str, str], float]:
+        """
+        By ids of two cameras, how far the edges of the objects that both show are off at the poses on
+        which both agree best: mean, px of close-ups.
+        """
+    @property
+    def problem(self, /) -> str | None:
+        """
+        What is wrong with the rig, in one sentence; None where the images do not contradict it. That
+        is not to say that it is right: `corrections` tells how far off it may be.
+        """
+    def refined(self, /) -> RefinedRig:
+        """
+        The rig with the cameras of `off` where the images show them.
+
+        Raises ValueError where there are none, where the images tell too little of where one stands,
+        and where sets that were held out fit no better.
+        """
+
+@final
+class RigCorrection:
+    """
+    How a camera is to be moved to where images show it.
+    """
+    def __repr__(self, /) -> str: ...
+    @property
+    def cam_from_shown(self, /) -> NDArray[float64]:
+        """
+        From where it stands to where the images show it, in its own axes, metres; (4, 4).
+        """
+    @property
+    def camera(self, /) -> str:
+        """
+        Id of the camera.
+        """
+    @property
+    def deviation(self, /) -> float:
+        """
+        How many standard deviations it is, turn and move together.
+        """
+    @property
+    def is_off(self, /) -> bool:
+        """
+        Whether the camera does not stand where the rig says: one object alone does not tell.
+        """
+    @property
+    def is_told(self, /) -> bool:
+        """
+        Whether the images tell where it stands.
+        """
+    @property
+    def objects(self, /) -> int:
+        """
+        On how many objects the camera agrees with others once it is moved.
+        """
+    @property
+    def shift_sd_m(self, /) -> float:
+        """
+        Standard deviation of the move, along the axis that is known least, metres.
+        """
+    @property
+    def turn_sd_deg(self, /) -> float:
+        """
+        Standard deviation of the turn, about the axis that is known least, degrees.
         """
 
 @final

@@ -118,10 +118,8 @@ impl Results {
 }
 
 /// Scores of several results, a row each.
-pub fn side_by_side(results: &[(String, Results)]) -> String {
-    let rows = results
-        .iter()
-        .map(|(name, results)| (name.clone(), &results.all));
+pub fn side_by_side<'a>(results: impl Iterator<Item = (&'a String, &'a Results)>) -> String {
+    let rows = results.map(|(name, results)| (name.clone(), &results.all));
     table("results", &rows.collect::<Vec<_>>())
 }
 

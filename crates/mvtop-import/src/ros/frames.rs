@@ -1,0 +1,180 @@
+//! Frames and their parents: TF's messages, and lists as a URDF's joints are.
+
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+
+use mvtop_core::transform;
+use nalgebra::{Isometry3, UnitQuaternion};
+
+use crate::Checked;
+use crate::node::Node;
+
+/// Keys of a frame in a list.
+const KEYS: [&str; 5] = ["parent", "xyz", "rpy", "q_wxyz", "q_xyzw"];
+/// What turns a body's frame (x forward) to optical axes, as one types it.
+const TO_OPTICAL: &str = "rpy: [-1.570796, 0, -1.570796]";
+
+/// Parent of each frame, and parent_from_child.
+#[derive(Default)]
+pub struct Tree(BTreeMap<String, (String, Isometry3<f64>)>);
+
+impl Tree {
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Adds those of a message, of a list of messages, or of a list of frames.
+    pub fn add(&mut self, top: &Node) -> Checked<()> {
+        if is_list(top) {
+            for (frame, item) in top.entries() {
+                let (parent, pose) = of_list(&item)?;
+                self.insert(&item.place, parent, frame, pose)?;
+            }
+            return Ok(());
+        }
+        let messages = match top.find(&["transforms"]) {
+            Some(list) => list.list()?,
+            None if top.value.is_array() => top.list()?,
+            None => vec![top.clone()],
+        };
+        for item in messages {
+            let parent = item.get(&["header"])?.get(&["frame_id"])?.text()?;
+            let child = item.get(&["child_frame_id"])?.text()?;
+            self.insert(&item.place, parent, child, of_message(&item)?)?;
+        }
+        Ok(())
+    }
+
+    fn insert(
+        &mut self,
+        place: &str,
+        parent: &str,
+        child: &str,
+        parent_from_child: Isometry3<f64>,
+    ) -> Checked<()> {
+        let known = (plain(parent), parent_from_child);
+        match self.0.insert(plain(child), known) {
+            Some(_) => Err(format!("{place}: the frame `{child}` is there twice")),
+            None => Ok(()),
+        }
+    }
+
+    /// Pose of a camera in the frame that has no parent.
+    ///
+    /// - `frame`: of its optical axes, where its file says it
+    pub fn root_from_cam(&self, name: &str, frame: Option<&str>) -> Checked<Isometry3<f64>> {
+        let name = plain(name);
+        // A frame of optical axes (z forward); `_link` and `_frame` are a body's (x forward).
+        let optical = [
+            name.clone(),
+            format!("{name}_optical_frame"),
+            format!("{name}_color_optical_frame"),
+            format!("{name}_optical"),
+        ];
+        let candidates: Vec<String> = frame.map(plain).into_iter().chain(optical).collect();
+        let known = |frame: &&String| self.0.contains_key(*frame);
+        let bodies = [format!("{name}_link"), format!("{name}_frame")];
+        let body = |frame: &String| {
+            format!(
+                "camera `{name}`: its frame `{frame}` is a body's (x forward), expected its optical frame (z \
+                 forward); if that is turned the usual way, add `{name}_optical_frame: {{parent: {frame}, \
+                 {TO_OPTICAL}}}` to a list of frames, and name the camera `{name}`"
+            )
+        };
+        let Some(frame) = candidates.iter().find(known) else {
+            if let Some(frame) = bodies.iter().find(known) {
+                return Err(body(frame));
+            }
+            let known: Vec<&str> = self.0.keys().map(String::as_str).collect();
+            return Err(format!(
+                "camera `{name}`: no transform of its optical frame ({}) among those of {}; set its \
+                 camera_name, or the message's frame_id, to one of them",
+                candidates.join(", "),
+                known.join(", ")
+            ));
+        };
+        if ["_link", "_frame"].iter().any(|end| frame.ends_with(end))
+            && !frame.ends_with("optical_frame")
+        {
+            return Err(body(frame));
+        }
+        let (mut at, mut root_from_cam) = (frame, Isometry3::identity());
+        for _ in 0..=self.0.len() {
+            match self.0.get(at) {
+                None => return Ok(root_from_cam),
+                Some((parent, parent_from_child)) => {
+                    root_from_cam = parent_from_child * root_from_cam;
+                    at = parent;
+                }
+            }
+        }
+        Err(format!(
+            "camera `{name}`: the transforms above `{frame}` go round in a circle"
+        ))
+    }
+}
+
+/// Whether it is frames by their names, each with its parent.
+fn is_list(top: &Node) -> bool {
+    let entries = top.entries();
+    !entries.is_empty() && entries.iter().all(|(_, item)| item.has("parent"))
+}
+
+fn plain(frame: &str) -> String {
+    frame.trim_start_matches('/').to_owned()
+}
+
+/// As a URDF has it: metres, and turns about the parent's x, then y, then z, radians; what is left out
+/// is 0.
+fn of_list<'a>(item: &Node<'a>) -> Checked<(&'a str, Isometry3<f64>)> {
+    if let Some((key, value)) = item.entries().iter().find(|(key, _)| !KEYS.contains(key)) {
+        let keys = KEYS.join(", ");
+        return Err(format!(
+            "{}: the key `{key}` is none of {keys}",
+            value.place
+        ));
+    }
+    let parent = item.get(&["parent"])?.text()?;
+    let t = item.find(&["xyz"]).map_or(Ok([0.0; 3]), |t| t.vector())?;
+    let turns: Vec<Node> = ["rpy", "q_wxyz", "q_xyzw"]
+        .iter()
+        .filter_map(|key| item.find(&[key]))
+        .collect();
+    let wxyz = match &turns[..] {
+        [] => [1.0, 0.0, 0.0, 0.0],
+        [turn] if item.has("rpy") => {
+            let [roll, pitch, yaw] = turn.vector()?;
+            if [roll, pitch, yaw].iter().any(|angle| angle.abs() > TAU) {
+                return Err(turn.wrong("radians, none beyond a full turn"));
+            }
+            let [x, y, z, w] =
+                <[f64; 4]>::from(UnitQuaternion::from_euler_angles(roll, pitch, yaw).coords);
+            [w, x, y, z]
+        }
+        [turn] if item.has("q_wxyz") => turn.vector()?,
+        [turn] => {
+            let [x, y, z, w] = turn.vector()?;
+            [w, x, y, z]
+        }
+        _ => return Err(item.wrong("one of rpy, q_wxyz and q_xyzw")),
+    };
+    let pose = transform::from_quaternion_wxyz(wxyz, t);
+    Ok((
+        parent,
+        pose.map_err(|error| format!("{}: {error}", item.place))?,
+    ))
+}
+
+fn of_message(item: &Node) -> Checked<Isometry3<f64>> {
+    let motion = item.get(&["transform"])?;
+    let (t, q) = (motion.get(&["translation"])?, motion.get(&["rotation"])?);
+    let part = |node: &Node, key: &str| node.get(&[key])?.number();
+    let wxyz = [
+        part(&q, "w")?,
+        part(&q, "x")?,
+        part(&q, "y")?,
+        part(&q, "z")?,
+    ];
+    let t = [part(&t, "x")?, part(&t, "y")?, part(&t, "z")?];
+    transform::from_quaternion_wxyz(wxyz, t).map_err(|error| format!("{}: {error}", motion.place))
+}
