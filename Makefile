@@ -24,6 +24,8 @@ VIEWS ?= 2
 CASES ?= 100000
 PREDICTIONS ?= 10000
 KILLED ?= 20
+MIRI = six_locations_worked_by_hand gradients_worked_by_hand locations_that_are_not_finite_contribute_nothing \
+  a_tap_of_weight_zero_does_not_read arrays_that_do_not_belong_together_are_refused empty_axes_give_empty_or_zero_results
 MODEL ?= models/mvball
 SAMPLES = out/eval/$(SPLIT)-seed$(SEED)-views$(VIEWS)-$(PAIRS)
 
@@ -32,7 +34,7 @@ MOST_hard = 8
 MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
-.PHONY: help demo test built-tests test-rust test-python lint fuzz soak fixtures eval tables pictures bench bench-peers \
+.PHONY: help demo test built-tests test-rust test-python lint fuzz soak miri fixtures eval tables pictures bench bench-peers \
   wheel release-wheel test-wheel stubs licences test-ray
 
 help:  ## this list
@@ -101,6 +103,12 @@ fuzz:  ## readers of every kind of file, on good ones changed at random: CASES=n
 
 soak: $(MVTOP)  ## many predictions, reloads, kills and resumes: PREDICTIONS=n KILLED=n
 	$(PY) scripts/soak.py --predictions $(PREDICTIONS) --killed $(KILLED)
+
+# Tree Borrows: what rayon builds on breaks the stricter rules. The library never ends its threads.
+miri:  ## index arithmetic of the sampling kernel under Miri; needs a nightly toolchain with miri and rust-src
+	MIRIFLAGS="-Zmiri-disable-isolation -Zmiri-tree-borrows -Zmiri-ignore-leaks -Zmiri-permissive-provenance" \
+	  RAYON_NUM_THREADS=1 cargo +nightly miri test -p mvtop-core --lib -- --exact \
+	  $(addprefix sampling::tests::,$(MIRI))
 
 fixtures: .venv/test.done $(MVTOP)  ## write the parity fixtures anew
 	$(PY) -m mvtop_train.export.fixtures
