@@ -62,11 +62,30 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
         );
     }
     let mut cameras = Vec::new();
+    let mut root: Option<(String, String)> = None;
     for mut info in infos {
         let pose = match (pair, info.baseline) {
             (true, Some(x)) => Some(Isometry3::translation(x, 0.0, 0.0) * info.rectification),
             _ if tree.is_empty() => None,
-            _ => Some(tree.root_from_cam(&info.name, info.frame.as_deref())?),
+            _ => {
+                let placed = tree.placed(&info.name, info.frame.as_deref())?;
+                let (first, of_first) =
+                    root.get_or_insert_with(|| (info.name.clone(), placed.root.clone()));
+                if *of_first != placed.root {
+                    return Err(format!(
+                        "camera `{first}` stands in `{of_first}`, camera `{}` in `{}`, and no \
+                         transform connects these; give one",
+                        info.name, placed.root
+                    ));
+                }
+                if !placed.frame.contains("optical") {
+                    notes.push(format!(
+                        "`{}` is taken for camera `{}`'s optical frame (z forward)",
+                        placed.frame, info.name
+                    ));
+                }
+                Some(placed.root_from_cam)
+            }
         };
         info.camera.pose = pose.map(|world_from_cam| {
             Pose::world_from_cam(match options.rectified {

@@ -28,8 +28,8 @@ const BY_EDGES: Error = Error {
 };
 /// What boxes of hidden or blurred objects err by. They tell nothing of the rotation.
 const BY_BOX: Error = Error {
-    across: 0.012,
-    along: 0.02,
+    across: 0.03,
+    along: 0.05,
     turn: 1.0,
 };
 

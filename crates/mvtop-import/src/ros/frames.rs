@@ -1,6 +1,6 @@
 //! Frames and their parents: TF's messages, and lists as a URDF's joints are.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::TAU;
 
 use mvtop_core::transform;
@@ -17,6 +17,15 @@ const TO_OPTICAL: &str = "rpy: [-1.570796, 0, -1.570796]";
 /// Parent of each frame, and parent_from_child.
 #[derive(Default)]
 pub struct Tree(BTreeMap<String, (String, Isometry3<f64>)>);
+
+/// A camera in the tree.
+pub struct Placed {
+    /// Of its optical axes.
+    pub frame: String,
+    /// The frame above it that has no parent.
+    pub root: String,
+    pub root_from_cam: Isometry3<f64>,
+}
 
 impl Tree {
     pub fn is_empty(&self) -> bool {
@@ -59,10 +68,10 @@ impl Tree {
         }
     }
 
-    /// Pose of a camera in the frame that has no parent.
+    /// Where a camera stands.
     ///
     /// - `frame`: of its optical axes, where its file says it
-    pub fn root_from_cam(&self, name: &str, frame: Option<&str>) -> Checked<Isometry3<f64>> {
+    pub fn placed(&self, name: &str, frame: Option<&str>) -> Checked<Placed> {
         let name = plain(name);
         // A frame of optical axes (z forward); `_link` and `_frame` are a body's (x forward).
         let optical = [
@@ -72,7 +81,8 @@ impl Tree {
             format!("{name}_optical"),
         ];
         let candidates: Vec<String> = frame.map(plain).into_iter().chain(optical).collect();
-        let known = |frame: &&String| self.0.contains_key(*frame);
+        let parents: BTreeSet<&String> = self.0.values().map(|(parent, _)| parent).collect();
+        let known = |frame: &&String| self.0.contains_key(*frame) || parents.contains(frame);
         let bodies = [format!("{name}_link"), format!("{name}_frame")];
         let body = |frame: &String| {
             format!(
@@ -101,7 +111,13 @@ impl Tree {
         let (mut at, mut root_from_cam) = (frame, Isometry3::identity());
         for _ in 0..=self.0.len() {
             match self.0.get(at) {
-                None => return Ok(root_from_cam),
+                None => {
+                    return Ok(Placed {
+                        frame: frame.clone(),
+                        root: at.clone(),
+                        root_from_cam,
+                    });
+                }
                 Some((parent, parent_from_child)) => {
                     root_from_cam = parent_from_child * root_from_cam;
                     at = parent;

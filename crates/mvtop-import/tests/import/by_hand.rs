@@ -177,6 +177,36 @@ fn ros_poses_may_be_listed_as_a_urdf_has_them() {
 }
 
 #[test]
+fn ros_cameras_stand_in_one_root_which_may_be_one_of_them() {
+    let infos = ["left", "right"].map(|name| info(name, "0"));
+    let with = |list: &str| {
+        let files = [
+            ("a.yaml", infos[0].as_str()),
+            ("b.yaml", infos[1].as_str()),
+            ("frames.yaml", list),
+        ];
+        read(&files, &Options::default())
+    };
+    let list = "right_optical_frame: {parent: left_optical_frame, xyz: [0.2, 0, 0]}";
+    let imported = with(list).unwrap();
+    let [left, right] = imported.rig.cameras() else {
+        panic!("two cameras")
+    };
+    assert_pose(left, [0.0; 3], X, Z);
+    assert_pose(right, [0.2, 0.0, 0.0], X, Z);
+    let notes = |list: &str| with(list).unwrap().notes.join(" ");
+    assert!(!notes(list).contains("taken for"));
+    let plain = "right: {parent: left_optical_frame, xyz: [0.2, 0, 0]}";
+    assert!(notes(plain).contains("`right` is taken for camera `right`'s optical frame"));
+    let apart = "left_optical_frame: {parent: base}\nright_optical_frame: {parent: hand}";
+    let error = with(apart).unwrap_err().to_string();
+    assert!(
+        error.contains("camera `left` stands in `base`, camera `right` in `hand`"),
+        "{error}"
+    );
+}
+
+#[test]
 fn ros_lists_of_frames_that_cannot_be_meant_are_refused() {
     let left = info("left", "0");
     let error = |list: &str| {
