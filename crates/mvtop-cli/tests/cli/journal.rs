@@ -70,7 +70,7 @@ fn evaluations_that_begin_at_once_and_are_killed_never_mix() {
             .map(|i| (i % 2, begin(&dataset, &runs[i % 2].0, &out)))
             .collect();
         for (run, mut child) in begun {
-            std::thread::sleep(Duration::from_secs_f64(draw.random_range(0.0..took)));
+            std::thread::sleep(Duration::from_secs_f64(draw.random_range(0.0..took / 2.0)));
             if draw.random_bool(0.7) {
                 killed += usize::from(child.try_wait().unwrap().is_none());
                 child.kill().unwrap();
@@ -98,5 +98,5 @@ fn evaluations_that_begin_at_once_and_are_killed_never_mix() {
         });
         assert_eq!(finished.count(), 1);
     }
-    assert!(killed > ROUNDS / 5, "{killed}");
+    assert!(killed > 0, "none was killed before its end");
 }
