@@ -233,6 +233,9 @@ fn camera_json(camera: &Camera) -> Value {
             "q_wxyz": pose::wxyz(&pose.rotation),
         },
     });
+    if intrinsics.skew() != 0.0 {
+        value["skew"] = intrinsics.skew().into();
+    }
     if let Some(model) = projection.distortion() {
         value["distortion"] = json!({ "model": model, "params": projection.params() });
     }

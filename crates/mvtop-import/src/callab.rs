@@ -74,10 +74,7 @@ fn camera(place: &str, number: u32, fields: &Fields) -> Checked<DraftCamera> {
     let plane = Plane::from_matrix(matrix).map_err(of)?;
     let plane = match fields.get("origin").map(String::as_str) {
         None | Some("center") => plane,
-        Some("corner") => {
-            let Plane { fx, fy, cx, cy } = plane;
-            Plane::from_corner([fx, fy, cx, cy])
-        }
+        Some("corner") => plane.counted_from_corner(),
         Some(other) => {
             return Err(of(format!(
                 "`origin` must be center or corner, got {other:?}"

@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde_json::Value;
 
+use crate::ros::urdf;
 use crate::source::Source;
 use crate::{Checked, yaml};
 
@@ -13,7 +14,7 @@ use crate::{Checked, yaml};
 pub enum Format {
     /// OpenCV's FileStorage (YAML or JSON), and files with its names.
     OpenCv,
-    /// ROS: `camera_info`, and TF or a list of frames.
+    /// ROS: `camera_info`, and TF, a URDF or a list of frames.
     Ros,
     /// Kalibr: a chain of cameras.
     Kalibr,
@@ -110,6 +111,9 @@ fn look(source: &Source) -> Option<Format> {
     }
     if lines().any(|line| line.starts_with("camera.") && line.contains('=')) {
         return Some(Format::CalLab);
+    }
+    if urdf::is_xml(text) && text.contains("<robot") {
+        return Some(Format::Ros);
     }
     let documents = yaml::documents(source).ok()?;
     let value = documents.first()?;

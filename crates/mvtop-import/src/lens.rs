@@ -4,6 +4,7 @@ mod fit;
 mod foreign;
 
 use mvtop_core::{Intrinsics, Projection};
+use nalgebra::Point2;
 
 use crate::Checked;
 
@@ -12,13 +13,14 @@ pub use foreign::Foreign;
 /// Largest error of a fit that still is the same lens, px.
 const WORST_FIT: f64 = 0.5;
 
-/// Focal lengths and principal point, px; pixel centers are integers.
+/// Focal lengths, principal point and skew, px; pixel centers are integers.
 #[derive(Debug, Clone, Copy)]
 pub struct Plane {
     pub fx: f64,
     pub fy: f64,
     pub cx: f64,
     pub cy: f64,
+    pub skew: f64,
 }
 
 /// Between rays and the plane of unit focal length.
@@ -32,26 +34,54 @@ pub enum Lens {
 
 impl Plane {
     pub fn new([fx, fy, cx, cy]: [f64; 4]) -> Self {
-        Self { fx, fy, cx, cy }
+        let skew = 0.0;
+        Self {
+            fx,
+            fy,
+            cx,
+            cy,
+            skew,
+        }
     }
 
     /// Of files whose top-left pixel has its center at (0.5, 0.5).
-    pub fn from_corner([fx, fy, cx, cy]: [f64; 4]) -> Self {
-        Self::new([fx, fy, cx - 0.5, cy - 0.5])
+    pub fn from_corner(plane: [f64; 4]) -> Self {
+        Self::new(plane).counted_from_corner()
+    }
+
+    /// Of a file whose top-left pixel has its center at (0.5, 0.5).
+    pub fn counted_from_corner(self) -> Self {
+        let [cx, cy] = [self.cx, self.cy].map(|c| c - 0.5);
+        Self { cx, cy, ..self }
     }
 
     /// From the rows of a camera matrix.
     pub fn from_matrix([fx, skew, cx, a, fy, cy, b, c, one]: [f64; 9]) -> Checked<Self> {
         if [a, b, c, one] != [0.0, 0.0, 0.0, 1.0] {
-            return Err("the camera matrix must be [fx, 0, cx, 0, fy, cy, 0, 0, 1]".into());
+            return Err("the camera matrix must be [fx, skew, cx, 0, fy, cy, 0, 0, 1]".into());
         }
-        if skew.abs() > 1e-9 * fx.abs() {
-            return Err(format!(
-                "a skew of {skew} px between the axes of the image cannot be expressed; calibrate \
-                 again with the skew fixed at 0"
-            ));
+        let plane = Self::new([fx, fy, cx, cy]);
+        Ok(Self { skew, ..plane })
+    }
+
+    /// The point of the plane of unit focal length that is imaged at a pixel.
+    fn unit(&self, pixel: &Point2<f64>) -> Point2<f64> {
+        let y = (pixel.y - self.cy) / self.fy;
+        Point2::new((pixel.x - self.cx - self.skew * y) / self.fx, y)
+    }
+
+    /// With focal lengths and skew scaled alike.
+    fn scaled(&self, scale: f64) -> Self {
+        Self {
+            fx: scale * self.fx,
+            fy: scale * self.fy,
+            skew: scale * self.skew,
+            ..*self
         }
-        Ok(Self::new([fx, fy, cx, cy]))
+    }
+
+    fn under(&self, projection: Projection) -> mvtop_core::Result<Intrinsics> {
+        Intrinsics::new(self.fx, self.fy, self.cx, self.cy, projection)?.with_skew(self.skew)
     }
 }
 
@@ -109,8 +139,8 @@ impl Lens {
     ) -> Checked<(Intrinsics, Option<String>)> {
         let foreign = match self {
             Self::Native(projection) => {
-                let Plane { fx, fy, cx, cy } = *plane;
-                return Intrinsics::new(fx, fy, cx, cy, projection.clone())
+                return plane
+                    .under(projection.clone())
                     .map(|intrinsics| (intrinsics, None))
                     .map_err(|error| error.to_string());
             }

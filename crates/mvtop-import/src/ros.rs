@@ -1,7 +1,8 @@
 //! ROS: `camera_info` as `camera_calibration` writes it or as a message, and poses as TF (`/tf_static`)
-//! or as a list of frames.
+//! a URDF or a list of frames.
 
 mod frames;
+pub mod urdf;
 
 use nalgebra::Isometry3;
 
@@ -28,6 +29,10 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let mut tree = Tree::default();
     let mut infos = Vec::new();
     for source in sources {
+        if source.text().is_ok_and(urdf::is_xml) {
+            tree.add_joints(&source.name, urdf::joints(source)?)?;
+            continue;
+        }
         for document in yaml::documents(source)?
             .iter()
             .filter(|document| !document.is_null())
@@ -73,9 +78,12 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
                     root.get_or_insert_with(|| (info.name.clone(), placed.root.clone()));
                 if *of_first != placed.root {
                     return Err(format!(
-                        "camera `{first}` stands in `{of_first}`, camera `{}` in `{}`, and no \
+                        "camera `{first}` stands in `{of_first}`{}, camera `{}` in `{}`{}, and no \
                          transform connects these; give one",
-                        info.name, placed.root
+                        tree.moved_by(of_first),
+                        info.name,
+                        placed.root,
+                        tree.moved_by(&placed.root)
                     ));
                 }
                 if !placed.frame.contains("optical") {
@@ -95,11 +103,16 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
         });
         cameras.push(info.camera);
     }
+    if let Some((_, root)) = root
+        && !tree.moved_by(&root).is_empty()
+    {
+        notes.push(format!("the world is `{root}`{}", tree.moved_by(&root)));
+    }
     Ok(Draft {
         cameras,
         metres: Some(1.0),
         posing: "a camera_info has no pose, so give a file of transforms as well (ros2 topic echo \
-                 --once /tf_static), or a list `FRAME: {parent: FRAME, xyz: [x, y, z], rpy: [r, p, y]}`",
+                 --once /tf_static), the robot's URDF, or a list `FRAME: {parent: FRAME, xyz: [x, y, z], rpy: [r, p, y]}`",
         notes,
     })
 }

@@ -253,12 +253,7 @@ pub fn matrix(pose: &Isometry3<f64>) -> F64 {
 
 /// A camera's matrix, (3, 3), px.
 pub fn intrinsics(of: &Intrinsics) -> F64 {
-    let rows = [
-        [of.fx(), 0.0, of.cx()],
-        [0.0, of.fy(), of.cy()],
-        [0.0, 0.0, 1.0],
-    ];
-    F64(arr2(&rows).into_dyn())
+    F64(arr2(&of.matrix()).into_dyn())
 }
 
 /// A lens's coefficients in OpenCV's order; none for an ideal pinhole.

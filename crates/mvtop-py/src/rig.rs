@@ -33,7 +33,7 @@ type ByName<'py> = BTreeMap<&'static str, Bound<'py, PyAny>>;
 impl Camera {
     /// A camera from arrays.
     ///
-    /// - K: (3, 3), intrinsics in px: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]
+    /// - K: (3, 3), intrinsics in px: [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]
     /// - size: width and height of its images, px
     /// - distortion: of "pinhole" 0, 4, 5, 8, 12 or 14 of k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty, of
     ///   "fisheye" k1 k2 k3 k4; also as rows or columns, as OpenCV returns them
@@ -393,15 +393,16 @@ fn camera(
     max_angle_deg: Option<f64>,
 ) -> PyResult<mvtop_core::Camera> {
     let k = |row: usize, column: usize| matrix[[row, column]];
-    let rest = [k(0, 1), k(1, 0), k(2, 0), k(2, 1), k(2, 2)];
-    if rest != [0.0, 0.0, 0.0, 0.0, 1.0] {
+    let rest = [k(1, 0), k(2, 0), k(2, 1), k(2, 2)];
+    if rest != [0.0, 0.0, 0.0, 1.0] {
         return Err(value(format!(
-            "camera `{id}`: K must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {:?}",
+            "camera `{id}`: K must be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], got {:?}",
             matrix.iter().collect::<Vec<_>>()
         )));
     }
     let intrinsics = Projection::from_params(model, None, params)
         .and_then(|projection| Intrinsics::new(k(0, 0), k(1, 1), k(0, 2), k(1, 2), projection))
+        .and_then(|lens| lens.with_skew(k(0, 1)))
         .and_then(|lens| match max_angle_deg {
             Some(degrees) => lens.with_max_angle(degrees),
             None => Ok(lens),

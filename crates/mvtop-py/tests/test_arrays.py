@@ -165,8 +165,26 @@ def test_objects_say_what_they_are():
     assert repr(triangle) == "Mesh(3 vertices, 1 triangles)"
 
 
+def test_axes_of_an_image_may_be_askew():
+    camera = mvtop.Camera(K + SKEW * 3, (640, 480))
+    np.testing.assert_array_equal(camera.K, K + SKEW * 3)
+    point = np.array([0.1, -0.2, 1.0])
+    pixel = camera.project(point)
+    np.testing.assert_allclose(pixel, (camera.K @ point)[:2], atol=1e-12)
+    np.testing.assert_allclose(camera.unproject(pixel), point / np.linalg.norm(point), atol=1e-12)
+    assert pickle.loads(pickle.dumps(camera)) == camera != mvtop.Camera(K, (640, 480))
+
+    bent = (-0.006, 0.016, -0.024, 0.0155)
+    fisheye = mvtop.Camera(K + SKEW * 3, (640, 480), model="fisheye", distortion=bent)
+    still = np.zeros(3)
+    by_opencv, _ = cv2.fisheye.projectPoints(
+        point[None, None], still, still, K, np.array(bent), alpha=3 / K[0, 0]
+    )
+    np.testing.assert_allclose(fisheye.project(point), by_opencv[0, 0], atol=1e-9)
+
+
 EYE = np.eye(4)
-SKEWED = K + np.array([[0, 3.0, 0], [0, 0, 0], [0, 0, 0]])
+SKEW = np.array([[0, 1.0, 0], [0, 0, 0], [0, 0, 0]])
 MIRRORED = np.diag([1, 1, -1, 1.0])
 MILLIMETRES = np.stack([EYE, EYE])
 MILLIMETRES[1, 0, 3] = 800
@@ -175,7 +193,9 @@ MILLIMETRES[1, 0, 3] = 800
 @pytest.mark.parametrize(
     "mistake, sentence",
     [
-        (lambda: mvtop.Camera(SKEWED, (640, 480)), "K must be"),
+        (lambda: mvtop.Camera(K.T, (640, 480)), "K must be"),
+        (lambda: mvtop.Camera(K[:, [0, 2, 1]], (640, 480)), "K must be"),
+        (lambda: mvtop.Camera(K + SKEW * 70, (640, 480)), "`skew`"),
         (lambda: mvtop.Camera(K[:2], (640, 480)), "K: expected numbers of shape (3, 3), got"),
         (lambda: mvtop.Camera(K * np.nan, (640, 480)), "K: expected finite numbers, got NaN"),
         (lambda: mvtop.Camera("K", (640, 480)), "K: expected numbers of shape (3, 3), got"),

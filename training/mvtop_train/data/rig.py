@@ -36,13 +36,11 @@ def load(path: Path) -> list[Camera]:
         import mvtop
 
         rig = mvtop.Rig.load(path)
-    return [
-        Camera(
-            camera.id,
-            *camera.size,
-            camera.K,
-            np.linalg.inv(camera.world_from_cam),
-            camera.model != "pinhole" or bool(camera.distortion.any()),
-        )
-        for camera in rig.cameras
-    ]
+    return [_straight(camera) for camera in rig.cameras]
+
+
+def _straight(camera) -> Camera:
+    k = camera.K.copy()
+    bent = camera.model != "pinhole" or bool(camera.distortion.any()) or k[0, 1] != 0
+    k[0, 1] = 0
+    return Camera(camera.id, *camera.size, k, np.linalg.inv(camera.world_from_cam), bent)

@@ -5,13 +5,17 @@ use nalgebra::{Point2, Point3, Unit, Vector3};
 use super::Projection;
 use crate::{Error, Result};
 
-/// Focal lengths, principal point and projection, in OpenCV's conventions.
+/// Largest skew, as a share of the focal length: the axes of real sensors' images are far less askew.
+const MOST_SKEW: f64 = 0.1;
+
+/// Focal lengths, skew, principal point and projection, in OpenCV's conventions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Intrinsics {
     fx: f64,
     fy: f64,
     cx: f64,
     cy: f64,
+    skew: f64,
     projection: Projection,
     /// Degrees; `None` where the projection alone says it.
     max_angle: Option<f64>,
@@ -39,9 +43,37 @@ impl Intrinsics {
             fy,
             cx,
             cy,
+            skew: 0.0,
             projection: projection.simplest(),
             max_angle: None,
         })
+    }
+
+    /// The same where the axes of the image are not at right angles: `K[0][1]`, px, what x gains for
+    /// each focal length along y (of OpenCV's fisheye `alpha * fx`).
+    ///
+    /// # Errors
+    /// [`Error::Camera`] for a skew that is not finite or beyond a tenth of `fx`, as of a matrix whose
+    /// numbers are in another order.
+    ///
+    /// ```
+    /// use mvtop_core::{Intrinsics, Projection};
+    /// use nalgebra::Point3;
+    ///
+    /// let lens = Intrinsics::new(500.0, 510.0, 320.0, 240.0, Projection::Pinhole)?.with_skew(2.0)?;
+    /// let pixel = lens.project(&Point3::new(0.1, -0.2, 2.0)).expect("in front");
+    /// assert_eq!([pixel.x, pixel.y], [345.0 - 0.2, 189.0]);
+    /// # Ok::<(), mvtop_core::Error>(())
+    /// ```
+    pub fn with_skew(self, skew: f64) -> Result<Self> {
+        if !skew.is_finite() || skew.abs() > MOST_SKEW * self.fx {
+            return Err(Error::Camera(format!(
+                "`skew`, between the axes of the image, must be a finite number of at most a tenth of \
+                 `fx` ({} px), got {skew}; check the order of the numbers of the camera matrix",
+                self.fx
+            )));
+        }
+        Ok(Self { skew, ..self })
     }
 
     /// The same for a lens that images nothing farther off its axis than this angle, degrees: the edge
@@ -91,6 +123,20 @@ impl Intrinsics {
         self.cy
     }
 
+    /// What x gains for each focal length along y, px: 0 where the axes of the image are at right angles.
+    pub fn skew(&self) -> f64 {
+        self.skew
+    }
+
+    /// The camera matrix, in rows, px.
+    pub fn matrix(&self) -> [[f64; 3]; 3] {
+        [
+            [self.fx, self.skew, self.cx],
+            [0.0, self.fy, self.cy],
+            [0.0, 0.0, 1.0],
+        ]
+    }
+
     /// Between rays and the image plane of unit focal length.
     pub fn projection(&self) -> &Projection {
         &self.projection
@@ -134,8 +180,8 @@ impl Intrinsics {
     pub fn project(&self, point: &Point3<f64>) -> Option<Point2<f64>> {
         let point = Some(point).filter(|point| self.reaches(&point.coords))?;
         let image = self.projection.project(point)?;
-        let (u, v) = (self.fx * image.x + self.cx, self.fy * image.y + self.cy);
-        finite(Point2::new(u, v))
+        let u = self.fx * image.x + self.skew * image.y + self.cx;
+        finite(Point2::new(u, self.fy * image.y + self.cy))
     }
 
     /// Direction, in the camera frame, of the ray that is imaged at a pixel.
@@ -143,7 +189,8 @@ impl Intrinsics {
     /// The exact inverse of [`Intrinsics::project`], by Newton's method run until it settles; `None`
     /// where it does not, or where no ray within the projection's range meets the pixel.
     pub fn unproject(&self, pixel: &Point2<f64>) -> Option<Unit<Vector3<f64>>> {
-        let (x, y) = ((pixel.x - self.cx) / self.fx, (pixel.y - self.cy) / self.fy);
+        let y = (pixel.y - self.cy) / self.fy;
+        let x = (pixel.x - self.cx - self.skew * y) / self.fx;
         let ray = self.projection.unproject(&finite(Point2::new(x, y))?)?;
         // The norm of a ray that overflowed is no longer 1.
         let ray = Unit::try_new(ray, 0.0).filter(|ray| (ray.norm() - 1.0).abs() < 1e-9)?;

@@ -81,6 +81,7 @@ fn camera(index: usize, value: &Value, unit: f64) -> Checked<Camera> {
         &["id", "width", "height", "fx", "fy", "cx", "cy"],
         &[
             "model",
+            "skew",
             "distortion",
             "max_angle_deg",
             "T_world_cam",
@@ -95,11 +96,10 @@ fn camera(index: usize, value: &Value, unit: f64) -> Checked<Camera> {
     let size = [side(&fields, "width")?, side(&fields, "height")?];
     let [fx, fy] = [fields.number("fx")?, fields.number("fy")?];
     let [cx, cy] = [fields.number("cx")?, fields.number("cy")?];
-    let max_angle = fields.optional("max_angle_deg").is_some();
-    let max_angle = max_angle
-        .then(|| fields.number("max_angle_deg"))
-        .transpose()?;
+    let optional = |key| fields.optional(key).map(|_| fields.number(key)).transpose();
+    let (skew, max_angle) = (optional("skew")?, optional("max_angle_deg")?);
     let intrinsics = Intrinsics::new(fx, fy, cx, cy, projection(&fields)?)
+        .and_then(|lens| lens.with_skew(skew.unwrap_or_default()))
         .and_then(|lens| match max_angle {
             Some(degrees) => lens.with_max_angle(degrees),
             None => Ok(lens),

@@ -58,6 +58,8 @@ pub const BAD: &[(&str, &str, &[&str])] = &[
     // Size, focal length, principal point, what the lens reaches.
     ("\"fx\": 278", "\"max_angle_deg\": 0, \"fx\": 278", &["camera `wide`", "`max_angle_deg`", "above 0", "got 0"]),
     ("\"fx\": 278", "\"max_angle_deg\": \"90\", \"fx\": 278", &["camera `wide`", "`max_angle_deg` must be", "\"90\""]),
+    ("\"fx\": 278", "\"skew\": 315.5, \"fx\": 278", &["camera `wide`", "`skew`", "tenth of `fx`", "got 315.5"]),
+    ("\"fx\": 278", "\"skew\": null, \"fx\": 278", &["camera `wide`", "`skew` must be", "null"]),
     ("\"width\": 1280", "\"width\": 0", &["camera `left`", "`width`", "from 1 to", "got 0"]),
     ("\"width\": 1280", "\"width\": 12.5", &["camera `left`", "`width`", "whole", "got 12.5"]),
     ("\"height\": 480", "\"height\": 1e9", &["camera `wide`", "`height`", "20000"]),

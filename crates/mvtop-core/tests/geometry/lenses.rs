@@ -49,6 +49,31 @@ fn brown_conrady_by_hand() {
 }
 
 #[test]
+fn skew_moves_x_by_y_for_every_lens() {
+    for lens in lenses() {
+        let askew = lens.clone().with_skew(-12.5).unwrap();
+        assert_eq!(askew.skew(), -12.5);
+        for [x, y, z] in [[0.1, 0.2, 1.0], [-0.3, 0.25, 2.0], [0.0, -0.1, 0.5]] {
+            let [u, v] = project(&lens, x, y, z).unwrap();
+            let down = (v - lens.cy()) / lens.fy();
+            let pixel = project(&askew, x, y, z);
+            assert_close(pixel, [u - 12.5 * down, v]);
+            let [u, v] = pixel.unwrap();
+            let ray = unproject(&askew, u, v).unwrap();
+            let straight = Point3::new(x, y, z).coords.normalize();
+            assert_close(Some(ray), straight.into());
+        }
+    }
+    let lens = pinhole(600.0, 320.0, 240.0);
+    let matrix = lens.clone().with_skew(3.0).unwrap().matrix();
+    assert_eq!(matrix, [[600., 3., 320.], [0., 600., 240.], [0., 0., 1.]]);
+    for wrong in [60.1, -60.1, f64::NAN, f64::INFINITY] {
+        let error = lens.clone().with_skew(wrong).unwrap_err().to_string();
+        assert!(error.contains("`skew`"), "{error}");
+    }
+}
+
+#[test]
 fn nothing_is_seen_beyond_the_largest_angle() {
     // 100 px from the middle are 30 degrees off the axis of an equidistant lens of 100 / (pi / 6) px.
     let focal = 600.0 / std::f64::consts::PI;

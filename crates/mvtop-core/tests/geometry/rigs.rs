@@ -61,6 +61,16 @@ fn largest_angle_is_read_and_written() {
 }
 
 #[test]
+fn skew_is_read_and_written() {
+    let skewed = GOOD.replace("\"fx\": 278", "\"skew\": -1.5, \"fx\": 278");
+    let rig = Rig::from_json(&skewed).unwrap();
+    let skews = |rig: &Rig| [0, 1].map(|i| rig.cameras()[i].intrinsics().skew());
+    assert_eq!(skews(&rig), [0.0, -1.5]);
+    assert_eq!(skews(&Rig::from_json(&rig.to_json()).unwrap()), [0.0, -1.5]);
+    assert_ne!(rig, Rig::from_json(GOOD).unwrap());
+}
+
+#[test]
 fn optional_keys_have_defaults() {
     let mut value: Value = serde_json::from_str(GOOD).unwrap();
     value.as_object_mut().unwrap().remove("reference");

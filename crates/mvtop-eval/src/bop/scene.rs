@@ -331,10 +331,10 @@ impl Camera {
             )));
         };
         let [fx, skew, cx, zero_a, fy, cy, zero_b, zero_c, last] = k;
-        let upper = [skew, zero_a, zero_b, zero_c] == [0.0; 4] && last == 1.0;
+        let upper = [zero_a, zero_b, zero_c] == [0.0; 3] && last == 1.0;
         if !(upper && fx > 0.0 && fy > 0.0 && k.iter().all(|x| x.is_finite())) {
             return Err(Error::Data(format!(
-                "{place}: expected cam_K as [fx, 0, cx, 0, fy, cy, 0, 0, 1], got {k:?}"
+                "{place}: expected cam_K as [fx, skew, cx, 0, fy, cy, 0, 0, 1], got {k:?}"
             )));
         }
         let params = self.cam_dist.as_deref().unwrap_or_default();
@@ -347,6 +347,7 @@ impl Camera {
         let projection = Projection::from_params("pinhole", None, params)
             .map_err(|error| Error::Data(format!("{place}: cam_dist: {error}")))?;
         Intrinsics::new(fx, fy, cx, cy, projection)
+            .and_then(|lens| lens.with_skew(skew))
             .map_err(|error| Error::Data(format!("{place}: cam_K: {error}")))
     }
 

@@ -155,7 +155,8 @@ impl Triangle {
         let (mut u, mut v) = ([0.0, f64::INFINITY, 0.0], [0.0, f64::INFINITY, 0.0]);
         if corners.iter().all(|p| p.z > 0.0) {
             let intrinsics = &pixels.intrinsics;
-            u = corners.map(|p| intrinsics.fx() * p.x / p.z + intrinsics.cx() - pixels.offset);
+            let along = |p: Vector3<f64>| intrinsics.fx() * p.x + intrinsics.skew() * p.y;
+            u = corners.map(|p| along(p) / p.z + intrinsics.cx() - pixels.offset);
             v = corners.map(|p| intrinsics.fy() * p.y / p.z + intrinsics.cy() - pixels.offset);
         }
         Some(Self {
@@ -174,12 +175,13 @@ impl Triangle {
         let [left, right] = self.columns;
         for row in self.rows[0].max(top)..=last {
             let y = (row as f64 + offset - intrinsics.cy()) / intrinsics.fy();
+            let middle = intrinsics.cx() + intrinsics.skew() * y;
             let in_row = self.edges.map(|edge| edge.y * y + edge.z);
             let sum_in_row = self.sum.y * y + self.sum.z;
             let first = (row - top) * width;
             let shown = &mut band[first + left..=first + right];
             for (column, nearest) in (left..).zip(shown) {
-                let x = (column as f64 + offset - intrinsics.cx()) / intrinsics.fx();
+                let x = (column as f64 + offset - middle) / intrinsics.fx();
                 let meets = (0..3).all(|i| self.edges[i].x * x + in_row[i] >= 0.0);
                 // On the other side of the camera the edges have the sum's sign, too.
                 let sum = self.sum.x * x + sum_in_row;
@@ -207,8 +209,9 @@ fn range(coordinates: [f64; 3], size: usize) -> Option<[usize; 2]> {
 /// Distance from the camera's center of a point that is `depth` before the camera: an entry of
 /// `depth_im_to_dist_im` of bop_toolkit.
 pub(super) fn distance(depth: f64, intrinsics: &Intrinsics, row: usize, column: usize) -> f64 {
-    let x = (column as f64 - intrinsics.cx()) / intrinsics.fx() * depth;
-    let y = (row as f64 - intrinsics.cy()) / intrinsics.fy() * depth;
+    let y = (row as f64 - intrinsics.cy()) / intrinsics.fy();
+    let x = (column as f64 - intrinsics.cx() - intrinsics.skew() * y) / intrinsics.fx();
+    let (x, y) = (x * depth, y * depth);
     (x * x + y * y + depth * depth).sqrt()
 }
 

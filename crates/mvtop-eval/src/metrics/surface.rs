@@ -136,7 +136,7 @@ impl Surface {
         symmetries: &Symmetries,
         intrinsics: &Intrinsics,
     ) -> f64 {
-        if intrinsics.is_pinhole() {
+        if intrinsics.is_pinhole() && intrinsics.skew() == 0.0 {
             let estimate = Affine::new(estimate);
             return least(symmetries, truth, |truth, least| {
                 let pair = PinholePair {

@@ -287,11 +287,10 @@ fn scenes_that_are_not_bops_are_refused_in_one_sentence() {
         assert!(error.contains(hint) && !error.contains('\n'), "{error}");
     };
     refused("cam_K", json!([600, 0, 320]), "cam_K");
-    refused(
-        "cam_K",
-        json!([600, 3, 320, 0, 610, 240, 0, 0, 1]),
-        "[fx, 0, cx",
-    );
+    let transposed = json!([600, 0, 0, 0, 610, 0, 320, 240, 1]);
+    refused("cam_K", transposed, "[fx, skew, cx");
+    let askew = json!([600, 120, 320, 0, 610, 240, 0, 0, 1]);
+    refused("cam_K", askew, "`skew`");
     refused("cam_K", Value::Null, "cam_model");
     refused("cam_model", json!({}), "cam_model");
     refused("cam_t_w2c", Value::Null, "both cam_R_w2c and cam_t_w2c");

@@ -90,11 +90,8 @@ fn samples(lens: &Foreign, plane: &Plane, size: [u32; 2], grid: [u32; 2]) -> Vec
     });
     pixels
         .filter_map(|pixel| {
-            let image = Point2::new(
-                (pixel.x - plane.cx) / plane.fx,
-                (pixel.y - plane.cy) / plane.fy,
-            );
-            Some((pixel, lens.unproject(&image)?))
+            let ray = lens.unproject(&plane.unit(&pixel))?;
+            Some((pixel, ray))
         })
         .collect()
 }
@@ -140,9 +137,7 @@ impl Problem<'_> {
             params[index] = value;
         }
         let projection = Projection::from_params(self.kind.family, None, &params).ok()?;
-        let Plane { fx, fy, cx, cy } = *self.plane;
-        let scale = unknowns[0];
-        Intrinsics::new(scale * fx, scale * fy, cx, cy, projection).ok()
+        self.plane.scaled(unknowns[0]).under(projection).ok()
     }
 
     /// `[2 N]`, px; `None` where the lens cannot image a ray.

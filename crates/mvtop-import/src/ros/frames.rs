@@ -1,4 +1,4 @@
-//! Frames and their parents: TF's messages, and lists as a URDF's joints are.
+//! Frames and their parents: TF's messages, a URDF's joints, and lists as these are.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::TAU;
@@ -6,6 +6,7 @@ use std::f64::consts::TAU;
 use mvtop_core::transform;
 use nalgebra::{Isometry3, UnitQuaternion};
 
+use super::urdf::Joint;
 use crate::Checked;
 use crate::node::Node;
 
@@ -14,9 +15,14 @@ const KEYS: [&str; 5] = ["parent", "xyz", "rpy", "q_wxyz", "q_xyzw"];
 /// What turns a body's frame (x forward) to optical axes, as one types it.
 const TO_OPTICAL: &str = "rpy: [-1.570796, 0, -1.570796]";
 
-/// Parent of each frame, and parent_from_child.
+/// Frames that stand still in each other.
 #[derive(Default)]
-pub struct Tree(BTreeMap<String, (String, Isometry3<f64>)>);
+pub struct Tree {
+    /// Parent of each frame, and parent_from_child.
+    still: BTreeMap<String, (String, Isometry3<f64>)>,
+    /// Frames that a joint moves, with its name and kind: each is a root.
+    moved: BTreeMap<String, (String, String)>,
+}
 
 /// A camera in the tree.
 pub struct Placed {
@@ -29,7 +35,7 @@ pub struct Placed {
 
 impl Tree {
     pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.still.is_empty()
     }
 
     /// Adds those of a message, of a list of messages, or of a list of frames.
@@ -54,6 +60,27 @@ impl Tree {
         Ok(())
     }
 
+    /// Adds a URDF's joints. What stands above one that moves is not known.
+    pub fn add_joints(&mut self, place: &str, joints: Vec<Joint>) -> Checked<()> {
+        for joint in joints {
+            if joint.is_fixed() {
+                self.insert(place, &joint.parent, &joint.child, joint.parent_from_child)?;
+            } else {
+                self.moved
+                    .insert(plain(&joint.child), (joint.name, joint.kind));
+            }
+        }
+        Ok(())
+    }
+
+    /// The joint that moves a root, as a sentence's end; nothing where none does.
+    pub fn moved_by(&self, root: &str) -> String {
+        match self.moved.get(root) {
+            Some((name, kind)) => format!(" (moved by the {kind} joint `{name}`)"),
+            None => String::new(),
+        }
+    }
+
     fn insert(
         &mut self,
         place: &str,
@@ -62,7 +89,7 @@ impl Tree {
         parent_from_child: Isometry3<f64>,
     ) -> Checked<()> {
         let known = (plain(parent), parent_from_child);
-        match self.0.insert(plain(child), known) {
+        match self.still.insert(plain(child), known) {
             Some(_) => Err(format!("{place}: the frame `{child}` is there twice")),
             None => Ok(()),
         }
@@ -81,8 +108,8 @@ impl Tree {
             format!("{name}_optical"),
         ];
         let candidates: Vec<String> = frame.map(plain).into_iter().chain(optical).collect();
-        let parents: BTreeSet<&String> = self.0.values().map(|(parent, _)| parent).collect();
-        let known = |frame: &&String| self.0.contains_key(*frame) || parents.contains(frame);
+        let parents: BTreeSet<&String> = self.still.values().map(|(parent, _)| parent).collect();
+        let known = |frame: &&String| self.still.contains_key(*frame) || parents.contains(frame);
         let bodies = [format!("{name}_link"), format!("{name}_frame")];
         let body = |frame: &String| {
             format!(
@@ -95,7 +122,7 @@ impl Tree {
             if let Some(frame) = bodies.iter().find(known) {
                 return Err(body(frame));
             }
-            let known: Vec<&str> = self.0.keys().map(String::as_str).collect();
+            let known: Vec<&str> = self.still.keys().map(String::as_str).collect();
             return Err(format!(
                 "camera `{name}`: no transform of its optical frame ({}) among those of {}; set its \
                  camera_name, or the message's frame_id, to one of them",
@@ -109,8 +136,8 @@ impl Tree {
             return Err(body(frame));
         }
         let (mut at, mut root_from_cam) = (frame, Isometry3::identity());
-        for _ in 0..=self.0.len() {
-            match self.0.get(at) {
+        for _ in 0..=self.still.len() {
+            match self.still.get(at) {
                 None => {
                     return Ok(Placed {
                         frame: frame.clone(),
@@ -156,29 +183,38 @@ fn of_list<'a>(item: &Node<'a>) -> Checked<(&'a str, Isometry3<f64>)> {
         .iter()
         .filter_map(|key| item.find(&[key]))
         .collect();
-    let wxyz = match &turns[..] {
-        [] => [1.0, 0.0, 0.0, 0.0],
-        [turn] if item.has("rpy") => {
-            let [roll, pitch, yaw] = turn.vector()?;
-            if [roll, pitch, yaw].iter().any(|angle| angle.abs() > TAU) {
-                return Err(turn.wrong("radians, none beyond a full turn"));
-            }
-            let [x, y, z, w] =
-                <[f64; 4]>::from(UnitQuaternion::from_euler_angles(roll, pitch, yaw).coords);
-            [w, x, y, z]
-        }
-        [turn] if item.has("q_wxyz") => turn.vector()?,
+    let pose = match &turns[..] {
+        [] => from_xyz_and_rpy(t, [0.0; 3]),
+        [turn] if item.has("rpy") => from_xyz_and_rpy(t, turn.vector()?),
+        [turn] if item.has("q_wxyz") => from_quaternion(turn.vector()?, t),
         [turn] => {
             let [x, y, z, w] = turn.vector()?;
-            [w, x, y, z]
+            from_quaternion([w, x, y, z], t)
         }
         _ => return Err(item.wrong("one of rpy, q_wxyz and q_xyzw")),
     };
-    let pose = transform::from_quaternion_wxyz(wxyz, t);
-    Ok((
-        parent,
-        pose.map_err(|error| format!("{}: {error}", item.place))?,
-    ))
+    let pose = pose.map_err(|error| format!("{}: {error}", item.place))?;
+    Ok((parent, pose))
+}
+
+/// parent_from_child as a URDF has it.
+///
+/// - `rpy`: turns about the parent's x, then y, then z, radians
+pub fn from_xyz_and_rpy(xyz: [f64; 3], rpy: [f64; 3]) -> Checked<Isometry3<f64>> {
+    let [roll, pitch, yaw] = rpy;
+    if rpy.iter().any(|angle| angle.abs() > TAU) {
+        return Err(format!(
+            "`rpy` must be radians, none beyond a full turn, got {rpy:?}"
+        ));
+    }
+    let [x, y, z, w] = UnitQuaternion::from_euler_angles(roll, pitch, yaw)
+        .coords
+        .into();
+    from_quaternion([w, x, y, z], xyz)
+}
+
+fn from_quaternion(wxyz: [f64; 4], t: [f64; 3]) -> Checked<Isometry3<f64>> {
+    transform::from_quaternion_wxyz(wxyz, t).map_err(|error| error.to_string())
 }
 
 fn of_message(item: &Node) -> Checked<Isometry3<f64>> {
@@ -192,5 +228,5 @@ fn of_message(item: &Node) -> Checked<Isometry3<f64>> {
         part(&q, "z")?,
     ];
     let t = [part(&t, "x")?, part(&t, "y")?, part(&t, "z")?];
-    transform::from_quaternion_wxyz(wxyz, t).map_err(|error| format!("{}: {error}", motion.place))
+    from_quaternion(wxyz, t).map_err(|error| format!("{}: {error}", motion.place))
 }

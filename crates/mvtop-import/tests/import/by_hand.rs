@@ -1,8 +1,9 @@
 //! One case of each format whose rig is worked out by hand: direction, axes, order, half a pixel, unit.
 
 use mvtop_import::{Direction, Format, ImageSize, Options};
+use nalgebra::Point3;
 
-use crate::{assert_plane, assert_pose, read, read_bytes, scaled};
+use crate::{assert_near, assert_plane, assert_pose, read, read_bytes, scaled};
 
 const X: [f64; 3] = [1.0, 0.0, 0.0];
 const Y: [f64; 3] = [0.0, 1.0, 0.0];
@@ -54,6 +55,16 @@ fn opencv_rvec_and_tvec_of_each_camera_map_world_to_camera() {
     // A quarter turn about y takes x to -z and z to x, so z of the camera is -x of the world.
     let right = &imported.rig.cameras()[1];
     assert_pose(right, [0.0, 0.0, -0.5], Z, [-1.0, 0.0, 0.0]);
+}
+
+#[test]
+fn skew_of_a_camera_matrix_is_kept() {
+    let text = r#"{"a": {"K": [[500, 2.5, 320], [0, 500, 240], [0, 0, 1]], "dist": [0, 0, 0, 0, 0],
+        "image_size": [640, 480], "rvec": [0, 0, 0], "tvec": [0, 0, 0]}}"#;
+    let rig = read(&[("rig.json", text)], &scaled(1.0)).unwrap().rig;
+    let lens = rig.cameras()[0].intrinsics();
+    let pixel = lens.project(&Point3::new(0.0, 0.2, 1.0)).unwrap();
+    assert_near([pixel.x, pixel.y], [320.5, 340.0]);
 }
 
 #[test]
@@ -204,6 +215,97 @@ fn ros_cameras_stand_in_one_root_which_may_be_one_of_them() {
         error.contains("camera `left` stands in `base`, camera `right` in `hand`"),
         "{error}"
     );
+}
+
+/// Two cameras on a hand that a joint moves, one at its base.
+const ROBOT: &str = r#"<?xml version="1.0"?>
+<robot name="arm">
+  <link name="base"/>
+  <joint name="mount" type="fixed"><parent link="base"/><child link="third_optical_frame"/></joint>
+  <joint name="wrist" type="revolute">
+    <origin xyz="9 9 9" rpy="0 0 0"/><parent link="base"/><child link="hand"/><axis xyz="0 0 1"/>
+  </joint>
+  <joint name="a" type="fixed">
+    <parent link="hand"/><child link="left_link"/><origin xyz="1 0.5 0" rpy="0 0 0"/>
+  </joint>
+  <joint name="b" type="fixed">
+    <origin rpy="-1.5707963267948966 0 -1.5707963267948966" />
+    <parent link="left_link"/><child link="left_optical_frame"/>
+  </joint>
+  <joint name="c" type="fixed">
+    <parent link="left_optical_frame"/><child link="right_optical_frame"/><origin xyz="0.2 0 0"/>
+  </joint>
+</robot>"#;
+
+#[test]
+fn ros_poses_may_be_those_of_a_urdf() {
+    let infos = ["left", "right", "third"].map(|name| info(name, "0"));
+    let with = |robot: &str, cameras: &[usize]| {
+        let mut files = vec![("arm.urdf", robot)];
+        let names = ["a.yaml", "b.yaml", "c.yaml"];
+        files.extend(cameras.iter().map(|&i| (names[i], infos[i].as_str())));
+        read(&files, &Options::default())
+    };
+    let imported = with(ROBOT, &[0, 1]).unwrap();
+    assert_eq!(imported.format, Format::Ros);
+    let [left, right] = imported.rig.cameras() else {
+        panic!("two cameras")
+    };
+    assert_pose(left, [1.0, 0.5, 0.0], [0.0, -1.0, 0.0], X);
+    assert_pose(right, [1.0, 0.3, 0.0], [0.0, -1.0, 0.0], X);
+    let notes = imported.notes.join(" ");
+    assert!(notes.contains("the world is `hand` (moved by the revolute joint `wrist`)"));
+
+    let refusal = |robot: &str, cameras: &[usize]| {
+        let error = with(robot, cameras).unwrap_err().to_string();
+        assert_eq!(error.lines().count(), 1, "{error}");
+        error
+    };
+    let apart = refusal(ROBOT, &[0, 2]);
+    for words in [
+        "`hand` (moved by the revolute joint `wrist`)",
+        "`base`, and no transform",
+    ] {
+        assert!(apart.contains(words), "{words} is missing in: {apart}");
+    }
+    let entities = "<!DOCTYPE r [<!ENTITY a \"aaaa\"><!ENTITY b \"&a;&a;\">]>";
+    for (from, to, words) in [
+        (
+            "0.2 0 0",
+            "0.2 0",
+            "joint `c`: `xyz` must be 3 finite numbers",
+        ),
+        (
+            "0.2 0 0",
+            "0.2 0 nan",
+            "joint `c`: `xyz` must be 3 finite numbers",
+        ),
+        ("0.2 0 0", "${x} 0 0", "xacro"),
+        (
+            "-1.5707963267948966 0",
+            "-90 0",
+            "joint `b`: `rpy` must be radians",
+        ),
+        (
+            "<parent link=\"left_link\"/>",
+            "",
+            "joint `b`: its `parent` is missing",
+        ),
+        (
+            "type=\"revolute\"",
+            "",
+            "joint `wrist`: the attribute `type` is missing",
+        ),
+        ("</robot>", "", "no XML"),
+        ("<robot name", "<sdf><robot name", "no XML"),
+        ("<?xml version=\"1.0\"?>", entities, "no XML"),
+        ("\"right_optical_frame\"", "\"left_optical_frame\"", "twice"),
+    ] {
+        let error = refusal(&ROBOT.replacen(from, to, 1), &[0, 1]);
+        assert!(error.contains(words), "{words} is missing in: {error}");
+    }
+    let deep = format!("<robot>{}", "<link>".repeat(200_000));
+    assert!(refusal(&deep, &[0]).contains("no XML"));
 }
 
 #[test]

@@ -32,7 +32,7 @@ class Camera:
         """
         A camera from arrays.
 
-        - K: (3, 3), intrinsics in px: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]
+        - K: (3, 3), intrinsics in px: [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]
         - size: width and height of its images, px
         - distortion: of "pinhole" 0, 4, 5, 8, 12 or 14 of k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty, of
           "fisheye" k1 k2 k3 k4; also as rows or columns, as OpenCV returns them

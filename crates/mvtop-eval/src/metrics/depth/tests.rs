@@ -199,6 +199,31 @@ fn meshes_and_lenses_that_cannot_be_are_refused() {
     assert_eq!(depth(bent(0.0)).unwrap(), depth(intrinsics()).unwrap());
 }
 
+#[test]
+fn skew_shifts_each_row_by_its_height() {
+    let pose = Isometry3::new(Vector3::new(0.02, -0.05, 1.0), Vector3::new(0.3, -0.4, 0.2));
+    let render = |lens: &Intrinsics| {
+        let image = sphere(0.2).depth(&pose, lens, SIZE, PixelCenter::Integer);
+        image.unwrap()
+    };
+    let askew = intrinsics().with_skew(5.0).unwrap();
+    let (straight, image) = (render(&intrinsics()), render(&askew));
+    // 5 px for each 60 rows.
+    for (row, by) in [(12, -1), (24, 0), (36, 1)] {
+        for column in 5..59_usize {
+            let moved = image[[row, column.checked_add_signed(by).unwrap()]];
+            assert_abs_diff_eq!(moved, straight[[row, column]], epsilon = 1e-6);
+        }
+        let along = distance(1.0, &askew, row, 31_usize.checked_add_signed(by).unwrap());
+        assert_abs_diff_eq!(
+            along,
+            distance(1.0, &intrinsics(), row, 31),
+            epsilon = 1e-12
+        );
+    }
+    assert!((0..64).any(|column| image[[12, column]] != straight[[12, column]]));
+}
+
 proptest! {
     /// Shared edges leave no holes: a convex body cut into triangles shows no background within.
     #[test]
