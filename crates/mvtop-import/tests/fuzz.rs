@@ -99,6 +99,10 @@ const TF: &str = "transforms:
     translation: {x: 0.0, y: 0.5, z: 0.0}
     rotation: {x: -0.5, y: 0.5, z: -0.5, w: 0.5}
 ";
+const URDF: &str = r#"<robot name="arm"><link name="base"/>
+<joint name="wrist" type="revolute"><parent link="base"/><child link="hand"/></joint>
+<joint name="a" type="fixed"><parent link="hand"/><child link="left_optical_frame"/>
+<origin xyz="1 0.5 0" rpy="-1.57 0 -1.57"/></joint></robot>"#;
 const CAMERAS: &str = "# CAMERA_ID, MODEL, ...
 7 SIMPLE_RADIAL 640 480 500 320 240 0.05
 8 OPENCV 640 480 500 500 320 240 0.1 0.01 0 0
@@ -197,6 +201,10 @@ fn rigs() -> Vec<(Options, Files)> {
             text(&[("left.yaml", INFO), ("tf.yaml", TF)]),
         ),
         (
+            named(Format::Ros),
+            text(&[("left.yaml", INFO), ("arm.urdf", URDF)]),
+        ),
+        (
             scaled(Format::Colmap),
             text(&[("cameras.txt", CAMERAS), ("images.txt", IMAGES)]),
         ),
@@ -260,7 +268,7 @@ fn unchanged_files_are_read() {
 
 proptest! {
     #[test]
-    fn calibrations(edits in edits(), rig in 0..11usize, which in 0..2usize, named in any::<bool>()) {
+    fn calibrations(edits in edits(), rig in 0..12usize, which in 0..2usize, named in any::<bool>()) {
         let (mut options, mut files) = rigs().swap_remove(rig);
         options.format = options.format.filter(|_| named);
         let which = which % files.len();

@@ -238,6 +238,20 @@ impl Rig {
         Ok((Self(Arc::new(imported.rig)), imported.notes))
     }
 
+    /// Logs where cameras stand and look, and the distances between them, to Rerun, below the entity
+    /// `path`.
+    ///
+    /// Needs `pip install mvtop[viz]`. Start a recording first, for example with `rerun.init`.
+    ///
+    /// - recording: where to; the active one by default
+    #[pyo3(signature = (recording = None, *, path = "mvtop"))]
+    fn to_rerun(slf: &Bound<Self>, recording: Option<Bound<PyAny>>, path: &str) -> PyResult<()> {
+        let viewer = slf.py().import("mvtop._viewer")?;
+        viewer
+            .call_method1("log_rig", (slf, recording, path))
+            .map(drop)
+    }
+
     /// Reads the text of a rig file.
     #[classmethod]
     fn from_json(_cls: &Bound<PyType>, text: &str) -> PyResult<Self> {

@@ -1,9 +1,39 @@
 """What goes to the Rerun viewer."""
 
 import numpy as np
+import pytest
 import rerun as rr
 
+import mvtop
 from mvtop._viewer import line_of_sight
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_recording_of_a_rig_has_cameras_and_distances(count, tmp_path, monkeypatch):
+    logged, log = {}, rr.log
+
+    def keep(entity, component, **more):
+        logged[entity] = component
+        log(entity, component, **more)
+
+    monkeypatch.setattr(rr, "log", keep)
+    poses = np.stack([np.eye(4)] * count)
+    poses[:, 0, 3] = 0.125 * np.arange(count) ** 2
+    k = [[500.0, 0, 320], [0, 510, 240], [0, 0, 1]]
+    rig = mvtop.Rig.from_arrays(k, poses, (640, 480))
+    recording = rr.RecordingStream("mvtop_test")
+    file = tmp_path / "rig.rrd"
+    recording.save(file)
+    rig.to_rerun(recording, path="cell")
+    recording.flush()
+    recording.disconnect()
+    bytes_ = file.read_bytes()
+    for camera in rig.cameras:
+        for entity in ("image", "axes"):
+            assert f"/cell/cameras/{camera.id}/{entity}".encode() in bytes_, (camera.id, entity)
+    assert b"/cell/distances" in bytes_
+    labels = logged["cell/distances"].labels.as_arrow_array().to_pylist()
+    assert labels == (["0.125 m", "0.500 m", "0.375 m"] if count == 3 else [])
 
 
 def test_recording_has_cameras_images_sights_and_objects(estimator, rig, paths, truth, tmp_path):

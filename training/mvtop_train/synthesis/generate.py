@@ -117,7 +117,7 @@ def prepare(args) -> tuple[Recipe, object]:
             parts.check_rig(cameras, obj, path)
         bent = [camera.id for camera in cameras if camera.distorted]
         if bent:
-            print(f"note: images of {', '.join(bent)} are rendered without lens distortion and skew, as "
+            print(f"note: images of {', '.join(bent)} are rendered without distortion and skew, as "
                   "undistorted images with the same fx, fy, cx, cy would be")  # fmt: skip
     for obj, mesh in known:
         offset = abs(mesh.bounds.mean(0)).max()

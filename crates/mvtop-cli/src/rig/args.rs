@@ -30,7 +30,7 @@ what to type, by format.
 Examples:
   A stereo pair of OpenCV, calibrated with squares of 25 mm, images of 1280 x 720:
     mvtop-cli rig import intrinsics.yml extrinsics.yml --scale 0.025 --image-size 1280x720 -o rig.json
-  ROS, one camera_info each, and the transforms:
+  ROS, one camera_info each, and the transforms (or robot.urdf):
     mvtop-cli rig import left.yaml right.yaml tf_static.yaml -o rig.json
   COLMAP, whose model is 0.173 m to the unit:
     mvtop-cli rig import sparse/0 --scale 0.173 -o rig.json")]

@@ -406,6 +406,15 @@ class Rig:
         """
         The text of a rig file, in metres.
         """
+    def to_rerun(self, /, recording: Any | None = None, *, path: str = "mvtop") -> None:
+        """
+        Logs where cameras stand and look, and the distances between them, to Rerun, below the entity
+        `path`.
+
+        Needs `pip install mvtop[viz]`. Start a recording first, for example with `rerun.init`.
+
+        - recording: where to; the active one by default
+        """
 
 @final
 class RigCheck:
