@@ -52,11 +52,33 @@ pub fn unmatched(matched: &[Option<&ObjectPose>], prediction: &Prediction) -> us
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
     use mvtop_core::annotations::GivenBoxes;
     use mvtop_core::prediction::{Sigma, Timings};
     use nalgebra::Isometry3;
+
+    /// An object of that class and its id, at a pose in the world.
+    pub fn found(class: &str, class_id: i64, pose: Isometry3<f64>) -> ObjectPose {
+        ObjectPose {
+            class: class.into(),
+            class_id,
+            score: 1.0,
+            ref_from_obj: pose,
+            world_from_obj: pose,
+            sigma: Sigma {
+                rot_deg: 1.0,
+                t_m: 0.01,
+            },
+            support: None,
+            refinement: None,
+            confidence: None,
+            hypotheses: Vec::new(),
+            next_view: None,
+            symmetry: mvtop_core::symmetry::Symmetry::default(),
+            cameras: Vec::new(),
+        }
+    }
 
     fn at(x: f64) -> Isometry3<f64> {
         Isometry3::translation(x, 0.0, 1.0)
@@ -71,24 +93,7 @@ mod tests {
             },
             world_from_obj: at(x),
         });
-        let predicted = [("nut", 0.4), ("nut", 0.1), ("nut", 9.0)].map(|(class, x)| ObjectPose {
-            class: class.into(),
-            class_id: 1,
-            score: 1.0,
-            ref_from_obj: at(x),
-            world_from_obj: at(x),
-            sigma: Sigma {
-                rot_deg: 1.0,
-                t_m: 0.01,
-            },
-            support: None,
-            refinement: None,
-            confidence: None,
-            hypotheses: Vec::new(),
-            next_view: None,
-            symmetry: mvtop_core::symmetry::Symmetry::default(),
-            cameras: Vec::new(),
-        });
+        let predicted = [0.4, 0.1, 9.0].map(|x| found("nut", 1, at(x)));
         let prediction = Prediction {
             reference: 0,
             objects: predicted.to_vec(),

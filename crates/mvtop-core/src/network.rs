@@ -24,24 +24,7 @@ pub trait Network: Send + Sync {
     ///   [`crate::closeup::CloseUp::picture`]
     /// - `camera_rays`: `[P, N, 3]`, of their feature cells, from [`crate::rays::camera_rays`] or
     ///   [`crate::closeup::CloseUp::camera_rays`]
-    /// - returns: memory, `[P, N, C]`
-    fn encode(
-        &self,
-        pictures: ArrayView4<f32>,
-        camera_rays: ArrayView3<f32>,
-    ) -> Result<Array3<f32>>;
-
-    /// [`Network::encode`] of close-ups, with what else the network says of them.
-    fn encode_closeups(
-        &self,
-        pictures: ArrayView4<f32>,
-        camera_rays: ArrayView3<f32>,
-    ) -> Result<Encoded> {
-        Ok(Encoded {
-            memory: self.encode(pictures, camera_rays)?,
-            coordinates: None,
-        })
-    }
+    fn encode(&self, pictures: ArrayView4<f32>, camera_rays: ArrayView3<f32>) -> Result<Encoded>;
 
     /// [`Network::detect`] and [`Network::encode`] of the same whole images, where poses are decoded
     /// from these. The backbone need run only once.
@@ -55,7 +38,7 @@ pub trait Network: Send + Sync {
         camera_rays: ArrayView3<f32>,
     ) -> Result<(DetectorMaps, Array3<f32>)> {
         let maps = self.detect(images.view())?;
-        Ok((maps, self.encode(images, camera_rays)?))
+        Ok((maps, self.encode(images, camera_rays)?.memory))
     }
 
     /// The pose decoder, for objects that share an anchor: the view that comes first.
@@ -307,19 +290,7 @@ impl Network for OnnxNetwork {
         DetectorMaps::take(&mut outputs)
     }
 
-    fn encode(
-        &self,
-        pictures: ArrayView4<f32>,
-        camera_rays: ArrayView3<f32>,
-    ) -> Result<Array3<f32>> {
-        Ok(self.encode_closeups(pictures, camera_rays)?.memory)
-    }
-
-    fn encode_closeups(
-        &self,
-        pictures: ArrayView4<f32>,
-        camera_rays: ArrayView3<f32>,
-    ) -> Result<Encoded> {
+    fn encode(&self, pictures: ArrayView4<f32>, camera_rays: ArrayView3<f32>) -> Result<Encoded> {
         let inputs = [
             ("images", pictures.into()),
             ("camera_rays", camera_rays.into()),

@@ -14,7 +14,7 @@ mod surface;
 mod symmetry;
 mod vsd;
 
-pub use depth::{DepthImage, Mesh, PixelCenter};
+pub use depth::{DepthImage, PixelCenter, depth};
 pub(crate) use kernel::Affine;
 pub use recall::{
     MSPD_THRESHOLDS_PX, MSSD_THRESHOLDS, VSD_THRESHOLDS, auc_exact, auc_poet, auc_posecnn,

@@ -4,11 +4,12 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
+use mvtop_core::mesh::Mesh;
 use mvtop_eval::bop::{Model, load_models};
 use mvtop_eval::leakage::{
     BINS, Counts, Files, Leakage, PoseRecord, Settings, Shape, Split, leakage,
 };
-use mvtop_eval::metrics::{Mesh, Surface, Symmetries};
+use mvtop_eval::metrics::{Surface, Symmetries};
 use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 use proptest::prelude::*;
 use tempfile::TempDir;
@@ -54,7 +55,7 @@ fn model(points: &[Point3<f64>], diameter: f64) -> Model {
         symmetries: Symmetries::default(),
         surface: Surface::new(&points).unwrap(),
         path: "obj_000001.ply".into(),
-        mesh: Mesh::new(points, vec![]).unwrap(),
+        mesh: Mesh::new(points, vec![], vec![]).unwrap(),
     }
 }
 

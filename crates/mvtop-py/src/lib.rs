@@ -2,6 +2,7 @@
 
 mod bop;
 mod calibration;
+mod camera;
 mod cli;
 mod convert;
 mod error;
@@ -25,6 +26,8 @@ mod _mvtop {
     #[pymodule_export]
     use super::calibration::{RefinedRig, RigCheck, RigCorrection};
     #[pymodule_export]
+    use super::camera::Camera;
+    #[pymodule_export]
     use super::cli::{eval_bop, run_cli};
     #[pymodule_export]
     use super::estimator::{NativeEstimator, NativePrediction, NativeTracker};
@@ -38,7 +41,7 @@ mod _mvtop {
     #[pymodule_export]
     use super::rays::{box_rays, camera_rays, encode_rays};
     #[pymodule_export]
-    use super::rig::{Camera, Rig};
+    use super::rig::Rig;
     #[pymodule_export]
     use super::rotations::rotation_from_6d;
     #[pymodule_export]

@@ -9,10 +9,10 @@ use pyo3::prelude::*;
 use pyo3::{Borrowed, type_hint_identifier};
 use rayon::prelude::*;
 
+use crate::camera::Camera;
 use crate::convert::{ArrayLike, F32, F64, axes, pose_or_rotation, shaped};
 use crate::error::{python, value, warn};
 use crate::process::compute;
-use crate::rig::Camera;
 
 /// Motions of an object that do not change how it looks, the identity among them.
 #[pyclass(frozen, module = "mvtop.metrics")]
@@ -149,9 +149,7 @@ impl Surface {
 /// A triangle mesh in the object's frame, for depth images.
 #[pyclass(frozen, module = "mvtop.metrics")]
 pub struct Mesh {
-    mesh: metrics::Mesh,
-    /// Numbers of vertices and of triangles.
-    size: [usize; 2],
+    mesh: mvtop_core::mesh::Mesh,
 }
 
 #[pymethods]
@@ -161,13 +159,14 @@ impl Mesh {
     #[new]
     fn new(vertices: ArrayLike, triangles: Vec<[u32; 3]>) -> PyResult<Self> {
         let vertices = points3(&vertices.any_number("vertices", Some(1), &[3])?);
-        let size = [vertices.len(), triangles.len()];
-        let mesh = metrics::Mesh::new(vertices, triangles).map_err(python)?;
-        Ok(Self { mesh, size })
+        let mesh = mvtop_core::mesh::Mesh::new(vertices, Vec::new(), triangles);
+        Ok(Self {
+            mesh: mesh.map_err(python)?,
+        })
     }
 
     fn __repr__(&self) -> String {
-        let [vertices, triangles] = self.size;
+        let (vertices, triangles) = (self.mesh.vertices().len(), self.mesh.triangles().len());
         format!("Mesh({vertices} vertices, {triangles} triangles)")
     }
 
@@ -192,7 +191,7 @@ impl Mesh {
             false => metrics::PixelCenter::Integer,
         };
         let size = [camera.width(), camera.height()];
-        let depth = || self.mesh.depth(&pose, camera.intrinsics(), size, center);
+        let depth = || metrics::depth(&self.mesh, &pose, camera.intrinsics(), size, center);
         let depth = compute(py, depth)?;
         Ok(F32(depth.map_err(python)?.into_dyn()))
     }

@@ -5,10 +5,10 @@ use mvtop_core::rays::{BoxRays, LosEncoding};
 use ndarray::Ix2;
 use pyo3::prelude::*;
 
+use crate::camera::Camera;
 use crate::convert::{ArrayLike, F32, axes};
 use crate::error::value;
 use crate::process::compute;
-use crate::rig::Camera;
 
 /// Most lines of sight at a time: 600 times those of a network, and 0.2 GB.
 const MOST_CELLS: u64 = 1 << 24;

@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from ..errors import UserError, argument_parser, asking_mvtop, command
+from ..errors import asking_mvtop, command
+from .disturbed import arguments
 from .lies import Lie, Shot, Shots, of_all, of_last, read
 
 GREY = 128
@@ -167,19 +168,7 @@ def measure(
 
 @command
 def main():
-    parser = argument_parser(__doc__)
-    parser.add_argument("--samples", type=Path, required=True, help="folder of samples")
-    parser.add_argument("--model", type=Path, default=Path("models/mvball"))
-    parser.add_argument("--count", type=int, help="samples to use, the first ones")
-    parser.add_argument("--seed", type=int, default=0, help="of the noise")
-    parser.add_argument("--out", type=Path, required=True, help="file of JSON Lines")
-    args = parser.parse_args()
-    folders = sorted(path.parent for path in args.samples.glob("*/rig.json"))[: args.count]
-    if not folders:
-        raise UserError(
-            f"{args.samples}: expected folders with rig.json and images, got none; "
-            "fix: python -m mvtop_train.synthesis.samples"
-        )
+    args, folders = arguments(__doc__, "noise")
     print(table(measure(folders, args.model, args.out, args.seed)), end="")
 
 

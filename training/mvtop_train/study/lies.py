@@ -19,7 +19,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
-from ..errors import UserError, argument_parser, asking_mvtop, command
+from ..errors import UserError, asking_mvtop, command
+from .disturbed import arguments
 
 
 @dataclass(frozen=True)
@@ -309,19 +310,7 @@ def measure(folders: list[Path], model: Path, out: Path, seed: int = 0) -> list[
 
 @command
 def main():
-    parser = argument_parser(__doc__)
-    parser.add_argument("--samples", type=Path, required=True, help="folder of samples")
-    parser.add_argument("--model", type=Path, default=Path("models/mvball"))
-    parser.add_argument("--count", type=int, help="samples to use, the first ones")
-    parser.add_argument("--seed", type=int, default=0, help="of the lies' directions")
-    parser.add_argument("--out", type=Path, required=True, help="file of JSON Lines")
-    args = parser.parse_args()
-    folders = sorted(path.parent for path in args.samples.glob("*/rig.json"))[: args.count]
-    if not folders:
-        raise UserError(
-            f"{args.samples}: expected folders with rig.json and images, got none; "
-            "fix: python -m mvtop_train.synthesis.samples"
-        )
+    args, folders = arguments(__doc__, "lies' directions")
     print(table(measure(folders, args.model, args.out, args.seed)), end="")
 
 

@@ -20,9 +20,9 @@ from tqdm import tqdm
 
 from ..data import bop, objects
 from ..data.objects import Object
-from ..errors import UserError, argument_parser, command
+from ..errors import UserError, command
 from ..network import symmetry
-from . import support
+from . import heldout, support
 
 WITHIN_DEG, WITHIN_M = 5.0, 0.005
 VIEWS = (1, 2, 3)  # in a group
@@ -186,18 +186,10 @@ def tell(name: str, found: list[Judged]):
 
 @command
 def main():
-    parser = argument_parser(__doc__)
-    parser.add_argument("--bundle", type=Path, required=True, help="folder of model.json")
-    parser.add_argument("--data", type=Path, required=True, help="data set that it was trained on")
-    parser.add_argument("--held-out", type=int, default=100, help="first scenes, not trained on")
-    parser.add_argument("--split", default="train", help="another one: only say how reliable")
+    parser = heldout.parser(__doc__, "say how reliable it is")
     parser.add_argument("--disturbed", type=float, help="share of groups with cameras that are off")
     args = parser.parse_args()
-    training = args.split == "train"
-    folders = bop.whole_scenes(args.data / args.split)[: args.held_out if training else None]
-    if not folders:
-        bop.refuse_empty(args.data, args.split)
-    scenes = [bop.read_images(folder) for folder in folders]
+    scenes, training = heldout.scenes(args), heldout.is_training(args)
     disturbed = args.disturbed if args.disturbed is not None else DISTURBED * training
     known = objects.read_all(args.data)
     found = judged(args.bundle, scenes, known, disturbed)

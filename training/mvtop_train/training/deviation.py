@@ -15,8 +15,8 @@ import numpy as np
 from tqdm import tqdm
 
 from ..data import bop
-from ..errors import argument_parser, command
-from . import support
+from ..errors import command
+from . import heldout, support
 
 ALARMS = 0.02  # of groups of views with a true calibration
 VIEWS = (2, 3)  # in a group
@@ -62,17 +62,8 @@ def choose(found: list[float]) -> float | None:
 
 @command
 def main():
-    parser = argument_parser(__doc__)
-    parser.add_argument("--bundle", type=Path, required=True, help="folder of model.json")
-    parser.add_argument("--data", type=Path, required=True, help="data set that it was trained on")
-    parser.add_argument("--held-out", type=int, default=100, help="first scenes, not trained on")
-    parser.add_argument("--split", default="train", help="another one: only count false alarms")
-    args = parser.parse_args()
-    training = args.split == "train"
-    folders = bop.whole_scenes(args.data / args.split)[: args.held_out if training else None]
-    if not folders:
-        bop.refuse_empty(args.data, args.split)
-    scenes = [bop.read_images(folder) for folder in folders]
+    args = heldout.parser(__doc__, "count false alarms").parse_args()
+    scenes, training = heldout.scenes(args), heldout.is_training(args)
     if not training:
         count, alarms = Counter(), Counter()
         for prediction, views in predictions(args.bundle, scenes):

@@ -138,24 +138,12 @@ impl Network for Kept<'_> {
         })
     }
 
-    fn encode(
-        &self,
-        pictures: ArrayView4<f32>,
-        camera_rays: ArrayView3<f32>,
-    ) -> Result<Array3<f32>> {
-        Ok(self.encode_closeups(pictures, camera_rays)?.memory)
-    }
-
-    fn encode_closeups(
-        &self,
-        pictures: ArrayView4<f32>,
-        camera_rays: ArrayView3<f32>,
-    ) -> Result<Encoded> {
+    fn encode(&self, pictures: ArrayView4<f32>, camera_rays: ArrayView3<f32>) -> Result<Encoded> {
         let run = |pictures: ArrayView4<f32>, rays: ArrayView3<f32>| {
             let Encoded {
                 memory,
                 coordinates,
-            } = self.network.encode_closeups(pictures, rays)?;
+            } = self.network.encode(pictures, rays)?;
             let coordinates = coordinates.map(Array4::into_dyn);
             Ok([memory.into_dyn()].into_iter().chain(coordinates).collect())
         };
@@ -224,9 +212,12 @@ mod tests {
             &self,
             pictures: ArrayView4<f32>,
             camera_rays: ArrayView3<f32>,
-        ) -> Result<Array3<f32>> {
+        ) -> Result<Encoded> {
             self.0.fetch_add(pictures.dim().0, Ordering::Relaxed);
-            Ok(&camera_rays + &pictures.slice(s![.., ..1, 0, ..1]))
+            Ok(Encoded {
+                memory: &camera_rays + &pictures.slice(s![.., ..1, 0, ..1]),
+                coordinates: None,
+            })
         }
 
         fn decode(&self, _: ArrayView3<f32>, _: &Queries) -> Result<Decoded> {
@@ -277,7 +268,8 @@ mod tests {
         for (rays, count) in [(0.0, 1), (0.0, 1), (0.5, 2)] {
             let rays = Array3::from_elem((1, 4, 3), rays);
             let expected = &rays + 1.0;
-            assert_eq!(kept.encode(picture.view(), rays.view()).unwrap(), expected);
+            let encoded = kept.encode(picture.view(), rays.view()).unwrap();
+            assert_eq!(encoded.memory, expected);
             assert_eq!(network.0.load(Ordering::Relaxed), count);
         }
     }

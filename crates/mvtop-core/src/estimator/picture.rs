@@ -153,7 +153,7 @@ pub fn in_closeups(
         for ((view, closeup), mut picture) in taken.iter().zip(tensor.outer_iter_mut()) {
             picture.assign(&closeup.picture(view.camera, view.image, mean, std));
         }
-        let encoded = network.encode_closeups(tensor.view(), rays(list).view())?;
+        let encoded = network.encode(tensor.view(), rays(list).view())?;
         memory.push(checked(encoded.memory, list.len())?);
         if let Some(codes) = encoded.coordinates {
             coordinates.push(on_images(codes, taken)?);

@@ -81,7 +81,7 @@ fn answers(bundle: &Bundle, network: &dyn Network) -> Result<BTreeMap<&'static s
             let side = closeups.size as usize;
             let pictures: Array4<f32> = numbers((1, 3, side, side));
             let rays = rays(cells(&closeups.strides, side, side));
-            let encoded = network.encode_closeups(pictures.view(), rays.view())?;
+            let encoded = network.encode(pictures.view(), rays.view())?;
             (network.detect(images.view())?, encoded.memory)
         }
     };

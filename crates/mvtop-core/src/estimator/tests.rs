@@ -12,7 +12,7 @@ use super::pose::mean_rotation;
 use super::*;
 use crate::bundle::{Class, Detector, Input};
 use crate::image::Letterbox;
-use crate::network::{Decoded, DetectorMaps, Queries};
+use crate::network::{Decoded, DetectorMaps, Encoded, Queries};
 use crate::rays::LosEncoding;
 use crate::symmetry::Symmetry;
 use crate::{BBox, Camera, Intrinsics, Projection};
@@ -143,6 +143,14 @@ impl Geometry {
     }
 }
 
+/// Memory that is the cells' rays.
+fn rays_alone(camera_rays: ArrayView3<f32>) -> Encoded {
+    Encoded {
+        memory: camera_rays.to_owned(),
+        coordinates: None,
+    }
+}
+
 impl Network for Geometry {
     fn detect(&self, images: ArrayView4<f32>) -> Result<DetectorMaps> {
         let views = self.boxes.len();
@@ -169,8 +177,8 @@ impl Network for Geometry {
     }
 
     /// The memory is the cells' rays, so that the decoder can tell whose they are.
-    fn encode(&self, _: ArrayView4<f32>, camera_rays: ArrayView3<f32>) -> Result<Array3<f32>> {
-        Ok(camera_rays.to_owned())
+    fn encode(&self, _: ArrayView4<f32>, camera_rays: ArrayView3<f32>) -> Result<Encoded> {
+        Ok(rays_alone(camera_rays))
     }
 
     /// Objects where they are, turned as the anchor camera is.

@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use mvtop_core::mesh::load_ply;
+use mvtop_core::mesh::{Mesh, load_ply};
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use serde::Deserialize;
 
 use super::json::{MM, motion, read};
 use super::obj::load_obj;
-use crate::metrics::{BOP_MAX_STEP, ContinuousSymmetry, Mesh, Surface, Symmetries};
+use crate::metrics::{BOP_MAX_STEP, ContinuousSymmetry, Surface, Symmetries};
 use crate::{Error, Result};
 
 /// An object, ready for measuring poses of it.
@@ -166,7 +166,7 @@ impl ModelInfo {
         // Where there is neither, the one that BOP has is missing.
         let (path, mesh) = match !ply.is_file() && obj.is_file() {
             true => (obj.clone(), load_obj(&obj, MM)?),
-            false => (ply.clone(), of_ply(&ply)?),
+            false => (ply.clone(), load_ply(&ply, MM)?),
         };
         check_diameter(&path, mesh.vertices(), self.diameter_m)?;
         Ok(Model {
@@ -179,12 +179,6 @@ impl ModelInfo {
             mesh,
         })
     }
-}
-
-/// What metrics need of a PLY file, metres.
-fn of_ply(path: &Path) -> Result<Mesh> {
-    let mesh = load_ply(path, MM)?;
-    Mesh::new(mesh.vertices().to_vec(), mesh.triangles().to_vec())
 }
 
 /// Refuses a diameter that is not the points', as of another unit or object; it is a rule of thumb, as

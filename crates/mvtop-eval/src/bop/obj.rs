@@ -6,8 +6,8 @@ use mvtop_core::file;
 use nalgebra::Point3;
 use tobj::{LoadOptions, load_obj_buf};
 
-use crate::metrics::Mesh;
 use crate::{Error, Result};
+use mvtop_core::mesh::Mesh;
 
 /// Largest file that is read.
 const MAX_FILE_BYTES: u64 = 1 << 30;
@@ -49,7 +49,7 @@ pub(super) fn load_obj(path: &Path, unit: f64) -> Result<Mesh> {
     if triangles.is_empty() {
         return Err(refuse("no face".into()));
     }
-    Mesh::new(vertices, triangles).map_err(|error| refuse(error.to_string()))
+    Mesh::new(vertices, Vec::new(), triangles).map_err(|error| refuse(error.to_string()))
 }
 
 #[cfg(test)]

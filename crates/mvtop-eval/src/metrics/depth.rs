@@ -1,25 +1,18 @@
 //! Depth images of a mesh: a rasteriser with a depth buffer, for VSD.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Vector3};
 use ndarray::Array2;
 use rayon::prelude::*;
 
 use crate::{Error, Result};
 use mvtop_core::camera::Intrinsics;
+use mvtop_core::mesh::Mesh;
 
 /// `[height, width]`: z coordinate in the camera frame of what each pixel shows, 0 for nothing.
 pub type DepthImage = Array2<f32>;
 
 /// Rows that one task fills.
 const BAND: usize = 16;
-
-/// A triangle mesh in the object's frame.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Mesh {
-    vertices: Vec<Point3<f64>>,
-    /// Indices of vertices; both sides are seen.
-    triangles: Vec<[u32; 3]>,
-}
 
 /// Which point of a pixel decides what it shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -55,85 +48,49 @@ struct Pixels {
     height: usize,
 }
 
-impl Mesh {
-    /// # Errors
-    /// [`Error::Input`] where a vertex is not finite or a triangle names one that is not there.
-    pub fn new(vertices: Vec<Point3<f64>>, triangles: Vec<[u32; 3]>) -> Result<Self> {
-        let not_finite = |p: &Point3<f64>| p.iter().any(|x| !x.is_finite());
-        if let Some(i) = vertices.iter().position(not_finite) {
-            return Err(Error::Input(format!(
-                "mesh: expected finite vertices, got {} for vertex {i}",
-                vertices[i]
-            )));
-        }
-        let count = vertices.len();
-        let missing = |t: &[u32; 3]| t.iter().any(|&v| v as usize >= count);
-        if let Some(i) = triangles.iter().position(missing) {
-            return Err(Error::Input(format!(
-                "mesh: expected triangles of its {count} vertices, got {:?} for triangle {i}",
-                triangles[i]
-            )));
-        }
-        Ok(Self {
-            vertices,
-            triangles,
-        })
+/// Depth image of a mesh, both of whose sides are seen; in the unit of its vertices and of the pose.
+///
+/// # Errors
+/// [`Error::Input`] for a camera with distortion, which bends edges: undistort first.
+///
+/// Source: Olano and Greer, "Triangle Scan Conversion using 2D Homogeneous Coordinates", 1997.
+pub fn depth(
+    mesh: &Mesh,
+    cam_from_obj: &Isometry3<f64>,
+    intrinsics: &Intrinsics,
+    [width, height]: [u32; 2],
+    center: PixelCenter,
+) -> Result<DepthImage> {
+    if !intrinsics.is_pinhole() {
+        return Err(Error::Input(
+            "depth image: expected an ideal pinhole, got a camera with distortion; undistort the \
+             image and give the intrinsics that remain"
+                .into(),
+        ));
     }
-
-    /// In the object's frame.
-    pub fn vertices(&self) -> &[Point3<f64>] {
-        &self.vertices
+    let pixels = Pixels {
+        intrinsics: intrinsics.clone(),
+        offset: match center {
+            PixelCenter::Integer => 0.0,
+            PixelCenter::Half => 0.5,
+        },
+        width: width as usize,
+        height: height as usize,
+    };
+    let vertices = mesh.vertices().iter();
+    let in_camera: Vec<_> = vertices.map(|p| (cam_from_obj * p).coords).collect();
+    let seen = |t: &[u32; 3]| Triangle::new(t.map(|v| in_camera[v as usize]), &pixels);
+    let seen: Vec<Triangle> = mesh.triangles().par_iter().filter_map(seen).collect();
+    let mut image = DepthImage::zeros((pixels.height, pixels.width));
+    if let Some(rows) = image.as_slice_mut().filter(|rows| !rows.is_empty()) {
+        let bands = rows.par_chunks_mut(BAND * pixels.width).enumerate();
+        bands.for_each(|(i, band)| {
+            for triangle in &seen {
+                triangle.fill(band, i * BAND, &pixels);
+            }
+        });
     }
-
-    /// Three vertices' indices each.
-    pub fn triangles(&self) -> &[[u32; 3]] {
-        &self.triangles
-    }
-
-    /// The mesh's depth image, in the unit of its vertices and of the pose.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for a camera with distortion, which bends edges: undistort first.
-    ///
-    /// Source: Olano and Greer, "Triangle Scan Conversion using 2D Homogeneous Coordinates", 1997.
-    pub fn depth(
-        &self,
-        cam_from_obj: &Isometry3<f64>,
-        intrinsics: &Intrinsics,
-        [width, height]: [u32; 2],
-        center: PixelCenter,
-    ) -> Result<DepthImage> {
-        if !intrinsics.is_pinhole() {
-            return Err(Error::Input(
-                "depth image: expected an ideal pinhole, got a camera with distortion; undistort the \
-                 image and give the intrinsics that remain"
-                    .into(),
-            ));
-        }
-        let pixels = Pixels {
-            intrinsics: intrinsics.clone(),
-            offset: match center {
-                PixelCenter::Integer => 0.0,
-                PixelCenter::Half => 0.5,
-            },
-            width: width as usize,
-            height: height as usize,
-        };
-        let vertices = self.vertices.iter();
-        let in_camera: Vec<_> = vertices.map(|p| (cam_from_obj * p).coords).collect();
-        let seen = |t: &[u32; 3]| Triangle::new(t.map(|v| in_camera[v as usize]), &pixels);
-        let seen: Vec<Triangle> = self.triangles.par_iter().filter_map(seen).collect();
-        let mut image = DepthImage::zeros((pixels.height, pixels.width));
-        if let Some(rows) = image.as_slice_mut().filter(|rows| !rows.is_empty()) {
-            let bands = rows.par_chunks_mut(BAND * pixels.width).enumerate();
-            bands.for_each(|(i, band)| {
-                for triangle in &seen {
-                    triangle.fill(band, i * BAND, &pixels);
-                }
-            });
-        }
-        Ok(image)
-    }
+    Ok(image)
 }
 
 impl Triangle {

@@ -177,7 +177,9 @@ impl View<'_> {
         };
         let size = [self.camera.width(), self.camera.height()];
         let depths = |poses: &[Isometry3<f64>]| -> Result<Vec<DepthImage>> {
-            let depth = |pose| model.mesh.depth(pose, intrinsics, size, PixelCenter::Half);
+            let depth = |pose| {
+                mvtop_eval::metrics::depth(&model.mesh, pose, intrinsics, size, PixelCenter::Half)
+            };
             poses.iter().map(|pose| Ok(depth(pose)?)).collect()
         };
         let options = VsdOptions {
@@ -249,17 +251,19 @@ impl Scores {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::matching::tests::found;
     use mvtop_core::annotations::GivenBoxes;
-    use mvtop_core::prediction::{Sigma, Timings};
+    use mvtop_core::mesh::Mesh;
+    use mvtop_core::prediction::Timings;
     use mvtop_core::{Intrinsics, Projection};
-    use mvtop_eval::metrics::{Mesh, Surface, Symmetries};
+    use mvtop_eval::metrics::{Surface, Symmetries};
     use nalgebra::Point3;
 
     /// A square plate of 0.2 m that faces the camera 1 m before it: 100 px wide.
     fn plate() -> Model {
         let corner = |x: f64, y: f64| Point3::new(0.1 * x, 0.1 * y, 0.0);
         let corners = [(-1., -1.), (1., -1.), (1., 1.), (-1., 1.)].map(|(x, y)| corner(x, y));
-        let mesh = Mesh::new(corners.to_vec(), vec![[0, 1, 2], [0, 2, 3]]).unwrap();
+        let mesh = Mesh::new(corners.to_vec(), vec![], vec![[0, 1, 2], [0, 2, 3]]).unwrap();
         Model {
             id: 3,
             name: None,
@@ -295,24 +299,7 @@ mod tests {
         let camera = camera();
         let pose =
             |[x, y, z]: [f64; 3]| camera.world_from_cam() * Isometry3::translation(x, y, 1.0 + z);
-        let found = shift.map(|shift| ObjectPose {
-            class: "plate".into(),
-            class_id: 3,
-            score: 1.0,
-            ref_from_obj: Isometry3::identity(),
-            world_from_obj: pose(shift),
-            sigma: Sigma {
-                rot_deg: 1.0,
-                t_m: 0.01,
-            },
-            support: None,
-            refinement: None,
-            confidence: None,
-            hypotheses: Vec::new(),
-            next_view: None,
-            symmetry: mvtop_core::symmetry::Symmetry::default(),
-            cameras: Vec::new(),
-        });
+        let found = shift.map(|shift| found("plate", 3, pose(shift)));
         let known = TruePose {
             seen: GivenBoxes {
                 class: "plate".into(),

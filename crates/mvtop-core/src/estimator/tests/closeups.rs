@@ -14,14 +14,10 @@ impl Network for Triangulation {
     }
 
     /// The memory is the cells' rays, so that the decoder can tell whose they are.
-    fn encode(
-        &self,
-        pictures: ArrayView4<f32>,
-        camera_rays: ArrayView3<f32>,
-    ) -> Result<Array3<f32>> {
+    fn encode(&self, pictures: ArrayView4<f32>, camera_rays: ArrayView3<f32>) -> Result<Encoded> {
         let size = CLOSE as usize;
         assert_eq!(pictures.dim(), (camera_rays.dim().0, 3, size, size));
-        Ok(camera_rays.to_owned())
+        Ok(rays_alone(camera_rays))
     }
 
     fn detect_and_encode(

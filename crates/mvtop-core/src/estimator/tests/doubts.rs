@@ -14,7 +14,7 @@ impl Network for BySize {
         self.0.detect(images)
     }
 
-    fn encode(&self, pictures: ArrayView4<f32>, rays: ArrayView3<f32>) -> Result<Array3<f32>> {
+    fn encode(&self, pictures: ArrayView4<f32>, rays: ArrayView3<f32>) -> Result<Encoded> {
         self.0.encode(pictures, rays)
     }
 

@@ -1,7 +1,7 @@
 use super::*;
 use approx::assert_abs_diff_eq;
 use mvtop_core::Projection;
-use nalgebra::{Translation3, UnitQuaternion};
+use nalgebra::{Point3, Translation3, UnitQuaternion};
 use proptest::prelude::*;
 
 const SIZE: [u32; 2] = [64, 48];
@@ -19,7 +19,7 @@ fn square(half: f64) -> Mesh {
         corner(1., 1.),
         corner(-1., 1.),
     ];
-    Mesh::new(vertices, vec![[0, 1, 2], [0, 2, 3]]).unwrap()
+    Mesh::new(vertices, Vec::new(), vec![[0, 1, 2], [0, 2, 3]]).unwrap()
 }
 
 /// A sphere of that radius, in steps of a few degrees.
@@ -44,11 +44,11 @@ fn sphere(radius: f64) -> Mesh {
             triangles.extend([[a, b, c], [b, d, c]]);
         }
     }
-    Mesh::new(vertices, triangles).unwrap()
+    Mesh::new(vertices, Vec::new(), triangles).unwrap()
 }
 
 fn depth(mesh: &Mesh, pose: Isometry3<f64>, center: PixelCenter) -> DepthImage {
-    mesh.depth(&pose, &intrinsics(), SIZE, center).unwrap()
+    super::depth(mesh, &pose, &intrinsics(), SIZE, center).unwrap()
 }
 
 #[test]
@@ -144,11 +144,11 @@ fn nearer_surface_hides_the_farther_in_either_order() {
         } else {
             (far, near, -1.0)
         };
-        let mut vertices = first.vertices.clone();
-        vertices.extend(second.vertices.iter().map(|p| p + Vector3::z() * shift));
+        let mut vertices = first.vertices().to_vec();
+        vertices.extend(second.vertices().iter().map(|p| p + Vector3::z() * shift));
         let triangles = vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]];
         let z = if near_first { 1.0 } else { 2.0 };
-        let mesh = Mesh::new(vertices, triangles).unwrap();
+        let mesh = Mesh::new(vertices, Vec::new(), triangles).unwrap();
         depth(
             &mesh,
             Isometry3::translation(0., 0., z),
@@ -183,19 +183,24 @@ fn distance_of_a_pixel_is_along_its_ray() {
 
 #[test]
 fn meshes_and_lenses_that_cannot_be_are_refused() {
-    let error = Mesh::new(vec![Point3::origin(); 3], vec![[0, 1, 3]]).unwrap_err();
-    assert!(error.to_string().contains("its 3 vertices, got [0, 1, 3]"));
-    let error = Mesh::new(vec![Point3::new(0.0, f64::NAN, 0.0)], vec![]).unwrap_err();
+    let error = Mesh::new(vec![Point3::origin(); 3], Vec::new(), vec![[0, 1, 3]]).unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .contains("the 3 vertices, counted from 0, got [0, 1, 3]")
+    );
+    let error = Mesh::new(vec![Point3::new(0.0, f64::NAN, 0.0)], Vec::new(), vec![]).unwrap_err();
     assert!(error.to_string().contains("vertex 0"));
     let bent = |k1| {
         let projection = Projection::from_params("pinhole", None, &[k1, 0.0, 0.0, 0.0, 0.0]);
         Intrinsics::new(50.0, 60.0, 31.0, 24.0, projection.unwrap()).unwrap()
     };
     let pose = Isometry3::translation(0., 0., 1.);
-    let error = square(1.0).depth(&pose, &bent(0.1), SIZE, PixelCenter::Integer);
+    let error = super::depth(&square(1.0), &pose, &bent(0.1), SIZE, PixelCenter::Integer);
     assert!(error.unwrap_err().to_string().contains("undistort"));
     // Five zeros, as OpenCV gives them, are no distortion.
-    let depth = |intrinsics| square(1.0).depth(&pose, &intrinsics, SIZE, PixelCenter::Integer);
+    let depth =
+        |intrinsics| super::depth(&square(1.0), &pose, &intrinsics, SIZE, PixelCenter::Integer);
     assert_eq!(depth(bent(0.0)).unwrap(), depth(intrinsics()).unwrap());
 }
 
@@ -203,7 +208,7 @@ fn meshes_and_lenses_that_cannot_be_are_refused() {
 fn skew_shifts_each_row_by_its_height() {
     let pose = Isometry3::new(Vector3::new(0.02, -0.05, 1.0), Vector3::new(0.3, -0.4, 0.2));
     let render = |lens: &Intrinsics| {
-        let image = sphere(0.2).depth(&pose, lens, SIZE, PixelCenter::Integer);
+        let image = super::depth(&sphere(0.2), &pose, lens, SIZE, PixelCenter::Integer);
         image.unwrap()
     };
     let askew = intrinsics().with_skew(5.0).unwrap();

@@ -1,0 +1,32 @@
+"""Arguments of what is chosen, for a bundle, on scenes that its training has left out."""
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+from ..data import bop
+from ..errors import argument_parser
+
+
+def parser(doc: str, of_another: str) -> ArgumentParser:
+    """- of_another: what is done with another split than the training's"""
+    parser = argument_parser(doc)
+    add = parser.add_argument
+    add("--bundle", type=Path, required=True, help="folder of model.json")
+    add("--data", type=Path, required=True, help="data set that it was trained on")
+    add("--held-out", type=int, default=100, help="first scenes, not trained on")
+    add("--split", default="train", help=f"another one: only {of_another}")
+    return parser
+
+
+def is_training(args: Namespace) -> bool:
+    """Whether there is something to choose: of other splits it is only told how that does."""
+    return args.split == "train"
+
+
+def scenes(args: Namespace) -> list[list[bop.Image]]:
+    """Images of the scenes that were held out, or of all of another split."""
+    most = args.held_out if is_training(args) else None
+    folders = bop.whole_scenes(args.data / args.split)[:most]
+    if not folders:
+        bop.refuse_empty(args.data, args.split)
+    return [bop.read_images(folder) for folder in folders]
