@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use self::cells::{Evidence, Seen};
 use super::hypotheses::{self, NEAR_DEG};
-use super::picture::{Group, Picture, Pictures};
+use super::picture::{Group, Picture, Pictures, cell_at};
 use super::pose::{DecodedPose, FARTHEST};
 use crate::bundle::{Bundle, SurfacePoint};
 use crate::prediction::{Hypothesis, Sigma};
@@ -246,12 +246,9 @@ fn support(
             let Some(pixel) = picture.camera.intrinsics().project(&in_cam) else {
                 continue;
             };
-            let cell =
-                |x: f64| ((x + 0.5) * columns as f64 / f64::from(picture.camera.width())).floor();
-            let (column, row) = (cell(pixel.x), cell(pixel.y));
-            let inside = 0.0..columns as f64;
-            if inside.contains(&column) && inside.contains(&row) {
-                covered[row as usize * columns + column as usize] = true;
+            let cell = |pixel| cell_at(pixel, columns, picture.camera.width());
+            if let (Some(column), Some(row)) = (cell(pixel.x), cell(pixel.y)) {
+                covered[row * columns + column] = true;
             }
         }
         let of = |(covered, agrees): (&bool, &f64)| covered.then_some(*agrees);

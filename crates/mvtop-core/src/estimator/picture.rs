@@ -189,6 +189,12 @@ pub fn cell_center(n: usize, cells: usize, side: u32) -> f64 {
     (n as f64 + 0.5) * f64::from(side) / cells as f64 - 0.5
 }
 
+/// The cell in whose column (or row) a pixel lies, of so many; `None` off the image.
+pub fn cell_at(pixel: f64, cells: usize, side: u32) -> Option<usize> {
+    let cell = ((pixel + 0.5) * cells as f64 / f64::from(side)).floor();
+    (0.0..cells as f64).contains(&cell).then_some(cell as usize)
+}
+
 /// The coordinates, without trust where a cell's center is off the real image.
 fn on_images(mut codes: Array4<f32>, taken: &[(&View, CloseUp)]) -> Result<Array4<f32>> {
     let (pictures, axes, rows, columns) = codes.dim();
