@@ -43,7 +43,7 @@ pub type Group = Target;
 
 /// The groups of one scene.
 ///
-/// - `views`: images per group, the reference included; all there are without it
+/// - `views`: images per group at most, the reference included; all there are without it
 /// - `sensor`: of the reference image, where a target or the lack of targets leaves it open; the
 ///   first one by default
 /// - `targets`: of this scene; every image is a reference without them
@@ -53,8 +53,7 @@ pub type Group = Target;
 /// other sensors' images of the same number, in the order of the sensors' names.
 ///
 /// # Errors
-/// [`Error::Input`] where the scene lacks an image that a target names, or has fewer than `views` to
-/// choose from. Lists whose groups are smaller are taken as they are.
+/// [`Error::Input`] where the scene lacks an image that a target names.
 pub fn groups(
     scene: &Scene,
     grouping: Grouping,
@@ -96,19 +95,7 @@ pub fn groups(
             let others = candidates(scene, grouping, reference);
             group.views.extend(spread(&others, grouping, views));
         }
-        let count = group.views.len();
-        match views {
-            Some(views) if count < views && !group.listed => {
-                return Err(Error::Input(format!(
-                    "{}: expected {views} views with image {}, as asked for, got {count}; ask for \
-                     fewer views",
-                    scene.folder.display(),
-                    group.views[0]
-                )));
-            }
-            Some(views) => group.views.truncate(views),
-            None => {}
-        }
+        group.views.truncate(views.unwrap_or(usize::MAX));
     }
     Ok(groups)
 }

@@ -111,6 +111,17 @@ impl Plan {
                 }
             )));
         }
+        let most = plan.groups.iter().map(|group| group.views.len()).max();
+        let listed = plan.groups.iter().any(|group| group.listed);
+        if let (Some(views), Some(most), Some(_), false) = (args.trial.views, most, known, listed)
+            && most < views as usize
+        {
+            return Err(Failure(format!(
+                "{}: expected groups of {views} views, as asked for, got {most} at most; ask for \
+                 fewer views",
+                folder.display()
+            )));
+        }
         if known.is_none() {
             plan.keep_images_once(options.sensor.as_deref())?;
         }
@@ -165,7 +176,7 @@ impl Plan {
             let (fewer, first) = count(&|count| count > 1 && count < views as usize);
             if fewer > 0 {
                 sentences.push(format!(
-                    "{fewer} of {all} groups in --targets have fewer than {views} views, the first is \
+                    "{fewer} of {all} groups have fewer than the {views} views asked for, the first is \
                      {first}"
                 ));
             }

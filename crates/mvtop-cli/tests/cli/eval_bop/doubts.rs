@@ -114,7 +114,7 @@ fn doubtful_data_sets_are_evaluated_with_warnings() {
         "{text}"
     );
     assert!(
-        lines[1].contains("1 of 3 groups in --targets have fewer than 3 views"),
+        lines[1].contains("1 of 3 groups have fewer than the 3 views asked for"),
         "{text}"
     );
     assert_eq!(lines.len(), 2, "{text}");
@@ -139,5 +139,34 @@ fn doubtful_data_sets_are_evaluated_with_warnings() {
     assert!(
         text.contains("1 scenes have no bbox_obj") && text.contains("--true-boxes"),
         "{text}"
+    );
+}
+
+#[test]
+fn scene_with_fewer_images_than_asked_for_is_evaluated_with_all_it_has() {
+    let dir = TempDir::new().unwrap();
+    let dataset = dir.path().join("balls");
+    write_dataset(&dataset, false);
+    let [whole, part] = ["000001", "000002"].map(|name| dataset.join("test").join(name));
+    fs::create_dir_all(part.join("rgb")).unwrap();
+    for number in 0..3 {
+        let image = format!("rgb/{number:06}.png");
+        fs::copy(whole.join(&image), part.join(&image)).unwrap();
+    }
+    for file in ["scene_camera.json", "scene_gt.json", "scene_gt_info.json"] {
+        fs::copy(whole.join(file), part.join(file)).unwrap();
+        change(&part.join(file), |images| {
+            images.as_object_mut().unwrap().remove("3");
+        });
+    }
+    let report = dir.path().join("report");
+    let output = eval(&dataset, &report, &["--views", "4"]);
+    let text = String::from_utf8(output.stderr).unwrap();
+    let told = "3 of 7 groups have fewer than the 4 views asked for, the first is 000002/000000";
+    assert!(text.contains(told), "{text}");
+    let journal = fs::read_to_string(report.join("groups.jsonl")).unwrap();
+    assert!(
+        journal.contains("\"000002/000001+000002+000000\""),
+        "{journal}"
     );
 }
