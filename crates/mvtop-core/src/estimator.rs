@@ -92,7 +92,10 @@ impl Estimator {
     /// An estimator with a network that something other than ONNX Runtime runs.
     pub fn new(bundle: Bundle, network: Box<dyn Network>) -> Self {
         let radii = bundle.classes.iter().map(Class::half_widths).collect();
-        let refiner = |class: &Class| Some(Refiner::new(class.mesh.as_ref()?, class.diameter_m));
+        let refiner = |class: &Class| {
+            let refiner = Refiner::new(class.mesh.as_ref()?, class.diameter_m);
+            Some(refiner.with_print(&class.points))
+        };
         let refiners = bundle.classes.iter().map(refiner).collect();
         Self {
             bundle,

@@ -6,13 +6,15 @@
 //! of its colors the true edge is searched for, by how colors are distributed to both sides; six
 //! numbers, a turn and a shift, bring all of them there (Gauss-Newton, lines and views losing weight
 //! as they disagree). From coarse to fine, the mesh being drawn anew each time. What the network
-//! expected counts as a measurement, too: what the images do not tell stays as it was.
+//! expected counts as a measurement, too: what the images do not tell stays as it was. The turn of a
+//! round part, which no edge tells, is then found by its print.
 
 mod contour;
 mod difference;
 mod explained;
 pub(crate) mod lines;
 mod part;
+mod print;
 mod quality;
 mod raster;
 mod region;
@@ -24,10 +26,12 @@ use rayon::prelude::*;
 
 use self::contour::EdgePoint;
 use self::part::Part;
+use self::print::Print;
 pub use self::quality::{Quality, ViewQuality};
 use self::raster::Raster;
 use self::region::{Colors, Picture};
 use self::solve::{ANGLE_PER_AXIS, Prior, Row};
+use crate::bundle::SurfacePoint;
 use crate::closeup::{CloseUp, FILL};
 use crate::mesh::Mesh;
 use crate::prediction::Sigma;
@@ -94,6 +98,7 @@ pub struct Refined {
 pub struct Refiner {
     part: Part,
     diameter: f64,
+    print: Option<Print>,
 }
 
 /// How large the close-ups are.
@@ -143,6 +148,17 @@ impl Refiner {
         Self {
             part: Part::new(mesh),
             diameter: diameter_m,
+            print: None,
+        }
+    }
+
+    /// The same for a part that may be round and printed on.
+    ///
+    /// - `points`: colored, of its surface
+    pub fn with_print(self, points: &[SurfacePoint]) -> Self {
+        Self {
+            print: Print::new(points, self.part.center, self.diameter),
+            ..self
         }
     }
 
@@ -166,7 +182,8 @@ impl Refiner {
         world_from_obj: &Isometry3<f64>,
         sigma: Sigma,
     ) -> Option<Refined> {
-        self.refine_by(&STEPS, views, world_from_obj, sigma)
+        let print = self.print.as_ref();
+        self.refine_by(&STEPS, print, views, world_from_obj, sigma)
     }
 
     /// Like [`Self::refine`], on close-ups no sharper than the images: quicker, and exact enough to
@@ -177,12 +194,13 @@ impl Refiner {
         world_from_obj: &Isometry3<f64>,
         sigma: Sigma,
     ) -> Option<Refined> {
-        self.refine_by(&COARSE_STEPS, views, world_from_obj, sigma)
+        self.refine_by(&COARSE_STEPS, None, views, world_from_obj, sigma)
     }
 
     fn refine_by(
         &self,
         steps: &[Steps],
+        print: Option<&Print>,
         views: &[View],
         world_from_obj: &Isometry3<f64>,
         sigma: Sigma,
@@ -205,6 +223,15 @@ impl Refiner {
                 let found = solve::step(&rows, &prior, &pose, center, radius, scale)?;
                 pose = solve::moved(&pose, center, &found.motion);
                 information = found.information;
+            }
+        }
+        if let Some(print) = print {
+            for view in &mut working {
+                view.draw(self, &pose);
+            }
+            if let Some(turned) = print.turned(&working, &pose) {
+                pose = turned;
+                information += print.information(&pose);
             }
         }
         let before = self.fit(&mut working, world_from_obj)?;
@@ -325,17 +352,24 @@ impl Working {
         })
     }
 
+    /// Draws the mesh at this pose; `false` where a part of it is not before the camera.
+    fn draw(&mut self, refiner: &Refiner, pose: &Isometry3<f64>) -> bool {
+        let camera = &self.closeup.camera;
+        let cam_from_obj = camera.world_from_cam().inv_mul(pose);
+        let (pinhole, size) = (camera.intrinsics(), camera.width() as usize);
+        self.raster
+            .draw(&refiner.part, &cam_from_obj, pinhole, size)
+    }
+
     /// Finds the edges of the object, as it lies at this pose.
     fn look(&mut self, refiner: &Refiner, pose: &Isometry3<f64>, step: f64) {
-        let (part, camera) = (&refiner.part, &self.closeup.camera);
-        let world_from_cam = camera.world_from_cam();
-        let cam_from_obj = world_from_cam.inv_mul(pose);
-        let (pinhole, size) = (camera.intrinsics(), camera.width() as usize);
         self.rows.clear();
         self.points.clear();
-        if !self.raster.draw(part, &cam_from_obj, pinhole, size) {
+        if !self.draw(refiner, pose) {
             return;
         }
+        let (part, camera) = (&refiner.part, &self.closeup.camera);
+        let (world_from_cam, pinhole) = (camera.world_from_cam(), camera.intrinsics());
         contour::points(part, &self.raster, refiner.diameter, &mut self.points);
         let Self {
             picture,

@@ -6,6 +6,7 @@ use nalgebra::{Point2, Vector3};
 
 use super::contour::EdgePoint;
 use super::part::BACKGROUND;
+use super::print::Look;
 use super::raster::Raster;
 
 /// Levels of each channel that colors are counted in.
@@ -90,6 +91,15 @@ impl Picture {
             brightness: pixels.iter().map(brightness).collect(),
             tints: pixels.iter().map(tint).collect(),
         }
+    }
+
+    /// Of each pixel; not finite where nothing is known, or where it is too dark.
+    pub fn looks(&self) -> Vec<Look> {
+        let look = |(brightness, tint): (&f32, &Vector3<f32>)| match tint.x.is_finite() {
+            true => [brightness.ln(), tint.x, tint.y],
+            false => [f32::NAN; 3],
+        };
+        self.brightness.iter().zip(&self.tints).map(look).collect()
     }
 
     fn brightness(&self, raster: &Raster, at: Point2<f64>) -> Option<f64> {

@@ -435,6 +435,7 @@ fn pose_that_the_images_do_not_show_is_left_alone() {
 }
 
 mod alone;
+mod print;
 
 #[test]
 fn images_are_explained_best_by_the_right_one_of_several_poses() {

@@ -1,0 +1,95 @@
+//! Round parts are turned as their print is.
+
+use super::*;
+use crate::bundle::SurfacePoint;
+
+/// The can, with squares of four colors around it.
+fn printed(colors: [[u8; 3]; 4], draw: &mut Draw) -> Mesh {
+    let plain = can();
+    let lids = plain.triangles()[2 * 72..].to_vec();
+    let lids = Mesh::new(plain.vertices().to_vec(), plain.colors().to_vec(), lids).unwrap();
+    let mut parts = vec![lids];
+    let (rows, columns) = (8, 24);
+    for row in 0..rows {
+        for column in 0..columns {
+            let color = colors[(draw.number() * 4.0) as usize];
+            parts.push(surface(1, 3, color, |u, v| {
+                let turn = (f64::from(column) + v) / f64::from(columns) * std::f64::consts::TAU;
+                let z = 0.1 * (f64::from(row) + u) / f64::from(rows) - 0.05;
+                Point3::new(0.033 * turn.cos(), 0.033 * turn.sin(), z)
+            }));
+        }
+    }
+    united(&parts)
+}
+
+/// The middle of each triangle.
+fn points(mesh: &Mesh) -> Vec<SurfacePoint> {
+    let middle = |triangle: &[u32; 3]| {
+        let corners = triangle.map(|v| mesh.vertices()[v as usize].coords);
+        SurfacePoint {
+            position: ((corners[0] + corners[1] + corners[2]) / 3.0).into(),
+            color: mesh.colors()[triangle[0] as usize],
+        }
+    };
+    mesh.triangles().iter().map(middle).collect()
+}
+
+#[test]
+fn print_tells_the_turn_of_a_round_part() {
+    let mut draw = Draw(6);
+    let colors = [[170, 20, 25], [200, 195, 190], [180, 150, 60], [60, 50, 50]];
+    let mesh = printed(colors, &mut draw);
+    let refiner = Refiner::new(&mesh, 0.12).with_print(&points(&mesh));
+    let cameras = [0.0, 70.0].map(camera);
+    for _ in 0..10 {
+        let truth = Isometry3::from_parts(Translation3::identity(), draw.rotation(3.0));
+        let images = [0, 1].map(|view| seen(&mesh, &cameras[view], &truth, &mut draw));
+        let views = [0, 1].map(|view| View {
+            camera: &cameras[view],
+            image: &images[view],
+        });
+        let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
+        let off = about(Vector3::z_axis(), 0.2) * about(Vector3::x_axis(), 0.08);
+        let sigma = Sigma {
+            rot_deg: 12.0,
+            t_m: 0.01,
+        };
+        let found = refiner.refine(&views, &(truth * off), sigma).unwrap();
+        let left = rotation_error_deg(&found.world_from_obj.rotation, &truth.rotation);
+        assert!(found.accepted && left < 1.5, "{left} degrees");
+        // It is known to be told, unlike that of a plain can.
+        assert!(found.sigma.rot_deg < 5.0, "{:?}", found.sigma);
+    }
+}
+
+#[test]
+fn parts_that_are_plain_or_not_round_have_no_print() {
+    let mut draw = Draw(7);
+    let has_print = |mesh: &Mesh, diameter: f64| {
+        let refiner = Refiner::new(mesh, diameter).with_print(&points(mesh));
+        refiner.print.is_some()
+    };
+    let colors = [[170, 20, 25], [200, 195, 190], [180, 150, 60], [60, 50, 50]];
+    assert!(has_print(&printed(colors, &mut draw), 0.12));
+    assert!(!has_print(&printed([[90, 120, 170]; 4], &mut draw), 0.12));
+    assert!(!has_print(&can(), 0.12));
+    // Round about every axis but for its knobs, and these tell its turn.
+    assert!(!has_print(&ball(), 0.13));
+    let box_of_colors = {
+        let sides = cuboid();
+        let mut side = 0;
+        let colors = sides.colors().iter().map(|_| {
+            side += 1;
+            colors[side / 4 % 4]
+        });
+        let colors = colors.collect();
+        Mesh::new(
+            sides.vertices().to_vec(),
+            colors,
+            sides.triangles().to_vec(),
+        )
+        .unwrap()
+    };
+    assert!(!has_print(&box_of_colors, 0.15));
+}
