@@ -51,3 +51,34 @@ def test_small_meshes_stay_and_large_ones_are_decimated_to_the_bound():
     top = coarse.vertices[:, 0].argmax()
     red, green, blue = coarse.visual.vertex_colors[top, :3]
     assert green > 2 * red and green > 2 * blue
+
+
+def test_borders_between_few_colors_stay_sharp():
+    pytest.importorskip("fast_simplification")
+    coarse = mesh.decimated(objects.ball_mesh())
+    corners = coarse.visual.vertex_colors[:, :3].reshape(-1, 3, 3).astype(int)
+    assert (corners == corners[:, :1]).all()
+    meant = [np.round(np.array(color) * 255) for color in mvball.COLORS.values()]
+    off = np.min([abs(corners[:, 0] - color).max(1) for color in meant], axis=0)
+    assert off.max() <= 1
+    # On the knob and off it, but for a triangle's width next to the border.
+    towards = coarse.triangles_center / np.linalg.norm(coarse.triangles_center, axis=1)[:, None]
+    green = abs(corners[:, 0] - meant[list(mvball.COLORS).index("green")]).max(1) <= 1
+    angle = np.degrees(np.arccos(towards[:, 0]))
+    border = angle[green].max()
+    assert not green[angle > border + 6].any() and green[angle < border - 6].all()
+
+
+def test_a_print_is_no_few_colors():
+    print_ = np.random.default_rng(1).integers(0, 256, (500, 3))
+    assert mesh.few_colors(print_.astype(float)) is None
+    assert mesh.few_colors(np.full((500, 3), 90.0)) is None  # nor is one color
+    colors, label = mesh.few_colors(np.array([[200.0, 10, 10], [30, 30, 30], [210, 20, 10]]))
+    assert label.tolist() == [0, 1, 0] and colors.tolist() == [[205, 15, 10], [30, 30, 30]]
+
+
+def test_the_ball_of_a_data_set_is_made_of_spheres(tmp_path):
+    objects.write(tmp_path, [(objects.ball(), objects.ball_mesh())])
+    found = mesh.meshes_of(tmp_path, objects.read_all(tmp_path))
+    assert list(found) == ["mvball"]
+    np.testing.assert_array_equal(found["mvball"].vertices, mesh.ball().vertices)

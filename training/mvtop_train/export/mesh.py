@@ -20,6 +20,10 @@ from ..errors import UserError, argument_parser, command
 TRIANGLES = 2000  # at most: what refinement draws some times in each view
 COLOR_POINTS = 40_000  # on the surface, from which vertices of decimated meshes take their colors
 NEAREST = 4  # of these points, whose mean a vertex has
+# As in core/refine/part.rs: colors that differ by less in each channel are one, and a mesh of more
+# than so many is textured.
+ONE_COLOR = 70
+MOST_COLORS = 4
 
 
 def ball() -> trimesh.Trimesh:
@@ -70,9 +74,41 @@ def decimated(mesh: trimesh.Trimesh, triangles: int = TRIANGLES) -> trimesh.Trim
             target_count=triangles,
         )
     points, colors = objects.sample_surface(mesh, COLOR_POINTS)
-    _, nearest = cKDTree(points).query(vertices, NEAREST)
+    tree, few = cKDTree(points), few_colors(colors)
+    if few is not None:
+        return in_few_colors(vertices, faces, tree, *few)
+    _, nearest = tree.query(vertices, NEAREST)
     colors = colors[nearest].mean(1).round().astype(np.uint8)
     return trimesh.Trimesh(vertices, faces, process=False, vertex_colors=colors)
+
+
+def few_colors(colors: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """The colors of a part that has two or a few, and which of them each of `colors` is."""
+    known, label = [], np.full(len(colors), -1)
+    for n in range(MOST_COLORS + 1):
+        rest = np.flatnonzero(label < 0)
+        if not len(rest):
+            return (np.array(known), label) if len(known) > 1 else None
+        alike = rest[abs(colors[rest] - colors[rest[0]]).max(1) < ONE_COLOR]
+        label[alike] = n
+        known.append(np.median(colors[alike], 0))  # of a border, few are in between
+    return None
+
+
+def in_few_colors(vertices, faces, tree: cKDTree, known, label) -> trimesh.Trimesh:
+    """Each triangle in one of the colors, that of most points next to its middle.
+
+    Triangles have vertices of their own, as those on a border have two colors: a mean of both would
+    be a third.
+    """
+    corners = np.asarray(vertices, float)[faces]
+    _, nearest = tree.query(corners.mean(1), NEAREST)
+    votes = np.stack([(label[nearest] == n).sum(1) for n in range(len(known))], 1)
+    colors = known[votes.argmax(1)].round().astype(np.uint8)
+    return trimesh.Trimesh(
+        corners.reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3), process=False,
+        vertex_colors=np.repeat(colors, 3, axis=0),
+    )  # fmt: skip
 
 
 def add(bundle: Path, meshes: dict[str, trimesh.Trimesh]):
@@ -100,9 +136,12 @@ def meshes_of(data: Path | None, known: tuple[objects.Object, ...]) -> dict[str,
     if data is None:
         return {mvball.NAME: ball()}
     read = {obj.name: objects.read_mesh(data, obj.id) for obj in known}
-    return {
+    meshes = {
         name: decimated(mesh) for name, mesh in read.items() if isinstance(mesh, trimesh.Trimesh)
     }
+    if mvball.NAME in meshes:  # of spheres, which its data set has in small triangles
+        meshes[mvball.NAME] = ball()
+    return meshes
 
 
 @command
