@@ -3,7 +3,7 @@
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::{mvtop, off, refusal, sample, stdout};
+use crate::{mvtop, off, refusal, root, sample, stdout};
 
 #[test]
 fn samples_that_are_missing_are_refused() {
@@ -117,7 +117,14 @@ fn noise_that_cannot_be_is_refused() {
 
 #[test]
 fn text_says_what_the_json_says() {
-    let more = ["examples", "--model", "models/mvball"];
+    let samples = TempDir::new().unwrap();
+    let sample = samples.path().join("mvball");
+    std::fs::create_dir(&sample).unwrap();
+    for file in std::fs::read_dir(root().join("examples/mvball")).unwrap() {
+        let file = file.unwrap();
+        std::fs::copy(file.path(), sample.join(file.file_name())).unwrap();
+    }
+    let more = [samples.path().to_str().unwrap(), "--model", "models/mvball"];
     let text = stdout(&mvtop(&[&["eval", "samples"][..], &more].concat()));
     let json = stdout(&mvtop(
         &[&["eval", "samples", "--json"][..], &more].concat(),
