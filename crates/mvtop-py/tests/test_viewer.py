@@ -8,6 +8,17 @@ import mvtop
 from mvtop._viewer import line_of_sight
 
 
+def recorded(shown, path, tmp_path) -> bytes:
+    """The recording of a rig or a prediction."""
+    recording = rr.RecordingStream("mvtop_test")
+    file = tmp_path / "shown.rrd"
+    recording.save(file)
+    shown.to_rerun(recording, path=path)
+    recording.flush()
+    recording.disconnect()
+    return file.read_bytes()
+
+
 @pytest.mark.parametrize("count", [1, 3])
 def test_recording_of_a_rig_has_cameras_and_distances(count, tmp_path, monkeypatch):
     logged, log = {}, rr.log
@@ -21,13 +32,7 @@ def test_recording_of_a_rig_has_cameras_and_distances(count, tmp_path, monkeypat
     poses[:, 0, 3] = 0.125 * np.arange(count) ** 2
     k = [[500.0, 0, 320], [0, 510, 240], [0, 0, 1]]
     rig = mvtop.Rig.from_arrays(k, poses, (640, 480))
-    recording = rr.RecordingStream("mvtop_test")
-    file = tmp_path / "rig.rrd"
-    recording.save(file)
-    rig.to_rerun(recording, path="cell")
-    recording.flush()
-    recording.disconnect()
-    bytes_ = file.read_bytes()
+    bytes_ = recorded(rig, "cell", tmp_path)
     for camera in rig.cameras:
         for entity in ("image", "axes"):
             assert f"/cell/cameras/{camera.id}/{entity}".encode() in bytes_, (camera.id, entity)
@@ -38,13 +43,7 @@ def test_recording_of_a_rig_has_cameras_and_distances(count, tmp_path, monkeypat
 
 def test_recording_has_cameras_images_sights_and_objects(estimator, rig, paths, truth, tmp_path):
     prediction = estimator.predict(paths, rig, boxes=truth)
-    recording = rr.RecordingStream("mvtop_test")
-    file = tmp_path / "prediction.rrd"
-    recording.save(file)
-    prediction.to_rerun(recording, path="scene")
-    recording.flush()
-    recording.disconnect()
-    bytes_ = file.read_bytes()
+    bytes_ = recorded(prediction, "scene", tmp_path)
     for entity in [f"/scene/cameras/{camera.id}/image/rgb" for camera in rig.cameras] + [
         "/scene/objects/0_mvball/points",
         "/scene/objects/0_mvball/axes",

@@ -136,12 +136,12 @@ def meshes_of(data: Path | None, known: tuple[objects.Object, ...]) -> dict[str,
     if data is None:
         return {mvball.NAME: ball()}
     read = {obj.name: objects.read_mesh(data, obj.id) for obj in known}
-    meshes = {
-        name: decimated(mesh) for name, mesh in read.items() if isinstance(mesh, trimesh.Trimesh)
+    return {
+        # The ball is made of spheres, which its data set has in small triangles.
+        name: ball() if name == mvball.NAME else decimated(mesh)
+        for name, mesh in read.items()
+        if isinstance(mesh, trimesh.Trimesh)
     }
-    if mvball.NAME in meshes:  # of spheres, which its data set has in small triangles
-        meshes[mvball.NAME] = ball()
-    return meshes
 
 
 @command

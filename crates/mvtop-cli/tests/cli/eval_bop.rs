@@ -5,7 +5,7 @@ mod journal;
 mod results;
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Output;
 
 use mvtop_core::Rig;
@@ -84,6 +84,14 @@ fn change(path: &Path, change: impl FnOnce(&mut Value)) {
     fs::write(path, content.to_string()).unwrap();
 }
 
+/// The sample as a scene, and where its report will be.
+fn balls() -> (TempDir, PathBuf, PathBuf) {
+    let dir = TempDir::new().unwrap();
+    let [dataset, report] = ["balls", "report"].map(|name| dir.path().join(name));
+    write_dataset(&dataset, false);
+    (dir, dataset, report)
+}
+
 fn eval(dataset: &Path, report: &Path, more: &[&str]) -> Output {
     let (dataset, report) = (dataset.to_str().unwrap(), report.to_str().unwrap());
     let fixed = ["eval", "bop", "--true-boxes", "--dataset", dataset];
@@ -99,9 +107,7 @@ fn summary(output: &Output) -> Value {
 
 #[test]
 fn a_split_gives_csv_json_and_a_page() {
-    let dir = TempDir::new().unwrap();
-    let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
-    write_dataset(&dataset, false);
+    let (_dir, dataset, report) = balls();
     let summary = summary(&eval(&dataset, &report, &["--views", "2"]));
     assert_eq!(
         (&summary["pairs"], &summary["found"]),

@@ -2,12 +2,11 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{
-    Isometry3, Matrix3, Matrix6, Point2, Point3, Translation3, Unit, UnitQuaternion, Vector3,
-};
+use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Unit, UnitQuaternion, Vector3};
 
 use super::Working;
 use super::raster::Raster;
+use super::region::DARK;
 use crate::bundle::SurfacePoint;
 
 /// Logarithm of a color's brightness, and the shares of R and G in it.
@@ -102,11 +101,13 @@ impl Print {
     /// - `views`: with the mesh drawn at the pose
     pub fn turned(&self, views: &[Working], pose: &Isometry3<f64>) -> Option<Isometry3<f64>> {
         let mut at = 0.0;
+        let shown: Vec<Vec<Look>> = views.iter().map(|view| view.picture.looks()).collect();
         let passes = [(AVERAGED, NEAR), (SHARP, LAST)];
         for ((over, [reach, step]), looks) in passes.into_iter().zip(&self.looks) {
             let averaged: Vec<Averaged> = views
                 .iter()
-                .map(|view| Averaged::new(view, over * self.diameter))
+                .zip(&shown)
+                .map(|(view, looks)| Averaged::new(view, looks, over * self.diameter))
                 .collect();
             let count = (reach / step).round() as i32;
             let angle = |n: i32| at + (f64::from(n) * step).to_radians();
@@ -174,13 +175,14 @@ impl Print {
 }
 
 impl<'a> Averaged<'a> {
+    /// - `looks`: of the view's pixels
     /// - `over`: on the object, metres
-    fn new(view: &'a Working, over: f64) -> Self {
+    fn new(view: &'a Working, looks: &[Look], over: f64) -> Self {
         let camera = &view.closeup.camera;
         let size = camera.width() as usize;
         let depth = nearest(&view.raster);
         let half = (over * camera.intrinsics().fx() / depth).round() as usize;
-        let looks = boxed(&view.picture.looks(), size, half.min(size / 4));
+        let looks = boxed(looks, size, half.min(size / 4));
         Self { view, looks }
     }
 }
@@ -229,14 +231,12 @@ impl Axis {
 
     fn turn(&self, angle: f64) -> Isometry3<f64> {
         let turn = UnitQuaternion::from_axis_angle(&self.along, angle);
-        let back = Translation3::from(self.through.coords);
-        back * turn * back.inverse()
+        Isometry3::rotation_wrt_point(turn, self.through)
     }
 }
 
 /// How a color looks; `None` where it is too dark to tell.
-pub fn look(rgb: [f32; 3]) -> Option<Look> {
-    const DARK: f32 = 30.0;
+fn look(rgb: [f32; 3]) -> Option<Look> {
     let sum: f32 = rgb.iter().sum();
     (sum >= DARK).then(|| [sum.ln(), rgb[0] / sum, rgb[1] / sum])
 }
@@ -291,9 +291,9 @@ fn boxed(looks: &[Look], size: usize, half: usize) -> Vec<Look> {
             sums[(row + 1) * side + column + 1] = std::array::from_fn(|i| above[i] + line[i]);
         }
     }
-    let mean = |at: Point2<usize>| {
-        let [left, top] = [at.x, at.y].map(|x| x.saturating_sub(half));
-        let [right, bottom] = [at.x, at.y].map(|x| (x + half + 1).min(size));
+    let mean = |row: usize, column: usize| {
+        let [top, left] = [row, column].map(|x| x.saturating_sub(half));
+        let [bottom, right] = [row, column].map(|x| (x + half + 1).min(size));
         let corner = |row: usize, column: usize| sums[row * side + column];
         let (a, b) = (corner(top, left), corner(top, right));
         let (c, d) = (corner(bottom, left), corner(bottom, right));
@@ -301,6 +301,6 @@ fn boxed(looks: &[Look], size: usize, half: usize) -> Vec<Look> {
         [0, 1, 2].map(|i| (sum[i] / sum[3]) as f32)
     };
     (0..size * size)
-        .map(|index| mean(Point2::new(index % size, index / size)))
+        .map(|index| mean(index / size, index % size))
         .collect()
 }

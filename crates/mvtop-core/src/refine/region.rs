@@ -17,7 +17,7 @@ pub const UNKNOWN: u16 = u16::MAX;
 /// How far from the outline the background is looked at, px.
 pub const AROUND: usize = 24;
 /// Sum of R, G and B below which a pixel's tint is not known.
-const DARK: f32 = 30.0;
+pub const DARK: f32 = 30.0;
 /// How far, in shares of the brightness, a tint is from another part's where either is as likely.
 const TINTED: f32 = 0.06;
 /// Greatest odds by the tint, as a logarithm.

@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use mvtop_core::file;
+use mvtop_core::mesh::Mesh;
 use nalgebra::Point3;
 use tobj::{LoadOptions, load_obj_buf};
 
 use crate::{Error, Result};
-use mvtop_core::mesh::Mesh;
 
 /// Largest file that is read.
 const MAX_FILE_BYTES: u64 = 1 << 30;

@@ -111,22 +111,26 @@ impl Plan {
                 }
             )));
         }
-        let most = plan.groups.iter().map(|group| group.views.len()).max();
-        let listed = plan.groups.iter().any(|group| group.listed);
-        if let (Some(views), Some(most), Some(_), false) = (args.trial.views, most, known, listed)
-            && most < views as usize
-        {
-            return Err(Failure(format!(
-                "{}: expected groups of {views} views, as asked for, got {most} at most; ask for \
-                 fewer views",
-                folder.display()
-            )));
-        }
-        if known.is_none() {
-            plan.keep_images_once(options.sensor.as_deref())?;
+        match known {
+            Some(_) => plan.has_views(args.trial.views, &folder)?,
+            None => plan.keep_images_once(options.sensor.as_deref())?,
         }
         plan.warnings = plan.doubts(args, known.is_some());
         Ok(plan)
+    }
+
+    /// Refuses to look at fewer views than asked for in every group, unless a list says which they are.
+    fn has_views(&self, asked: Option<u32>, folder: &Path) -> Result<()> {
+        let listed = self.groups.iter().any(|group| group.listed);
+        let most = self.groups.iter().map(|group| group.views.len()).max();
+        match (asked, most) {
+            (Some(views), Some(most)) if most < views as usize && !listed => Err(Failure(format!(
+                "{}: expected groups of {views} views, as asked for, got {most} at most; ask for \
+                 fewer views",
+                folder.display()
+            ))),
+            _ => Ok(()),
+        }
     }
 
     /// For results, which name an image by scene and number: each is evaluated once.

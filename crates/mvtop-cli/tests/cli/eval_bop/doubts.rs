@@ -4,9 +4,7 @@ use super::*;
 
 #[test]
 fn image_too_large_for_any_camera_is_refused_before_it_is_decoded() {
-    let dir = TempDir::new().unwrap();
-    let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
-    write_dataset(&dataset, false);
+    let (_dir, dataset, report) = balls();
     let image = dataset.join("test/000001/rgb/000000.png");
     let mut png = fs::read(&image).unwrap();
     // Only the header says so; its checksum is made to agree.
@@ -60,9 +58,7 @@ fn numbers_that_look_like_a_mistake_are_refused() {
         ),
     ];
     for (file, mistake, part) in mistakes {
-        let dir = TempDir::new().unwrap();
-        let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
-        write_dataset(&dataset, false);
+        let (_dir, dataset, report) = balls();
         change(&dataset.join(file), mistake);
         let error = refusal(&eval(&dataset, &report, &["--views", "2"]));
         assert!(error.contains(part), "{file}: {error}");
@@ -71,9 +67,7 @@ fn numbers_that_look_like_a_mistake_are_refused() {
 
 #[test]
 fn data_sets_that_do_not_fit_are_refused() {
-    let dir = TempDir::new().unwrap();
-    let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
-    write_dataset(&dataset, false);
+    let (_dir, dataset, report) = balls();
     let refused = |more: &[&str], hint: &str| {
         let text = refusal(&eval(&dataset, &report, more));
         assert!(text.contains(hint), "{text}");

@@ -4,9 +4,7 @@ use super::*;
 
 #[test]
 fn what_was_cut_short_goes_on_and_nothing_is_doubled() {
-    let dir = TempDir::new().unwrap();
-    let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
-    write_dataset(&dataset, false);
+    let (_dir, dataset, report) = balls();
     let whole = summary(&eval(&dataset, &report, &["--views", "2"]));
     let journal = report.join("groups.jsonl");
     let text = fs::read_to_string(&journal).unwrap();
@@ -46,9 +44,7 @@ fn what_was_cut_short_goes_on_and_nothing_is_doubled() {
 
 #[test]
 fn kill_before_the_first_word_leaves_nothing_in_the_way() {
-    let dir = TempDir::new().unwrap();
-    let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
-    write_dataset(&dataset, false);
+    let (_dir, dataset, report) = balls();
     fs::create_dir(&report).unwrap();
     fs::write(report.join("groups.jsonl"), "").unwrap();
     summary(&eval(&dataset, &report, &["--views", "2"]));
@@ -56,9 +52,7 @@ fn kill_before_the_first_word_leaves_nothing_in_the_way() {
 
 #[test]
 fn results_of_data_that_have_changed_are_not_gone_on_with() {
-    let dir = TempDir::new().unwrap();
-    let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
-    write_dataset(&dataset, false);
+    let (_dir, dataset, report) = balls();
     let views = ["--views", "2"];
     summary(&eval(&dataset, &report, &views));
     let (gt, image) = ("test/000001/scene_gt.json", "test/000001/rgb/000002.png");
@@ -91,9 +85,7 @@ fn results_of_data_that_have_changed_are_not_gone_on_with() {
 
 #[test]
 fn group_that_stands_twice_is_refused() {
-    let dir = TempDir::new().unwrap();
-    let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
-    write_dataset(&dataset, false);
+    let (_dir, dataset, report) = balls();
     summary(&eval(&dataset, &report, &["--views", "2"]));
     let journal = report.join("groups.jsonl");
     let text = fs::read_to_string(&journal).unwrap();
@@ -105,9 +97,7 @@ fn group_that_stands_twice_is_refused() {
 
 #[test]
 fn second_evaluation_into_a_folder_is_refused_as_long_as_the_first_runs() {
-    let dir = TempDir::new().unwrap();
-    let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
-    write_dataset(&dataset, false);
+    let (_dir, dataset, report) = balls();
     let whole = summary(&eval(&dataset, &report, &["--views", "2"]));
     let journal = fs::File::open(report.join("groups.jsonl")).unwrap();
     journal.lock().unwrap();

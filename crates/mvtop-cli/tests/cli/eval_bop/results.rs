@@ -22,9 +22,7 @@ fn score(dataset: &Path, predictions: &[&str], more: &[&str]) -> Output {
 
 #[test]
 fn results_that_an_evaluation_wrote_give_its_scores_without_the_network() {
-    let dir = TempDir::new().unwrap();
-    let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
-    write_dataset(&dataset, false);
+    let (dir, dataset, report) = balls();
     let depth = dataset.join("test/000001/depth");
     fs::create_dir(&depth).unwrap();
     for frame in 0..4 {
@@ -231,9 +229,7 @@ fn results_that_do_not_fit_are_refused_or_told_of() {
 
 #[test]
 fn class_of_another_number_is_evaluated_where_it_is_mapped() {
-    let dir = TempDir::new().unwrap();
-    let (dataset, report) = (dir.path().join("balls"), dir.path().join("report"));
-    write_dataset(&dataset, false);
+    let (_dir, dataset, report) = balls();
     let models = dataset.join("models");
     fs::rename(models.join("obj_000001.ply"), models.join("obj_000007.ply")).unwrap();
     fs::write(
