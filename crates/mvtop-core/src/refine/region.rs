@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use nalgebra::{Point2, Vector3};
+use nalgebra::{Point2, Vector2, Vector3};
 
 use super::contour::EdgePoint;
 use super::part::BACKGROUND;
@@ -26,6 +26,12 @@ const BY_TINT: f64 = 2.0;
 pub const REACH: i32 = 8;
 /// Steps to each side within which the edge is searched for.
 pub const SEARCHED: i32 = 5;
+/// Square of the change of color, of 1, that counts as much as none: noise has some.
+const FLAT: f64 = 1e-4;
+/// The same on lines of longer steps than this, px: they cross other edges as well, so what changes
+/// counts less there.
+const FLAT_LONG: f64 = 1e-3;
+const SHORT: f64 = 2.5;
 /// How sure a pixel's color is at most of its part: lines are never certain of themselves.
 const SURE: f64 = 0.43;
 
@@ -39,8 +45,8 @@ pub struct Picture {
     size: usize,
     /// Of each pixel.
     pub bins: Vec<u16>,
-    /// Of each pixel, 0 to 1.
-    brightness: Vec<f32>,
+    /// Of each pixel: R, G and B, 0 to 1; not numbers where it is off the image.
+    rgb: Vec<Vector3<f32>>,
     /// Of each pixel: shares of R, G and B in its brightness; not finite where it is too dark.
     pub tints: Vec<Vector3<f32>>,
 }
@@ -74,8 +80,7 @@ impl Picture {
                 ((r * LEVELS + g) * LEVELS + b) as u16
             })
         };
-        let brightness =
-            |rgb: &Option<[f32; 3]>| rgb.map_or(f32::NAN, |[r, g, b]| (r + g + b) / 765.0);
+        let rgb = |rgb: &Option<[f32; 3]>| Vector3::from(rgb.unwrap_or([f32::NAN; 3])) / 255.0;
         let tint = |rgb: &Option<[f32; 3]>| {
             let rgb = Vector3::from(rgb.unwrap_or_default());
             let sum = if rgb.sum() < DARK {
@@ -88,23 +93,40 @@ impl Picture {
         Self {
             size,
             bins: pixels.iter().map(bin).collect(),
-            brightness: pixels.iter().map(brightness).collect(),
+            rgb: pixels.iter().map(rgb).collect(),
             tints: pixels.iter().map(tint).collect(),
         }
     }
 
     /// Of each pixel; not finite where nothing is known, or where it is too dark.
     pub fn looks(&self) -> Vec<Look> {
-        let look = |(brightness, tint): (&f32, &Vector3<f32>)| match tint.x.is_finite() {
-            true => [brightness.ln(), tint.x, tint.y],
+        let look = |(rgb, tint): (&Vector3<f32>, &Vector3<f32>)| match tint.x.is_finite() {
+            true => [rgb.mean().ln(), tint.x, tint.y],
             false => [f32::NAN; 3],
         };
-        self.brightness.iter().zip(&self.tints).map(look).collect()
+        self.rgb.iter().zip(&self.tints).map(look).collect()
     }
 
-    fn brightness(&self, raster: &Raster, at: Point2<f64>) -> Option<f64> {
-        let value = f64::from(self.brightness[raster.index(at)?]);
-        value.is_finite().then_some(value)
+    /// Square of the change of color from `step / 2` before a place to as far behind it, mean over R,
+    /// G and B; 0 where it is not known.
+    fn change(&self, at: Point2<f64>, across: &Vector2<f64>, step: f64) -> f64 {
+        let side = |share: f64| self.between(at + across * (share * step));
+        let change = side(0.5).zip(side(-0.5)).map(|(a, b)| a - b);
+        change.map_or(0.0, |change| f64::from(change.norm_squared()) / 3.0)
+    }
+
+    /// R, G and B, 0 to 1, between four pixels.
+    fn between(&self, at: Point2<f64>) -> Option<Vector3<f32>> {
+        let (u, v) = (at.x.floor(), at.y.floor());
+        let last = self.size as f64 - 1.0;
+        if !(u >= 0.0 && v >= 0.0 && u < last && v < last) {
+            return None;
+        }
+        let (right, below) = ((at.x - u) as f32, (at.y - v) as f32);
+        let first = v as usize * self.size + u as usize;
+        let row = |first: usize| self.rgb[first].lerp(&self.rgb[first + 1], right);
+        let rgb = row(first).lerp(&row(first + self.size), below);
+        rgb.x.is_finite().then_some(rgb)
     }
 }
 
@@ -220,8 +242,8 @@ fn spread_along<const STRIDE: usize>(bins: &mut Vec<f32>, scratch: &mut Vec<f32>
     std::mem::swap(bins, scratch);
 }
 
-/// Where the edge is along the line through a point: by the regions to both sides of it, or by the
-/// change of brightness where there are none.
+/// Where the edge is along the line through a point: where the color changes, and by the regions to
+/// both sides of it, where these differ.
 ///
 /// Source: Stoiber et al., "SRT3D: A Sparse Region-Based 3D Object Tracking Approach for the Real
 /// World", 2022, for regions: the probability of every place of the edge, given the pixels.
@@ -238,24 +260,22 @@ pub fn find(
 ) -> Option<Found> {
     debug_assert_eq!(picture.size, raster.size);
     let mut weights = [0.0; 2 * SEARCHED as usize + 1];
+    for (place, weight) in (-SEARCHED..=SEARCHED).zip(&mut weights) {
+        let at = point.pixel + point.normal * (f64::from(place) * step);
+        let change = picture.change(at, &point.normal, step);
+        *weight = match point.parts_regions() && step > SHORT {
+            true => (change + FLAT_LONG).sqrt(),
+            false => change + FLAT,
+        };
+    }
     if point.parts_regions() {
         let within = line(picture, colors, raster, point, step, tints)?;
         for (place, weight) in (-SEARCHED..=SEARCHED).zip(&mut weights) {
-            *weight = 1.0;
             for (i, p) in (-REACH..=REACH).zip(within) {
                 let p = p.unwrap_or(0.5);
                 let inner = INNER[(i - place + REACH + SEARCHED) as usize];
                 *weight *= inner * p + (1.0 - inner) * (1.0 - p);
             }
-        }
-    } else {
-        for (place, weight) in (-SEARCHED..=SEARCHED).zip(&mut weights) {
-            let side = |half: f64| {
-                let at = point.pixel + point.normal * ((f64::from(place) + half) * step);
-                picture.brightness(raster, at)
-            };
-            let change = side(0.75)? - side(-0.75)?;
-            *weight = change * change + 4e-4;
         }
     }
     let sum: f64 = weights.iter().sum();

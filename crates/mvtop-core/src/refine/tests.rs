@@ -264,9 +264,9 @@ fn boxes_cans_and_balls_with_knobs_come_back() {
         point: Point3::origin(),
     };
     for (name, mesh, axis, bound) in [
-        ("box", cuboid(), None, [0.3, 0.0003]),
-        ("can", can(), Some(about_z), [0.3, 0.0003]),
-        ("ball", ball(), None, [1.0, 0.0005]),
+        ("box", cuboid(), None, [0.2, 0.0002]),
+        ("can", can(), Some(about_z), [0.2, 0.0002]),
+        ("ball", ball(), None, [0.2, 0.0002]),
     ] {
         let errors = errors(&mesh, axis, 40);
         let near = errors
