@@ -1,6 +1,7 @@
 """What ours is compared with: canonical views, late fusion, voting."""
 
 import dataclasses
+import json
 
 import cv2
 import numpy as np
@@ -180,14 +181,22 @@ def test_every_variant_trains_and_is_tested(trained, tmp_path, name):
 def test_a_variant_that_was_stopped_goes_on(trained, tmp_path, monkeypatch):
     weights, bank = trained
     monkeypatch.setattr(variants, "learning_rate", lambda *_: 1e-3)  # else it depends on `steps`
+    monkeypatch.setattr(variants, "LOOKED_AT", 2)
     variant = variants.VARIANTS["baseline"]
     network = variants.config_of(variant, NETWORK, (16, 32))
     fitted = {}
     for name, stops in (("through", (4,)), ("stopped", (2, 4))):
         for steps in stops:
-            run = variants.fit(variant, bank, network, tmp_path / name, weights, steps, seed=0)
+            run = variants.fit(
+                variant, bank, network, tmp_path / name, weights, steps, seed=0,
+                look=lambda network: variants.test(network, variant, bank),
+            )  # fmt: skip
         fitted[name] = run.decoder.state_dict()
         assert load_weights(tmp_path / name / "last.pt")[2] == 4
+        curve = [json.loads(line) for line in (tmp_path / name / "curve.jsonl").open()]
+        assert [point["step"] for point in curve] == [2, 4]
+        assert curve[1]["two_views"] == variants.test(run, variant, bank)["two_views"]
+        assert curve[0]["two_views"] != curve[1]["two_views"]
     for name, weight in fitted["through"].items():
         torch.testing.assert_close(fitted["stopped"][name], weight)
     fresh = variants.fit(variant, bank, network, tmp_path / "two", weights, 2, seed=0)

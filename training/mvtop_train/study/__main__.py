@@ -61,14 +61,20 @@ def main():
         data = cached(args.data, train_split, args.scenes, args.copies, True)
         started = time.time()
         config = variants.config_of(variant, trained, strides)
-        fitted = variants.fit(variant, data, config, folder, args.weights, args.steps, args.seed)
+        seen = {split: cached(args.test, split, None, 1, False) for split in tests}
+
+        def look(network, variant=variant, seen=seen):
+            return {split: variants.test(network, variant, bank) for split, bank in seen.items()}
+
+        fitted = variants.fit(
+            variant, data, config, folder, args.weights, args.steps, args.seed, look
+        )
         result = {
             "variant": dataclasses.asdict(variant) | {"name": name},
             "steps": args.steps, "images_per_step": variants.IMAGES, "seed": args.seed,
             "scenes": len(data.scenes), "seconds": round(time.time() - started),
         }  # fmt: skip
-        for split in tests:
-            result[split] = variants.test(fitted, variant, cached(args.test, split, None, 1, False))
+        result |= look(fitted)
         path.write_text(json.dumps(result, indent=1) + "\n")
         tqdm.write(json.dumps({name: {split: result[split] for split in tests}}))
     text = variants.table(args.out)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from . import baselines, canonical, tables
 IMAGES = 64  # per step
 PEAK, WARMUP, CLIP = 1e-3, 100, 5.0  # learning rate, steps to it, norm of the gradient
 SAVE_MINUTES = 3.0
+LOOKED_AT = 1000  # steps from one point of the learning curve to the next
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,6 +44,7 @@ class Variant:
 RAYS = Variant(geometry="rays", los_encoding="plucker_origin", queries=1)
 VARIANTS = {
     "baseline": Variant(),
+    "baseline_no_encoder": Variant(encoder_layers=0),
     "one_view": Variant(views=1),
     "single": Variant(los_encoding="none", views=1),
     "hypotheses": Variant(los_encoding="none", views=1, heads="hypotheses"),
@@ -115,11 +118,19 @@ def loss_of(model: Mvtop, outputs, truth, variant: Variant):
 
 
 def fit(
-    variant: Variant, bank: Bank, config: Config, folder: Path, weights: Path, steps: int, seed: int
+    variant: Variant,
+    bank: Bank,
+    config: Config,
+    folder: Path,
+    weights: Path,
+    steps: int,
+    seed: int,
+    look: Callable[[Mvtop], dict] | None = None,
 ) -> Mvtop:
     """Train one variant in a run folder of its own, which a later call goes on with.
 
-    `weights`: of the network whose backbone's features `bank` has.
+    - weights: of the network whose backbone's features `bank` has
+    - look: what it says of the network after each thousand steps becomes a line of `curve.jsonl`
     """
     device = "cuda" if torch.cuda.is_available() else "cpu"
     torch.manual_seed(seed)
@@ -141,7 +152,12 @@ def fit(
         bar.update()
         if state.step % 20 == 0:
             bar.set_postfix_str(f"loss {loss.item():.2f}")
-        if saving.due() or state.step == steps:
+        looked_at = look is not None and state.step % LOOKED_AT == 0
+        if looked_at:
+            point = {"step": state.step} | look(state.average)
+            with open(folder / "curve.jsonl", "a") as curve:
+                curve.write(json.dumps(point) + "\n")
+        if saving.due() or looked_at or state.step == steps:
             state.save()
     bar.close()
     return state.average.cpu()
