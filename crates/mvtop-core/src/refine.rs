@@ -50,7 +50,10 @@ const FINE: Detail = Detail {
     filled: 0.8,
 };
 /// Steps of the lines, px of the close-up, one after the other.
-const STEPS: [Steps; 2] = [(COARSE, &[4.0, 3.0, 2.0]), (FINE, &[2.0, 1.5, 1.0, 1.0, 1.0])];
+const STEPS: [Steps; 2] = [
+    (COARSE, &[4.0, 3.0, 2.0]),
+    (FINE, &[2.0, 1.5, 1.0, 1.0, 1.0]),
+];
 /// Steps that end on the coarse close-ups.
 const COARSE_STEPS: [Steps; 1] = [(COARSE, &[4.0, 4.0, 3.0, 2.0, 1.0, 1.0, 1.0])];
 /// Least side of a close-up, px.
