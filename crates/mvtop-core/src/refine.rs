@@ -3,7 +3,7 @@
 //!
 //! Each view is a close-up ([`crate::closeup`]) of the pose as it is, so that every lens is a pinhole
 //! here. The mesh is drawn into it; along lines across its outline, its sharp edges and the borders
-//! of its colors the true edge is searched for, by how colors are distributed to both sides; six
+//! of its colors the true edge is searched for, by where colors change and how they differ to both sides; six
 //! numbers, a turn and a shift, bring all of them there (Gauss-Newton, lines and views losing weight
 //! as they disagree). From coarse to fine, the mesh being drawn anew each time. What the network
 //! expected counts as a measurement, too: what the images do not tell stays as it was. The turn of a
@@ -43,7 +43,7 @@ const COARSE: Detail = Detail {
     largest: 224.0,
     filled: FILL,
 };
-/// Twice as sharp, as lines look at whole pixels: half of one, next to a knob, is a degree.
+/// Twice as sharp, as regions are told by whole pixels: half of one, next to a knob, is a degree.
 const FINE: Detail = Detail {
     enlarged: 2.0,
     largest: 320.0,
