@@ -46,6 +46,7 @@ Examples:
     mvtop-cli infer --rig rig.json left.png right.png
   Some cameras, poses in the frame of one of them, with pictures:
     mvtop-cli infer --rig rig.json left=a.png top=b.png --reference top --overlay out
+    mvtop-cli infer --rig rig.json *.png --overlay out --edges
   For a program to read:
     mvtop-cli infer --rig rig.json left.png right.png --json > poses.json
   For a robot that grasps only what is certain, with exit code 3 where something is not:
@@ -94,6 +95,10 @@ pub struct Infer {
     /// Draw the poses onto copies of the images, in this folder
     #[arg(long, value_name = "DIR")]
     pub overlay: Option<PathBuf>,
+
+    /// Draw the edges of the objects' meshes instead: green where the image shows them, else red
+    #[arg(long, requires = "overlay")]
+    pub edges: bool,
 
     /// Overwrite pictures that exist
     #[arg(long, requires = "overlay")]

@@ -4,8 +4,9 @@ use std::collections::BTreeSet;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-use image::ImageFormat;
+use image::{ImageFormat, RgbImage};
 use mvtop_core::annotations::TruePose;
+use mvtop_core::bundle::Bundle;
 use mvtop_core::confidence::Verdict;
 use mvtop_core::report::Report;
 use mvtop_core::{Estimator, PredictOptions, Prediction, Rig, ViewImage, annotations, overlay};
@@ -72,7 +73,14 @@ pub fn run(args: &Infer) -> Result<bool> {
 
     if let Some(pictures) = &pictures {
         let truth = truth.as_deref().unwrap_or_default();
-        pictures.write(&prediction, &estimator, &rig, &images, truth)?;
+        let drawn = match args.edges {
+            true => overlay::draw_prediction_edges(&prediction, &estimator, &rig, &images),
+            false => {
+                let classes = &estimator.bundle().classes;
+                overlay::draw_prediction(&prediction, classes, &rig, &images)
+            }
+        };
+        pictures.write(drawn, estimator.bundle(), &rig, &images, truth)?;
     }
     if args.json {
         let mut report = Report::new(&prediction, &rig);
@@ -206,15 +214,13 @@ impl Pictures {
 
     fn write(
         &self,
-        prediction: &Prediction,
-        estimator: &Estimator,
+        mut drawn: Vec<RgbImage>,
+        bundle: &Bundle,
         rig: &Rig,
         images: &[ViewImage],
         truth: &[TruePose],
     ) -> Result<()> {
         write::folder(&self.dir)?;
-        let bundle = estimator.bundle();
-        let mut drawn = overlay::draw_prediction(prediction, &bundle.classes, rig, images);
         for known in truth {
             // Of a class that the model does not know there is no size.
             let Some(class) = bundle.class_index(&known.seen.class) else {

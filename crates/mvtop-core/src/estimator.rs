@@ -32,7 +32,7 @@ use crate::bundle::{Bundle, Class, CloseUps, PoseInput};
 use crate::image::ViewImage;
 use crate::network::{Network, OnnxNetwork};
 use crate::prediction::{CameraPose, ObjectPose, Prediction, Timings};
-use crate::refine::Refiner;
+use crate::refine::{self, Edge, Refiner};
 use crate::{Error, Result, Rig, onnx};
 
 pub use self::tracker::Tracker;
@@ -302,6 +302,25 @@ impl Estimator {
             provider: self.network.provider().to_owned(),
             warnings,
         })
+    }
+
+    /// Where each image should show edges of an object's mesh at its pose, and whether it does, in the
+    /// order of `images`; empty for classes without a mesh and images that do not show the object.
+    ///
+    /// - `object`: predicted on these images
+    pub fn edges(&self, rig: &Rig, images: &[ViewImage], object: &ObjectPose) -> Vec<Vec<Edge>> {
+        let class = self.bundle.class_index(&object.class);
+        let refiner = class.and_then(|class| self.refiners[class].as_ref());
+        let edges = |view: &ViewImage| {
+            let camera = rig.cameras().get(view.camera)?;
+            let view = refine::View {
+                camera,
+                image: &view.image,
+            };
+            Some(refiner?.edges(&view, &object.world_from_obj))
+        };
+        let of_view = |view| edges(view).unwrap_or_default();
+        images.iter().map(of_view).collect()
     }
 
     /// Objects with what single views have missed, and their poses from all that shows them.

@@ -10,12 +10,16 @@ use self::canvas::{Canvas, Color};
 use crate::bundle::Class;
 use crate::image::ViewImage;
 use crate::prediction::{ObjectPose, Prediction};
-use crate::{BBox, Camera, Rig};
+use crate::refine::Edge;
+use crate::{BBox, Camera, Estimator, Rig};
 
 /// One color per object, in turn; none of them is one of the axes'.
 const OBJECT_COLORS: [Color; 4] = [[0, 229, 255], [255, 64, 208], [255, 196, 0], [178, 255, 89]];
 /// x, y and z.
 const AXIS_COLORS: [Color; 3] = [[255, 40, 40], [40, 220, 40], [60, 110, 255]];
+/// Of edges that the image shows and of those that it does not.
+const SUPPORTED: Color = [40, 220, 40];
+const MISSED: Color = [255, 40, 40];
 /// Straight lines of the scene are drawn in this many pieces, for lenses bend them.
 const AXIS_PIECES: usize = 16;
 /// As many of an object's points are drawn at most, evenly chosen.
@@ -135,6 +139,44 @@ pub fn draw_truth(
     canvas.image()
 }
 
+/// [`draw_edges`] for every image, with the objects as predicted.
+///
+/// - `images`: those that the prediction was made from
+/// - returns: in the order of `images`
+pub fn draw_prediction_edges(
+    prediction: &Prediction,
+    estimator: &Estimator,
+    rig: &Rig,
+    images: &[ViewImage],
+) -> Vec<RgbImage> {
+    let mut drawn: Vec<RgbImage> = images.iter().map(|view| view.image.clone()).collect();
+    for object in &prediction.objects {
+        let edges = estimator.edges(rig, images, object);
+        for ((picture, view), edges) in drawn.iter_mut().zip(images).zip(edges) {
+            if let Some(camera) = rig.cameras().get(view.camera) {
+                *picture = draw_edges(picture, camera, &edges);
+            }
+        }
+    }
+    drawn
+}
+
+/// A copy of a camera's image with edges of a mesh: green where it shows them, else red.
+pub fn draw_edges(image: &RgbImage, camera: &Camera, edges: &[Edge]) -> RgbImage {
+    let Some(mut canvas) = Canvas::new(image) else {
+        return image.clone();
+    };
+    let unit = f64::from(image.height()) / NOMINAL_HEIGHT;
+    for edge in edges {
+        let in_camera = camera.world_from_cam().inverse_transform_point(&edge.point);
+        if let Some(pixel) = camera.intrinsics().project(&in_camera) {
+            let color = if edge.supported { SUPPORTED } else { MISSED };
+            canvas.dot(pixel, 1.2 * unit, color, 1.0);
+        }
+    }
+    canvas.image()
+}
+
 /// The images side by side, at one height; empty without images.
 pub fn contact_sheet(images: &[RgbImage]) -> RgbImage {
     let width = |image: &RgbImage| {
@@ -241,6 +283,22 @@ mod tests {
         assert_eq!(drawn.get_pixel(380, 240), &Rgb(AXIS_COLORS[0]));
         assert_eq!(drawn.get_pixel(320, 300), &Rgb(AXIS_COLORS[1]));
         assert_eq!(drawn.get_pixel(390, 240), &Rgb([0; 3]));
+    }
+
+    #[test]
+    fn edges_are_green_where_they_are_seen_else_red() {
+        let camera = camera()
+            .moved_to(Isometry3::translation(1.0, 0.0, 0.0))
+            .unwrap();
+        let edge = |x: f64, supported| Edge {
+            point: Point3::new(1.0 + x, 0.0, 1.0),
+            supported,
+        };
+        let edges = [edge(0.1, true), edge(-0.1, false), edge(5.0, true)];
+        let drawn = draw_edges(&RgbImage::new(640, 480), &camera, &edges);
+        assert_eq!(drawn.get_pixel(370, 240), &Rgb(SUPPORTED));
+        assert_eq!(drawn.get_pixel(270, 240), &Rgb(MISSED));
+        assert_eq!(drawn.get_pixel(320, 240), &Rgb([0; 3]));
     }
 
     #[test]

@@ -29,7 +29,7 @@ use self::part::Part;
 use self::print::Print;
 pub use self::quality::{Quality, ViewQuality};
 use self::raster::Raster;
-use self::region::{Colors, Picture};
+use self::region::{Colors, Found, Picture};
 use self::solve::{ANGLE_PER_AXIS, Prior, Row};
 use crate::bundle::SurfacePoint;
 use crate::closeup::{CloseUp, FILL};
@@ -75,6 +75,15 @@ pub struct View<'a> {
     pub camera: &'a Camera,
     /// What it saw.
     pub image: &'a RgbImage,
+}
+
+/// A point on an edge of the mesh that a camera should see.
+#[derive(Debug, Clone, Copy)]
+pub struct Edge {
+    /// World frame, metres.
+    pub point: Point3<f64>,
+    /// Whether the image has an edge within 1.5 px of a close-up (the finest of the refinement).
+    pub supported: bool,
 }
 
 /// A refined pose.
@@ -268,6 +277,23 @@ impl Refiner {
         Some(self.fit(&mut working, world_from_obj)?.quality)
     }
 
+    /// Where a view should show edges of the mesh at a pose, and whether it does; empty where the
+    /// object does not lie in its image.
+    pub fn edges(&self, view: &View, world_from_obj: &Isometry3<f64>) -> Vec<Edge> {
+        let Some(mut working) = Working::new(self, 0, view, world_from_obj, FINE) else {
+            return Vec::new();
+        };
+        working.look(self, world_from_obj, 1.0);
+        let world_from_cam = working.closeup.camera.world_from_cam();
+        let edge = |point: &EdgePoint| Edge {
+            point: world_from_cam * point.point,
+            supported: working
+                .found(self, point, 1.0)
+                .is_some_and(|found| is_supported(found.offset, found.variance)),
+        };
+        working.points.iter().map(edge).collect()
+    }
+
     fn working(&self, views: &[View], pose: &Isometry3<f64>, detail: Detail) -> Vec<Working> {
         let views = views.par_iter().enumerate();
         views
@@ -291,7 +317,7 @@ impl Refiner {
                     ..
                 } = &*view;
                 let count = rows.len().max(1) as f64;
-                let near = |row: &&Row| row.offset.abs() < SUPPORTED && row.variance < UNSURE;
+                let near = |row: &&Row| is_supported(row.offset, row.variance);
                 let supported = rows.iter().filter(near).count() as f64 / count;
                 let residual = rows.iter().map(|row| row.offset.abs()).sum::<f64>() / count;
                 let bits = region::separation(picture, colors, raster, points, COMPARED, tints);
@@ -374,29 +400,39 @@ impl Working {
         let (part, camera) = (&refiner.part, &self.closeup.camera);
         let (world_from_cam, pinhole) = (camera.world_from_cam(), camera.intrinsics());
         contour::points(part, &self.raster, refiner.diameter, &mut self.points);
-        let Self {
-            picture,
-            raster,
-            colors,
-            points,
-            rows,
-            ..
-        } = self;
-        colors.count(picture, raster, points, part.tints.len());
+        self.colors
+            .count(&self.picture, &self.raster, &self.points, part.tints.len());
         let center = pose * part.center;
-        for point in points.iter() {
-            let Some(found) = region::find(picture, colors, raster, point, step, &part.tints)
-            else {
+        for at in 0..self.points.len() {
+            let Some(found) = self.found(refiner, &self.points[at], step) else {
                 continue;
             };
-            let EdgePoint { point, normal, .. } = point;
-            rows.push(Row {
+            let EdgePoint { point, normal, .. } = &self.points[at];
+            self.rows.push(Row {
                 by_pose: solve::by_pose(world_from_cam, pinhole.fx(), point, normal, &center),
                 offset: found.offset,
                 variance: found.variance,
             });
         }
     }
+
+    /// Where the image shows the edge of a point.
+    fn found(&self, refiner: &Refiner, point: &EdgePoint, step: f64) -> Option<Found> {
+        let tints = &refiner.part.tints;
+        region::find(
+            &self.picture,
+            &self.colors,
+            &self.raster,
+            point,
+            step,
+            tints,
+        )
+    }
+}
+
+/// Whether an edge that was found so far off and so exactly, px and px², is where it should be.
+fn is_supported(offset: f64, variance: f64) -> bool {
+    offset.abs() < SUPPORTED && variance < UNSURE
 }
 
 /// The box around all vertices in a camera's image; `None` where one cannot be imaged.

@@ -153,17 +153,22 @@ impl NativeEstimator {
         Ok(images.into_iter().map(|view| Rgb(view.image)).collect())
     }
 
-    /// Copies of the images with the predicted objects drawn onto them.
+    /// Copies of the images with the predicted objects drawn onto them, or their edges alone.
     fn draw<'py>(
         &self,
         py: Python<'py>,
         prediction: PyRef<NativePrediction>,
         images: Vec<(usize, Bound<'py, PyAny>)>,
+        edges: bool,
     ) -> PyResult<Vec<Rgb>> {
         let NativePrediction { prediction, rig } = &*prediction;
         let images = load(py, rig, images)?;
-        let classes = &self.estimator.bundle().classes;
-        let drawn = py.detach(|| overlay::draw_prediction(prediction, classes, rig, &images));
+        let estimator: &Estimator = &self.estimator;
+        let classes = &estimator.bundle().classes;
+        let drawn = py.detach(|| match edges {
+            true => overlay::draw_prediction_edges(prediction, estimator, rig, &images),
+            false => overlay::draw_prediction(prediction, classes, rig, &images),
+        });
         Ok(drawn.into_iter().map(Rgb).collect())
     }
 

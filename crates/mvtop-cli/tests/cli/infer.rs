@@ -387,6 +387,44 @@ fn shipped_model_finds_the_ball_of_the_example_and_how_it_is_turned() {
 }
 
 #[test]
+fn edges_of_the_mesh_are_green_where_the_images_show_them() {
+    let folder = TempDir::new().unwrap();
+    let example = |file: &str| format!("examples/mvball/{file}");
+    let (rig, images) = (example("rig.json"), ["cam0.png", "cam1.png"].map(example));
+    let fixed = [
+        "infer",
+        "--model",
+        "models/mvball",
+        "--rig",
+        &rig,
+        &images[0],
+        &images[1],
+    ];
+    // Of the refined pose nearly all, of the network's fewer.
+    let mut shares = Vec::new();
+    for (name, more) in [("refined", &[][..]), ("network", &["--no-refine"][..])] {
+        let out = folder.path().join(name).display().to_string();
+        let drawing = ["--overlay", &out, "--edges"];
+        stdout(&mvtop(&[&fixed[..], &drawing[..], more].concat()));
+        let (mut green, mut red) = (0.0, 0.0);
+        for (file, image) in ["cam0.png", "cam1.png"].iter().zip(&images) {
+            let drawn = image::open(Path::new(&out).join(file)).unwrap().into_rgb8();
+            let plain = image::open(root().join(image)).unwrap().into_rgb8();
+            let changed = drawn.pixels().zip(plain.pixels()).filter(|(a, b)| a != b);
+            for (pixel, _) in changed {
+                green += f64::from(u8::from(pixel.0 == [40, 220, 40]));
+                red += f64::from(u8::from(pixel.0 == [255, 40, 40]));
+            }
+        }
+        assert!(green > 200.0, "{green}");
+        shares.push(green / (green + red));
+    }
+    assert!(shares[0] > 0.9 && shares[1] < shares[0], "{shares:?}");
+    let alone = [&fixed[..], &["--edges"]].concat();
+    assert!(refusal(&mvtop(&alone)).contains("--overlay"));
+}
+
+#[test]
 fn shipped_model_finds_each_of_four_parts_in_three_views() {
     let example = |file: &str| format!("examples/ycbv4/{file}");
     let (rig, images) = (

@@ -24,7 +24,7 @@ const HELD: [f64; 2] = [0.5, 0.3];
 
 /// How far outwards edges are found in all images alike, px: mean and standard deviation over the
 /// classes and renderers at hand.
-const OUTWARDS: [f64; 2] = [0.2, 0.2];
+const OUTWARDS: [f64; 2] = [0.1, 0.15];
 /// Edges that move by less than this, px, for a metre along the line of sight do not tell distances.
 const MOVED: f64 = 1.0;
 

@@ -513,6 +513,39 @@ fn right_pose_explains_most_also_where_a_view_is_half_hidden() {
 }
 
 #[test]
+fn edges_are_seen_at_the_true_pose_where_the_image_has_them() {
+    let (mesh, camera, mut draw) = (cuboid(), camera(70.0), Draw(4));
+    let truth = Isometry3::from_parts(Translation3::identity(), draw.rotation(3.0));
+    let image = seen(&mesh, &camera, &truth, &mut draw);
+    let (refiner, view) = (
+        Refiner::new(&mesh, 0.13),
+        View {
+            camera: &camera,
+            image: &image,
+        },
+    );
+    let share = |pose: &Isometry3<f64>| {
+        let edges = refiner.edges(&view, pose);
+        assert!(edges.len() > 100, "{}", edges.len());
+        // On the surface's edges: each lies on two faces of the box.
+        for edge in &edges {
+            let at = pose.inverse_transform_point(&edge.point);
+            let half = [0.03, 0.04, 0.055];
+            let near = (0..3).filter(|&i| (at[i].abs() - half[i]).abs() < 1e-6);
+            assert!(near.count() >= 2, "{at}");
+        }
+        edges.iter().filter(|edge| edge.supported).count() as f64 / edges.len() as f64
+    };
+    let turned = truth * Isometry3::rotation(Vector3::new(0.0, 0.2, 0.0));
+    // But for those next to background of the box's own color.
+    let (here, there) = (share(&truth), share(&turned));
+    assert!(here > 0.8 && there < here - 0.3, "{here}, {there}");
+    // Beside what the camera sees.
+    let beside = Isometry3::translation(0.0, 50.0, 0.0);
+    assert!(refiner.edges(&view, &beside).is_empty());
+}
+
+#[test]
 fn quality_says_which_view_does_not_show_the_object() {
     let mesh = cuboid();
     let refiner = Refiner::new(&mesh, 0.13);

@@ -113,13 +113,16 @@ class Prediction:
                 )
         return (BOP_RESULTS_HEADER if header else "") + "".join(rows)
 
-    def overlay(self) -> dict[str, NDArray[np.uint8]]:
+    def overlay(self, *, edges: bool = False) -> dict[str, NDArray[np.uint8]]:
         """Pictures by camera id: the images with points, axes and boxes of the objects drawn in.
 
         Arrays that were changed since the prediction are drawn as they are now.
+
+        - edges: only the edges of the objects' meshes instead, green where the image shows them,
+          else red
         """
         source = self._drawn_from()
-        pictures = source.estimator.draw(source.prediction, source.images)
+        pictures = source.estimator.draw(source.prediction, source.images, edges)
         return self._by_camera(source, pictures)
 
     def to_rerun(

@@ -42,7 +42,8 @@ fn print_tells_the_turn_of_a_round_part() {
     let mesh = printed(colors, &mut draw);
     let refiner = Refiner::new(&mesh, 0.12).with_print(&points(&mesh));
     let cameras = [0.0, 70.0].map(camera);
-    for _ in 0..10 {
+    let mut near = 0;
+    for _ in 0..40 {
         let truth = Isometry3::from_parts(Translation3::identity(), draw.rotation(3.0));
         let images = [0, 1].map(|view| seen(&mesh, &cameras[view], &truth, &mut draw));
         let views = [0, 1].map(|view| View {
@@ -57,10 +58,11 @@ fn print_tells_the_turn_of_a_round_part() {
         };
         let found = refiner.refine(&views, &(truth * off), sigma).unwrap();
         let left = rotation_error_deg(&found.world_from_obj.rotation, &truth.rotation);
-        assert!(found.accepted && left < 1.5, "{left} degrees");
+        near += u32::from(found.accepted && left < 1.0);
         // It is known to be told, unlike that of a plain can.
         assert!(found.sigma.rot_deg < 5.0, "{:?}", found.sigma);
     }
+    assert!(near >= 38, "{near} of 40 within a degree");
 }
 
 #[test]
