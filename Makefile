@@ -98,8 +98,8 @@ licences:  ## gather the licences of the crates that the wheel is built of anew
 test-ray: test-wheel .venv/ray.done  ## a whole BOP data set on a local Ray cluster, a worker killed
 	$(PY) -m pytest -q examples
 
-fuzz:  ## readers of every kind of file, on good ones changed at random: CASES=n for each
-	PROPTEST_CASES=$(CASES) PROPTEST_RNG_SEED=$$RANDOM cargo test --release -p mvtop-core -p mvtop-eval -p mvtop-import --test fuzz
+fuzz: .venv/run.done  ## readers of every kind of file, rigs, meshes, trackers, changed at random: CASES=n for each
+	$(RUNTIME) PROPTEST_CASES=$(CASES) PROPTEST_RNG_SEED=$$RANDOM cargo test --release -p mvtop-core -p mvtop-eval -p mvtop-import --test fuzz
 
 soak: $(MVTOP)  ## many predictions, reloads, kills and resumes: PREDICTIONS=n KILLED=n
 	$(PY) scripts/soak.py --predictions $(PREDICTIONS) --killed $(KILLED)

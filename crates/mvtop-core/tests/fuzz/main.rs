@@ -1,6 +1,7 @@
 //! Readers answer any file with a value or a sentence, never with a panic: real files, changed at
 //! random. `make fuzz` draws new ones for as long as one likes.
 
+mod answers;
 mod mutate;
 
 use std::path::{Path, PathBuf};
