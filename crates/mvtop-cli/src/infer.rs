@@ -9,7 +9,7 @@ use mvtop_core::annotations::TruePose;
 use mvtop_core::bundle::Bundle;
 use mvtop_core::confidence::Verdict;
 use mvtop_core::report::Report;
-use mvtop_core::{Estimator, PredictOptions, Prediction, Rig, ViewImage, annotations, overlay};
+use mvtop_core::{PredictOptions, Rig, ViewImage, annotations, overlay};
 
 use crate::args::Infer;
 use crate::failure::{Failure, Result};
