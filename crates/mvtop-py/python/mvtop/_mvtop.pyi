@@ -243,9 +243,9 @@ class NativeEstimator:
         """
         Name and number of each class, with its diameter in metres.
         """
-    def draw(self, /, prediction: NativePrediction, images: SupportsGetItem[int, tuple[SupportsIndex, Any]]) -> list[NDArray[uint8]]:
+    def draw(self, /, prediction: NativePrediction, images: SupportsGetItem[int, tuple[SupportsIndex, Any]], edges: bool) -> list[NDArray[uint8]]:
         """
-        Copies of the images with the predicted objects drawn onto them.
+        Copies of the images with the predicted objects drawn onto them, or their edges alone.
         """
     @staticmethod
     def images(rig: Rig, images: SupportsGetItem[int, tuple[SupportsIndex, Any]]) -> list[NDArray[uint8]]:
