@@ -8,11 +8,12 @@ from mvtop_train.data import bop
 from mvtop_train.training import deviation
 
 
-def test_a_fiftieth_is_warned_of():
-    found = [*np.linspace(0, 0.995, 98), 7.0, 9.0]
-    # Two of 100.
+def test_a_hundredth_is_warned_of():
+    found = [*np.linspace(0, 0.995, 198), 7.0, 9.0]
+    # Two of 200.
     assert deviation.choose(found) == 1.0
-    assert deviation.choose(found[:99]) == 1.0  # one of 99
+    assert deviation.choose(found[:199]) == 1.0  # one of 199
+    assert deviation.choose(found[-99:]) == 9.0  # none of 99
     # Too few to tell.
     assert deviation.choose([1.0] * 19) is None
     # Views that always agree exactly are no reason to warn of rounding.

@@ -18,7 +18,8 @@ from ..data import bop
 from ..errors import command
 from . import heldout, support
 
-ALARMS = 0.02  # of groups of views with a true calibration
+# Of groups of views with a true calibration: images of other looks are warned of more often.
+ALARMS = 0.01
 VIEWS = (2, 3)  # in a group
 
 
@@ -53,7 +54,7 @@ def found_in(bundle: Path, scenes: list[list[bop.Image]]) -> list[float]:
 
 
 def choose(found: list[float]) -> float | None:
-    """What at most a fiftieth of the groups exceed; None where there are fewer than 20."""
+    """What at most a hundredth of the groups exceed; None where there are fewer than 20."""
     if len(found) < 20:
         return None
     kept = sorted(found)[: len(found) - int(ALARMS * len(found))]
