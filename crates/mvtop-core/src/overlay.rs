@@ -149,16 +149,17 @@ pub fn draw_prediction_edges(
     rig: &Rig,
     images: &[ViewImage],
 ) -> Vec<RgbImage> {
-    let mut drawn: Vec<RgbImage> = images.iter().map(|view| view.image.clone()).collect();
+    let mut edges = vec![Vec::new(); images.len()];
     for object in &prediction.objects {
-        let edges = estimator.edges(rig, images, object);
-        for ((picture, view), edges) in drawn.iter_mut().zip(images).zip(edges) {
-            if let Some(camera) = rig.cameras().get(view.camera) {
-                *picture = draw_edges(picture, camera, &edges);
-            }
+        for (all, own) in edges.iter_mut().zip(estimator.edges(rig, images, object)) {
+            all.extend(own);
         }
     }
-    drawn
+    let drawn = |(ViewImage { camera, image }, edges): (&ViewImage, &Vec<Edge>)| {
+        let camera = rig.cameras().get(*camera);
+        camera.map_or_else(|| image.clone(), |camera| draw_edges(image, camera, edges))
+    };
+    images.iter().zip(&edges).map(drawn).collect()
 }
 
 /// A copy of a camera's image with edges of a mesh: green where it shows them, else red.
