@@ -3,11 +3,11 @@
 //!
 //! Each view is a close-up ([`crate::closeup`]) of the pose as it is, so that every lens is a pinhole
 //! here. The mesh is drawn into it; along lines across its outline, its sharp edges and the borders
-//! of its colors the true edge is searched for, by where colors change and how they differ to both sides; six
-//! numbers, a turn and a shift, bring all of them there (Gauss-Newton, lines and views losing weight
-//! as they disagree). From coarse to fine, the mesh being drawn anew each time. What the network
-//! expected counts as a measurement, too: what the images do not tell stays as it was. The turn of a
-//! round part, which no edge tells, is then found by its print.
+//! of its colors the true edge is searched for, by where colors change and how they differ to both
+//! sides; six numbers, a turn and a shift, bring all of them there (Gauss-Newton, lines and views
+//! losing weight as they disagree). From coarse to fine, the mesh being drawn anew each time. What
+//! the network expected counts as a measurement, too: what the images do not tell stays as it was.
+//! The turn of a round part, which no edge tells, is then found by its print.
 
 mod contour;
 mod difference;

@@ -25,8 +25,8 @@ pub struct EdgePoint {
     pub normal: Vector2<f64>,
     /// Close-up's frame, metres.
     pub point: Point3<f64>,
-    /// Label of the side within and of the one outside; the same one twice where only their
-    /// brightness can tell them apart.
+    /// Label of the side within and of the one outside; the same one twice where only a
+    /// change of color can tell them apart.
     pub sides: [u8; 2],
 }
 
