@@ -1,5 +1,6 @@
 """Variants of the network and how each is trained and tested: same features, data and budget."""
 
+import copy
 import dataclasses
 import json
 from collections.abc import Callable
@@ -154,7 +155,8 @@ def fit(
             bar.set_postfix_str(f"loss {loss.item():.2f}")
         looked_at = look is not None and state.step % LOOKED_AT == 0
         if looked_at:
-            point = {"step": state.step} | look(state.average)
+            # A copy, as moving a network moves the one that is trained on.
+            point = {"step": state.step} | look(copy.deepcopy(state.average).cpu())
             with open(folder / "curve.jsonl", "a") as curve:
                 curve.write(json.dumps(point) + "\n")
         if saving.due() or looked_at or state.step == steps:
