@@ -6,7 +6,7 @@
 //! So the pose network sees every object in the same size and place, at the image's own resolution,
 //! without the lens's distortion.
 
-use image::{Rgb, RgbImage};
+use image::RgbImage;
 use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};
 use ndarray::{Array2, Array3, Axis};
 use rayon::prelude::*;
@@ -193,23 +193,23 @@ fn on_image(camera: &Camera, direction: &Point3<f64>) -> Option<Point2<f64>> {
 
 /// RGB, 0 to 255, between the four pixels around `at`; beyond the image its outermost pixels go on.
 fn bilinear(image: &RgbImage, at: Point2<f64>) -> [f32; 3] {
-    let (last_u, last_v) = (image.width() - 1, image.height() - 1);
-    let (u, v) = (
-        at.x.clamp(0.0, last_u.into()),
-        at.y.clamp(0.0, last_v.into()),
-    );
-    let (u0, v0) = (u as u32, v as u32);
-    let (u1, v1) = ((u0 + 1).min(last_u), (v0 + 1).min(last_v));
-    let right = (u - f64::from(u0)) as f32;
-    let below = (v - f64::from(v0)) as f32;
-    let [Rgb(a), Rgb(b)] = [image.get_pixel(u0, v0), image.get_pixel(u1, v0)];
-    let [Rgb(c), Rgb(d)] = [image.get_pixel(u0, v1), image.get_pixel(u1, v1)];
-    let mut rgb = [0.0; 3];
-    for i in 0..3 {
+    let (pixels, _) = image.as_raw().as_chunks::<3>();
+    // The pixels before and behind a place, and the share of the second one.
+    let between = |x: f64, side: u32| {
+        let last = side - 1;
+        let x = x.clamp(0.0, last.into());
+        let first = x as u32;
+        let share = (x - f64::from(first)) as f32;
+        ([first, (first + 1).min(last)].map(|x| x as usize), share)
+    };
+    let (columns, right) = between(at.x, image.width());
+    let (rows, below) = between(at.y, image.height());
+    let [above, under] = rows.map(|row| row * image.width() as usize);
+    let [[a, b], [c, d]] = [above, under].map(|row| columns.map(|column| pixels[row + column]));
+    std::array::from_fn(|i| {
         let [a, b, c, d] = [a[i], b[i], c[i], d[i]].map(f32::from);
         let above = a + right * (b - a);
         let under = c + right * (d - c);
-        rgb[i] = above + below * (under - above);
-    }
-    rgb
+        above + below * (under - above)
+    })
 }
