@@ -372,7 +372,7 @@ impl Working {
         Some(Self {
             index,
             scale: f64::from(side) * detail.filled / size,
-            picture: Picture::new(side as usize, &pixels),
+            picture: Picture::new(side as usize, pixels),
             closeup,
             raster: Raster::default(),
             points: Vec::new(),

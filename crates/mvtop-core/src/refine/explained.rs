@@ -28,10 +28,8 @@ pub fn explained(
             counts[usize::from(label)][coarse(picture.bins[index])] += 1.0;
         }
     };
-    for (index, &label) in raster.labels().iter().enumerate() {
-        if label != BACKGROUND {
-            count(label, index);
-        }
+    for (label, pixels) in raster.runs() {
+        pixels.for_each(|index| count(label, index));
     }
     for point in points.iter().filter(|point| point.is_outline()) {
         for step in 1..=AROUND {
@@ -85,12 +83,10 @@ fn told(counts: &[&Vec<f64>]) -> Vec<f64> {
 /// which the mesh's does, as a cosine; 1 for the largest and where nothing is known.
 fn alike(picture: &Picture, raster: &Raster, tints: &[Vector3<f32>]) -> Vec<f64> {
     let mut sums = vec![(Vector3::<f32>::zeros(), 0.0_f32); tints.len()];
-    for (tint, &label) in picture.tints.iter().zip(raster.labels()) {
-        if tint.x.is_finite() {
-            let (sum, count) = &mut sums[usize::from(label)];
-            *sum += tint;
-            *count += 1.0;
-        }
+    for (label, pixels) in raster.runs() {
+        let (sum, count) = picture.tints(pixels);
+        let of_label = &mut sums[usize::from(label)];
+        *of_label = (of_label.0 + sum, of_label.1 + count);
     }
     let parts = || 1..tints.len();
     let Some(main) = parts().max_by(|a, b| sums[*a].1.total_cmp(&sums[*b].1)) else {

@@ -236,7 +236,7 @@ impl Axis {
 }
 
 /// How a color looks; `None` where it is too dark to tell.
-fn look(rgb: [f32; 3]) -> Option<Look> {
+pub fn look(rgb: [f32; 3]) -> Option<Look> {
     let sum: f32 = rgb.iter().sum();
     (sum >= DARK).then(|| [sum.ln(), rgb[0] / sum, rgb[1] / sum])
 }

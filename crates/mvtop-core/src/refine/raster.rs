@@ -1,5 +1,7 @@
 //! What each pixel of a close-up shows of a mesh.
 
+use std::ops::Range;
+
 use nalgebra::{Isometry3, Point2, Point3};
 
 use super::part::{BACKGROUND, Part};
@@ -75,36 +77,43 @@ impl Raster {
         let last = self.size as f64 - 1.0;
         let range = |axis: usize| {
             let [a, b, c] = [a, b, c].map(|p| p[axis]);
-            let low = a.min(b).min(c).ceil().max(0.0);
-            let high = a.max(b).max(c).floor().min(last);
-            (low <= high).then_some((low as usize, high as usize))
+            (a.min(b).min(c).max(0.0), a.max(b).max(c).min(last))
         };
-        let (Some((left, right)), Some((top, bottom))) = (range(0), range(1)) else {
-            return;
-        };
+        let ((left, right), (top, bottom)) = (range(0), range(1));
         // Weight of each corner, and 1/z: linear in the row and the column, f = f0 + fu·u + fv·v.
+        let (by_area, near) = (1.0 / area, corners.map(|corner| 1.0 / corner.point.z));
         let weight = |from: Point2<f64>, to: Point2<f64>| {
-            let (du, dv) = ((to.x - from.x) / area, (to.y - from.y) / area);
+            let (du, dv) = ((to.x - from.x) * by_area, (to.y - from.y) * by_area);
             [dv * from.x - du * from.y, -dv, du]
         };
         let weights = [weight(b, c), weight(c, a), weight(a, b)];
-        let near = corners.map(|corner| 1.0 / corner.point.z);
+        let by_slope = weights.map(|[_, fu, _]| 1.0 / fu);
         let nearness: [f64; 3] =
             std::array::from_fn(|i| (0..3).map(|corner| near[corner] * weights[corner][i]).sum());
-        for row in top..=bottom {
+        for row in whole(top, bottom) {
             let v = row as f64;
-            let begin = |[f, fu, fv]: [f64; 3]| f + fv * v + fu * left as f64;
-            let [mut wa, mut wb, mut wc] = weights.map(begin);
-            let mut near = begin(nearness);
-            let line = row * self.size;
-            for index in line + left..=line + right {
-                if wa >= 0.0 && wb >= 0.0 && wc >= 0.0 && near as f32 > self.nearness[index] {
-                    self.nearness[index] = near as f32;
-                    self.labels[index] = label;
+            // The columns in which no weight is negative.
+            let (mut left, mut right) = (left, right);
+            for ([f, _, fv], by_slope) in weights.iter().zip(by_slope) {
+                let zero = -(f + fv * v) * by_slope;
+                if by_slope > 0.0 {
+                    left = left.max(zero);
+                } else {
+                    right = right.min(zero);
                 }
-                wa += weights[0][1];
-                wb += weights[1][1];
-                wc += weights[2][1];
+            }
+            let columns = whole(left, right);
+            if columns.is_empty() {
+                continue;
+            }
+            let mut near = nearness[0] + nearness[2] * v + nearness[1] * columns.start as f64;
+            let line = row * self.size;
+            let span = line + columns.start..line + columns.end;
+            let pixels = self.nearness[span.clone()].iter_mut();
+            for (nearest, shown) in pixels.zip(&mut self.labels[span]) {
+                if near as f32 > *nearest {
+                    (*nearest, *shown) = (near as f32, label);
+                }
                 near += nearness[1];
             }
         }
@@ -130,5 +139,88 @@ impl Raster {
     /// What all pixels show.
     pub fn labels(&self) -> &[u8] {
         &self.labels
+    }
+
+    /// Neighbouring pixels that show the same part of the object: its label, and their indices.
+    pub fn runs(&self) -> impl Iterator<Item = (u8, Range<usize>)> {
+        let mut end = 0;
+        let runs = self.labels.chunk_by(|a, b| a == b).map(move |run| {
+            let start = end;
+            end += run.len();
+            (run[0], start..end)
+        });
+        runs.filter(|(label, _)| *label != BACKGROUND)
+    }
+}
+
+/// The whole numbers from one number, at least 0, to another, if it is greater. (Casts, as rounding is
+/// a call on processors without SSE4.1, for which wheels are built.)
+fn whole(from: f64, to: f64) -> Range<usize> {
+    if from > to {
+        return 0..0;
+    }
+    let below = from as u32;
+    let first = below + u32::from(f64::from(below) < from);
+    first as usize..(to + 1.0) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Mesh;
+    use crate::{Intrinsics, Projection};
+
+    type Triangle = [[f64; 2]; 3];
+
+    /// Labels of a square picture of 8 px that shows triangles, one color each, whose corners lie at
+    /// these pixels, so far away.
+    fn drawn(triangles: &[(Triangle, f64)]) -> Vec<String> {
+        let pinhole = Intrinsics::new(1.0, 1.0, 0.0, 0.0, Projection::Pinhole).unwrap();
+        let (mut vertices, mut colors, mut indices) = (Vec::new(), Vec::new(), Vec::new());
+        for (i, (corners, z)) in (0..).zip(triangles) {
+            vertices.extend(corners.map(|[u, v]| Point3::new(u * z, v * z, *z)));
+            colors.extend([[100 * i as u8; 3]; 3]);
+            indices.push([3 * i, 3 * i + 1, 3 * i + 2]);
+        }
+        let mesh = Mesh::new(vertices, colors, indices).unwrap();
+        let mut raster = Raster::default();
+        assert!(raster.draw(&Part::new(&mesh), &Isometry3::identity(), &pinhole, 8));
+        let row = |row: &[u8]| row.iter().map(u8::to_string).collect();
+        raster.labels().chunks(8).map(row).collect()
+    }
+
+    #[test]
+    fn triangle_covers_the_pixels_within_it() {
+        let corners = [[1.0, 1.0], [7.5, 1.0], [1.0, 4.25]];
+        let mut expected = ["00000000"; 8];
+        expected[1..5].copy_from_slice(&["01111111", "01111100", "01110000", "01000000"]);
+        let [a, b, c] = corners;
+        for corners in [[a, b, c], [a, c, b], [c, b, a]] {
+            assert_eq!(drawn(&[(corners, 2.0)]), expected, "{corners:?}");
+        }
+    }
+
+    #[test]
+    fn triangle_beyond_the_picture_covers_what_it_reaches_of_it() {
+        let all = [[-100.0, -100.0], [300.0, -100.0], [-100.0, 300.0]];
+        assert_eq!(drawn(&[(all, 1.0)]), ["11111111"; 8]);
+        for [right, down] in [[-30.0, 0.0], [30.0, 0.0], [0.0, -30.0], [0.0, 30.0]] {
+            let beside = all.map(|[u, v]| [u / 100.0 + right, v / 100.0 + down]);
+            assert_eq!(drawn(&[(beside, 1.0)]), ["00000000"; 8]);
+        }
+        // Its lower side is the picture's first row, to within a hair.
+        let above = [[-0.5, -3.0], [7.5, -3.0], [3.5, -1e-9]];
+        assert_eq!(drawn(&[(above, 1.0)]), ["00000000"; 8]);
+    }
+
+    #[test]
+    fn nearest_triangle_is_shown() {
+        let upper = [[-100.0, 4.5], [100.0, 4.5], [0.0, -300.0]];
+        let lower = [[-100.0, 2.5], [100.0, 2.5], [0.0, 300.0]];
+        for (z, shown) in [(1.0, "11111111"), (3.0, "22222222")] {
+            let rows = drawn(&[(upper, z), (lower, 2.0)]);
+            assert_eq!([&rows[0], &rows[7]], ["11111111", "22222222"]);
+            assert_eq!(rows[3], shown, "{z}");
+        }
     }
 }

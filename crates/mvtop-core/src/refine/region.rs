@@ -1,12 +1,13 @@
 //! How likely a pixel's color is in each part of the picture, and where along a line one part ends.
 
+use std::ops::Range;
 use std::sync::LazyLock;
 
-use nalgebra::{Point2, Vector2, Vector3};
+use nalgebra::{Point2, Vector3};
 
 use super::contour::EdgePoint;
 use super::part::BACKGROUND;
-use super::print::Look;
+use super::print::{self, Look};
 use super::raster::Raster;
 
 /// Levels of each channel that colors are counted in.
@@ -35,20 +36,19 @@ const SHORT: f64 = 2.5;
 /// How sure a pixel's color is at most of its part: lines are never certain of themselves.
 const SURE: f64 = 0.43;
 
-/// How likely a pixel is of the side within, by its steps outwards of the edge.
+/// How likely a pixel is of the side within, by how many steps farther out the edge is, from
+/// `-REACH - SEARCHED` on.
 static INNER: LazyLock<[f64; 2 * (REACH + SEARCHED) as usize + 1]> = LazyLock::new(|| {
-    std::array::from_fn(|i| 0.5 - SURE * (i as f64 - f64::from(REACH + SEARCHED)).tanh())
+    std::array::from_fn(|i| 0.5 + SURE * (i as f64 - f64::from(REACH + SEARCHED)).tanh())
 });
 
 /// What the real image shows in a close-up.
 pub struct Picture {
     size: usize,
-    /// Of each pixel.
+    /// Of each pixel: R, G and B, 0 to 255; `None` where it is off the image.
+    pixels: Vec<Option<[f32; 3]>>,
+    /// Of each pixel: its color, in levels of each channel.
     pub bins: Vec<u16>,
-    /// Of each pixel: R, G and B, 0 to 1; not numbers where it is off the image.
-    rgb: Vec<Vector3<f32>>,
-    /// Of each pixel: shares of R, G and B in its brightness; not finite where it is too dark.
-    pub tints: Vec<Vector3<f32>>,
 }
 
 /// What is found along a line across an edge.
@@ -72,61 +72,72 @@ pub struct Colors {
 
 impl Picture {
     /// - `pixels`: R, G and B, 0 to 255, row by row
-    pub fn new(size: usize, pixels: &[Option<[f32; 3]>]) -> Self {
+    pub fn new(size: usize, pixels: Vec<Option<[f32; 3]>>) -> Self {
         let bin = |rgb: &Option<[f32; 3]>| {
             rgb.map_or(UNKNOWN, |rgb| {
-                let level = |x: f32| (x as usize * LEVELS / 256).min(LEVELS - 1);
-                let [r, g, b] = rgb.map(level);
+                let [r, g, b] = rgb.map(|x| x as usize * LEVELS / 256);
                 ((r * LEVELS + g) * LEVELS + b) as u16
             })
-        };
-        let rgb = |rgb: &Option<[f32; 3]>| Vector3::from(rgb.unwrap_or([f32::NAN; 3])) / 255.0;
-        let tint = |rgb: &Option<[f32; 3]>| {
-            let rgb = Vector3::from(rgb.unwrap_or_default());
-            let sum = if rgb.sum() < DARK {
-                f32::NAN
-            } else {
-                rgb.sum()
-            };
-            rgb / sum
         };
         Self {
             size,
             bins: pixels.iter().map(bin).collect(),
-            rgb: pixels.iter().map(rgb).collect(),
-            tints: pixels.iter().map(tint).collect(),
+            pixels,
         }
+    }
+
+    /// Shares of R, G and B in a pixel's brightness; `None` where nothing is known, or it is too dark.
+    fn tint(&self, index: usize) -> Option<Vector3<f32>> {
+        let rgb = Vector3::from(self.pixels[index]?);
+        let sum = rgb.sum();
+        (sum >= DARK).then(|| rgb / sum)
+    }
+
+    /// Of some pixels: the sum of their tints, and how many are known.
+    pub fn tints(&self, pixels: Range<usize>) -> (Vector3<f32>, f32) {
+        let tints = pixels.filter_map(|index| self.tint(index));
+        tints.fold((Vector3::zeros(), 0.0), |(sum, count), tint| {
+            (sum + tint, count + 1.0)
+        })
     }
 
     /// Of each pixel; not finite where nothing is known, or where it is too dark.
     pub fn looks(&self) -> Vec<Look> {
-        let look = |(rgb, tint): (&Vector3<f32>, &Vector3<f32>)| match tint.x.is_finite() {
-            true => [rgb.mean().ln(), tint.x, tint.y],
-            false => [f32::NAN; 3],
+        let look = |rgb: &Option<[f32; 3]>| rgb.and_then(print::look).unwrap_or([f32::NAN; 3]);
+        self.pixels.iter().map(look).collect()
+    }
+
+    /// At places along a line: the square of the change of color, of 1, from half a step before to as
+    /// far behind it, mean over R, G and B; 0 where it is not known.
+    fn changes<const N: usize>(&self, point: &EdgePoint, step: f64) -> [f64; N] {
+        let mut before = None;
+        let mut after = |i: usize| {
+            let place = (i as f64 - N as f64 / 2.0) * step;
+            let here = self.between(point.pixel + point.normal * place);
+            let change = here.zip(before).map(|(here, before)| here - before);
+            before = here;
+            change.map_or(0.0, |change| {
+                f64::from(change.norm_squared()) / (3.0 * 255.0 * 255.0)
+            })
         };
-        self.rgb.iter().zip(&self.tints).map(look).collect()
+        after(0);
+        std::array::from_fn(|i| after(i + 1))
     }
 
-    /// Square of the change of color from `step / 2` before a place to as far behind it, mean over R,
-    /// G and B; 0 where it is not known.
-    fn change(&self, at: Point2<f64>, across: &Vector2<f64>, step: f64) -> f64 {
-        let side = |share: f64| self.between(at + across * (share * step));
-        let change = side(0.5).zip(side(-0.5)).map(|(a, b)| a - b);
-        change.map_or(0.0, |change| f64::from(change.norm_squared()) / 3.0)
-    }
-
-    /// R, G and B, 0 to 1, between four pixels.
+    /// R, G and B, 0 to 255, between four pixels.
     fn between(&self, at: Point2<f64>) -> Option<Vector3<f32>> {
-        let (u, v) = (at.x.floor(), at.y.floor());
         let last = self.size as f64 - 1.0;
-        if !(u >= 0.0 && v >= 0.0 && u < last && v < last) {
+        if !(at.x >= 0.0 && at.y >= 0.0 && at.x < last && at.y < last) {
             return None;
         }
-        let (right, below) = ((at.x - u) as f32, (at.y - v) as f32);
-        let first = v as usize * self.size + u as usize;
-        let row = |first: usize| self.rgb[first].lerp(&self.rgb[first + 1], right);
-        let rgb = row(first).lerp(&row(first + self.size), below);
-        rgb.x.is_finite().then_some(rgb)
+        let (u, v) = (at.x as usize, at.y as usize);
+        let (right, below) = ((at.x - u as f64) as f32, (at.y - v as f64) as f32);
+        let row = |first: usize| {
+            let [left, right_one] = [first, first + 1].map(|i| self.pixels[i].map(Vector3::from));
+            Some(left?.lerp(&right_one?, right))
+        };
+        let first = v * self.size + u;
+        Some(row(first)?.lerp(&row(first + self.size)?, below))
     }
 }
 
@@ -143,25 +154,22 @@ impl Colors {
     ) {
         self.tints.clear();
         self.tints.resize(labels, (Vector3::zeros(), 0.0));
-        for (tint, &label) in picture.tints.iter().zip(raster.labels()) {
-            if label != BACKGROUND && tint.x.is_finite() {
-                let (sum, count) = &mut self.tints[usize::from(label)];
-                *sum += tint;
-                *count += 1.0;
-            }
-        }
-        for (tint, count) in &mut self.tints {
-            *tint /= count.max(1.0);
-        }
         self.shares.resize_with(labels, Vec::new);
         for share in &mut self.shares {
             share.clear();
             share.resize(BINS, 0.0);
         }
-        for (&bin, &label) in picture.bins.iter().zip(raster.labels()) {
-            if bin != UNKNOWN && label != BACKGROUND {
-                self.shares[usize::from(label)][usize::from(bin)] += 1.0;
+        for (label, pixels) in raster.runs() {
+            let (sum, count) = picture.tints(pixels.clone());
+            let tints = &mut self.tints[usize::from(label)];
+            *tints = (tints.0 + sum, tints.1 + count);
+            let share = &mut self.shares[usize::from(label)];
+            for &bin in picture.bins[pixels].iter().filter(|bin| **bin != UNKNOWN) {
+                share[usize::from(bin)] += 1.0;
             }
+        }
+        for (tint, count) in &mut self.tints {
+            *tint /= count.max(1.0);
         }
         let background = &mut self.shares[usize::from(BACKGROUND)];
         for bin in beside(picture, raster, points) {
@@ -193,12 +201,16 @@ impl Colors {
             false => (second, first, 1.0),
         };
         let apart = (tints[other] - tints[known]).normalize();
-        let along = (picture.tints[index] - self.tints[known].0).dot(&apart);
+        let Some(tint) = picture.tint(index) else {
+            return odds;
+        };
+        let along = (tint - self.tints[known].0).dot(&apart);
         let by_tint = f64::from((along - TINTED) / TINTED).clamp(-1.0, 1.0) * BY_TINT;
-        if by_tint.is_finite() {
-            odds + sign * by_tint
+        // Not a number where the mesh's tints are one.
+        odds + if by_tint.is_finite() {
+            sign * by_tint
         } else {
-            odds
+            0.0
         }
     }
 }
@@ -228,17 +240,18 @@ fn spread(bins: &mut Vec<f32>, scratch: &mut Vec<f32>) {
 
 /// Along one channel, whose levels are `STRIDE` bins apart.
 fn spread_along<const STRIDE: usize>(bins: &mut Vec<f32>, scratch: &mut Vec<f32>) {
-    scratch.clear();
-    scratch.extend(bins.iter().enumerate().map(|(i, &own)| {
-        let level = i / STRIDE % LEVELS;
-        let below = if level > 0 { bins[i - STRIDE] } else { own };
-        let above = if level + 1 < LEVELS {
-            bins[i + STRIDE]
-        } else {
-            own
-        };
-        0.25 * below + 0.5 * own + 0.25 * above
-    }));
+    scratch.resize(bins.len(), 0.0);
+    let channels = bins.chunks_exact(STRIDE * LEVELS);
+    for (from, to) in channels.zip(scratch.chunks_exact_mut(STRIDE * LEVELS)) {
+        for level in 0..LEVELS {
+            let bins = |level: usize| &from[level * STRIDE..][..STRIDE];
+            let (below, own) = (bins(level.saturating_sub(1)), bins(level));
+            let above = bins((level + 1).min(LEVELS - 1));
+            for (i, to) in to[level * STRIDE..][..STRIDE].iter_mut().enumerate() {
+                *to = 0.25 * below[i] + 0.5 * own[i] + 0.25 * above[i];
+            }
+        }
+    }
     std::mem::swap(bins, scratch);
 }
 
@@ -259,21 +272,20 @@ pub fn find(
     tints: &[Vector3<f32>],
 ) -> Option<Found> {
     debug_assert_eq!(picture.size, raster.size);
-    let mut weights = [0.0; 2 * SEARCHED as usize + 1];
-    for (place, weight) in (-SEARCHED..=SEARCHED).zip(&mut weights) {
-        let at = point.pixel + point.normal * (f64::from(place) * step);
-        let change = picture.change(at, &point.normal, step);
-        *weight = match point.parts_regions() && step > SHORT {
-            true => (change + FLAT_LONG).sqrt(),
-            false => change + FLAT,
-        };
-    }
+    let changes: [f64; 2 * SEARCHED as usize + 1] = picture.changes(point, step);
+    let mut weights = changes.map(|change| match point.parts_regions() && step > SHORT {
+        true => (change + FLAT_LONG).sqrt(),
+        false => change + FLAT,
+    });
     if point.parts_regions() {
         let within = line(picture, colors, raster, point, step, tints)?;
-        for (place, weight) in (-SEARCHED..=SEARCHED).zip(&mut weights) {
-            for (i, p) in (-REACH..=REACH).zip(within) {
-                let p = p.unwrap_or(0.5);
-                let inner = INNER[(i - place + REACH + SEARCHED) as usize];
+        let inner = &*INNER;
+        for (i, p) in within.iter().enumerate() {
+            let Some(p) = p else {
+                continue;
+            };
+            let farther = &inner[2 * REACH as usize - i..];
+            for (weight, inner) in weights.iter_mut().zip(farther) {
                 *weight *= inner * p + (1.0 - inner) * (1.0 - p);
             }
         }
