@@ -4,6 +4,9 @@
 //! once, and channels are walked in blocks of 32, 16, 8 or 1 whose length is known at compile time
 //! and so stays in registers. On x86-64 all is compiled a second time for AVX2, chosen at run time.
 
+use std::array::from_fn;
+use std::ops::Range;
+
 use super::{Gradients, Level};
 use crate::dispatch;
 
@@ -28,25 +31,26 @@ pub(super) struct Job<'a> {
 
 impl Job<'_> {
     /// Taps of one query and head.
-    fn taps(&self) -> usize {
+    fn taps_of_head(&self) -> usize {
         self.levels.len() * self.points
     }
 
-    /// The levels that the taps of a query and head read, in groups of lanes; the last group is
-    /// filled up with taps of a 1 x 1 level.
+    /// Taps of one query.
+    fn taps(&self) -> usize {
+        self.heads * self.taps_of_head()
+    }
+
+    /// The levels that the taps of a query read, in groups of lanes; the last group is filled up with
+    /// taps of a 1 x 1 level.
     fn groups(&self) -> Vec<Group> {
         let mut groups = vec![Group::default(); self.taps().div_ceil(LANES)];
-        let levels = self
-            .levels
-            .iter()
-            .flat_map(|level| std::iter::repeat_n(level, self.points));
-        for (tap, level) in levels.enumerate() {
+        for tap in 0..self.taps() {
+            let level = &self.levels[tap / self.points % self.levels.len()];
             let (group, lane) = (&mut groups[tap / LANES], tap % LANES);
             group.width[lane] = level.width as f32;
             group.height[lane] = level.height as f32;
             group.row[lane] = level.width as u32;
             group.first_cell[lane] = level.first_cell as u32;
-            group.taps = lane + 1;
         }
         groups
     }
@@ -55,7 +59,6 @@ impl Job<'_> {
 /// The levels that a group of taps reads.
 #[derive(Clone)]
 struct Group {
-    taps: usize,
     width: Lanes<f32>,
     height: Lanes<f32>,
     /// Cells from one row to the next: the width again.
@@ -66,7 +69,6 @@ struct Group {
 impl Default for Group {
     fn default() -> Self {
         Self {
-            taps: 0,
             width: [1.0; LANES],
             height: [1.0; LANES],
             row: [1; LANES],
@@ -78,7 +80,7 @@ impl Default for Group {
 /// Linear interpolation along one axis: the two nearest cells, and for each its share and how fast
 /// that grows with the location. Both are 0 for a cell outside the map, whose place the nearest
 /// inside cell takes, and for locations that are not finite.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Axis {
     cells: [Lanes<u32>; 2],
     shares: [Lanes<f32>; 2],
@@ -90,33 +92,41 @@ impl Axis {
     /// - `lengths`: of the axis, in cells
     #[inline(always)]
     fn at(locations: &Lanes<f32>, lengths: &Lanes<f32>) -> Self {
-        let mut axis = Self::default();
-        for i in 0..LANES {
-            let length = lengths[i];
-            let last = length - 1.0;
-            let place = locations[i] * length - 0.5;
-            let cell = place.floor();
-            let part = place - cell;
-            // Comparisons with NaN are false: such a location ends up outside, at cell 0.
-            let inside = [cell >= 0.0 && cell <= last, cell >= -1.0 && cell < last];
-            let clamp = |cell: f32| {
-                let cell = if cell > 0.0 { cell } else { 0.0 };
-                let cell = if cell < last { cell } else { last };
-                // SAFETY: from 0 to `last`, which is below 2^24.
-                unsafe { cell.to_int_unchecked::<i32>() as u32 }
-            };
-            axis.cells[0][i] = clamp(cell);
-            axis.cells[1][i] = clamp(cell + 1.0);
-            axis.shares[0][i] = if inside[0] { 1.0 - part } else { 0.0 };
-            axis.shares[1][i] = if inside[1] { part } else { 0.0 };
-            axis.slopes[0][i] = if inside[0] { -length } else { 0.0 };
-            axis.slopes[1][i] = if inside[1] { length } else { 0.0 };
+        let last: Lanes<f32> = from_fn(|i| lengths[i] - 1.0);
+        let places: Lanes<f32> = from_fn(|i| locations[i] * lengths[i] - 0.5);
+        let cells: Lanes<f32> = from_fn(|i| places[i].floor());
+        let parts: Lanes<f32> = from_fn(|i| places[i] - cells[i]);
+        // Comparisons with NaN are false: such a location ends up outside, at cell 0.
+        let inside: [Lanes<bool>; 2] = [
+            from_fn(|i| cells[i] >= 0.0 && cells[i] <= last[i]),
+            from_fn(|i| cells[i] >= -1.0 && cells[i] < last[i]),
+        ];
+        let clamp = |cell: f32, last: f32| {
+            let cell = if cell > 0.0 { cell } else { 0.0 };
+            let cell = if cell < last { cell } else { last };
+            // SAFETY: from 0 to `last`, which is below 2^24.
+            unsafe { cell.to_int_unchecked::<i32>() as u32 }
+        };
+        let known = |inside: bool, number: f32| if inside { number } else { 0.0 };
+        Self {
+            cells: [
+                from_fn(|i| clamp(cells[i], last[i])),
+                from_fn(|i| clamp(cells[i] + 1.0, last[i])),
+            ],
+            shares: [
+                from_fn(|i| known(inside[0][i], 1.0 - parts[i])),
+                from_fn(|i| known(inside[1][i], parts[i])),
+            ],
+            slopes: [
+                from_fn(|i| known(inside[0][i], -lengths[i])),
+                from_fn(|i| known(inside[1][i], lengths[i])),
+            ],
         }
-        axis
     }
 }
 
 /// Where a group of taps reads, in the order (y0, x0), (y0, x1), (y1, x0), (y1, x1).
+#[derive(Clone, Default)]
 struct Footprints {
     x: Axis,
     y: Axis,
@@ -171,30 +181,59 @@ pub(super) fn backward(job: &Job<'_>, grad_out: &[f32], gradients: Gradients<'_>
 #[inline(always)]
 fn forward_portable(job: &Job<'_>, out: &mut [f32]) {
     out.fill(0.0);
-    if job.head_dim == 0 {
+    if job.head_dim == 0 || job.taps() == 0 {
         return;
     }
     let groups = job.groups();
-    for (row, out) in out.chunks_exact_mut(job.head_dim).enumerate() {
-        let head = (row % job.heads) * job.head_dim;
-        let mut first = row * job.taps();
-        for group in &groups {
-            let weights = &job.weights[first..first + group.taps];
-            let locations = &job.locations[2 * first..2 * (first + group.taps)];
-            first += group.taps;
-            let at = Footprints::new(group, locations);
-            let shares = Footprints::product(&at.y.shares, &at.x.shares);
+    // All of a query's taps are looked up before the first is read, so that reading does not wait.
+    let mut reads = vec![Reads::default(); groups.len()];
+    let queries = job.weights.chunks_exact(job.taps());
+    let queries = queries.zip(job.locations.chunks_exact(2 * job.taps()));
+    for ((weights, locations), out) in queries.zip(out.chunks_exact_mut(job.heads * job.head_dim)) {
+        let of_groups = weights.chunks(LANES).zip(locations.chunks(2 * LANES));
+        for ((group, (weights, locations)), reads) in groups.iter().zip(of_groups).zip(&mut reads) {
+            *reads = Reads::new(&Footprints::new(group, locations), weights);
+        }
+        for (head, out) in out.chunks_exact_mut(job.head_dim).enumerate() {
+            let taps = head * job.taps_of_head()..(head + 1) * job.taps_of_head();
             let mut done = 0;
             while done < job.head_dim {
-                let (channel, out) = (head + done, &mut out[done..]);
+                let (channel, out) = (head * job.head_dim + done, &mut out[done..]);
                 done += match out.len() {
-                    32.. => read::<32>(job, channel, weights, &at.cells, &shares, out),
-                    16.. => read::<16>(job, channel, weights, &at.cells, &shares, out),
-                    8.. => read::<8>(job, channel, weights, &at.cells, &shares, out),
-                    _ => read::<1>(job, channel, weights, &at.cells, &shares, out),
+                    32.. => read::<32>(job, channel, taps.clone(), &reads, out),
+                    16.. => read::<16>(job, channel, taps.clone(), &reads, out),
+                    8.. => read::<8>(job, channel, taps.clone(), &reads, out),
+                    _ => read::<1>(job, channel, taps.clone(), &reads, out),
                 }
             }
         }
+    }
+}
+
+/// What a group of taps reads: cells, and how much of each, its weight included.
+#[derive(Clone, Default)]
+struct Reads {
+    weights: Lanes<f32>,
+    cells: [Lanes<u32>; 4],
+    shares: [Lanes<f32>; 4],
+}
+
+impl Reads {
+    /// - `weights`: at most [`LANES`]
+    #[inline(always)]
+    fn new(at: &Footprints, weights: &[f32]) -> Self {
+        let mut reads = Self {
+            weights: [0.0; LANES],
+            cells: at.cells,
+            shares: Footprints::product(&at.y.shares, &at.x.shares),
+        };
+        reads.weights[..weights.len()].copy_from_slice(weights);
+        for shares in &mut reads.shares {
+            for (share, weight) in shares.iter_mut().zip(&reads.weights) {
+                *share *= weight;
+            }
+        }
+        reads
     }
 }
 
@@ -204,22 +243,24 @@ fn forward_portable(job: &Job<'_>, out: &mut [f32]) {
 fn read<const W: usize>(
     job: &Job<'_>,
     channel: usize,
-    weights: &[f32],
-    cells: &[Lanes<u32>; 4],
-    shares: &[Lanes<f32>; 4],
+    taps: Range<usize>,
+    reads: &[Reads],
     out: &mut [f32],
 ) -> usize {
     let stride = job.heads * job.head_dim;
     let mut sum = [0.0f32; W];
     sum.copy_from_slice(&out[..W]);
-    for (tap, &weight) in weights.iter().enumerate().take(LANES) {
-        if weight == 0.0 {
+    for tap in taps {
+        let (reads, lane) = (&reads[tap / LANES], tap % LANES);
+        if reads.weights[lane] == 0.0 {
             continue;
         }
-        let value =
-            |corner: usize| &job.value[cells[corner][tap] as usize * stride + channel..][..W];
+        let value = |corner: usize| {
+            let from = reads.cells[corner][lane] as usize * stride + channel;
+            &job.value[from..from + W]
+        };
         let (a, b, c, d) = (value(0), value(1), value(2), value(3));
-        let share = |corner: usize| weight * shares[corner][tap];
+        let share = |corner: usize| reads.shares[corner][lane];
         let (sa, sb, sc, sd) = (share(0), share(1), share(2), share(3));
         for i in 0..W {
             // In pairs, so that the sums of one tap do not wait for each other.
@@ -232,35 +273,46 @@ fn read<const W: usize>(
 
 #[inline(always)]
 fn backward_portable(job: &Job<'_>, grad_out: &[f32], gradients: Gradients<'_>) {
-    if job.head_dim == 0 {
+    if job.head_dim == 0 || job.taps() == 0 {
         return;
     }
     let groups = job.groups();
-    for (row, grad_out) in grad_out.chunks_exact(job.head_dim).enumerate() {
-        let head = (row % job.heads) * job.head_dim;
-        let mut first = row * job.taps();
-        for group in &groups {
-            let taps = first..first + group.taps;
-            let places = 2 * taps.start..2 * taps.end;
-            first += group.taps;
-            let at = Footprints::new(group, &job.locations[places.clone()]);
-            let shares = Footprints::product(&at.y.shares, &at.x.shares);
-            // What each corner of each tap would add to the loss if it were read with share 1.
-            let mut reads = [[0.0; LANES]; 4];
-            let weights = &job.weights[taps.clone()];
-            let grad_value = &mut *gradients.value;
+    // Of a query's taps: where they read, how much, and what each corner would add to the loss if it
+    // were read with share 1.
+    let mut places = vec![Footprints::default(); groups.len()];
+    let mut shares = vec![[[0.0; LANES]; 4]; groups.len()];
+    let mut reads = shares.clone();
+    for (query, grad_out) in grad_out.chunks_exact(job.heads * job.head_dim).enumerate() {
+        let taps = query * job.taps()..(query + 1) * job.taps();
+        let coordinates = 2 * taps.start..2 * taps.end;
+        let locations = job.locations[coordinates.clone()].chunks(2 * LANES);
+        for (group, locations) in locations.enumerate() {
+            places[group] = Footprints::new(&groups[group], locations);
+            let at = &places[group];
+            shares[group] = Footprints::product(&at.y.shares, &at.x.shares);
+            reads[group] = [[0.0; LANES]; 4];
+        }
+        let weights = &job.weights[taps.clone()];
+        for (head, grad_out) in grad_out.chunks_exact(job.head_dim).enumerate() {
+            let taps = head * job.taps_of_head()..(head + 1) * job.taps_of_head();
             let mut done = 0;
             while done < job.head_dim {
-                let (c, grad) = (head + done, &grad_out[done..]);
-                let (w, s, v, r) = (weights, &shares, &mut *grad_value, &mut reads);
+                let (c, grad) = (head * job.head_dim + done, &grad_out[done..]);
+                let (t, w, s) = (taps.clone(), weights, &shares[..]);
+                let (v, r) = (&mut *gradients.value, &mut reads[..]);
                 done += match grad.len() {
-                    32.. => scatter::<32>(job, c, w, &at.cells, s, grad, v, r),
-                    16.. => scatter::<16>(job, c, w, &at.cells, s, grad, v, r),
-                    8.. => scatter::<8>(job, c, w, &at.cells, s, grad, v, r),
-                    _ => scatter::<1>(job, c, w, &at.cells, s, grad, v, r),
+                    32.. => scatter::<32>(job, c, t, w, &places, s, grad, v, r),
+                    16.. => scatter::<16>(job, c, t, w, &places, s, grad, v, r),
+                    8.. => scatter::<8>(job, c, t, w, &places, s, grad, v, r),
+                    _ => scatter::<1>(job, c, t, w, &places, s, grad, v, r),
                 };
             }
-
+        }
+        let of_weights = gradients.weights[taps].chunks_mut(LANES);
+        let of_locations = gradients.locations[coordinates].chunks_mut(2 * LANES);
+        let gradients = of_weights.zip(of_locations).zip(weights.chunks(LANES));
+        for (group, ((of_weights, of_locations), weights)) in gradients.enumerate() {
+            let (at, reads) = (&places[group], &reads[group]);
             let along_x = Footprints::product(&at.y.shares, &at.x.slopes);
             let along_y = Footprints::product(&at.y.slopes, &at.x.shares);
             let sum = |factors: &[Lanes<f32>; 4], i: usize| {
@@ -268,12 +320,10 @@ fn backward_portable(job: &Job<'_>, grad_out: &[f32], gradients: Gradients<'_>) 
                     .map(|corner| factors[corner][i] * reads[corner][i])
                     .sum::<f32>()
             };
-            let grad_weights = &mut gradients.weights[taps];
-            let grad_locations = &mut gradients.locations[places];
-            for (i, &weight) in weights.iter().enumerate().take(LANES) {
-                grad_weights[i] += sum(&shares, i);
-                grad_locations[2 * i] += weight * sum(&along_x, i);
-                grad_locations[2 * i + 1] += weight * sum(&along_y, i);
+            for (i, &weight) in weights.iter().enumerate() {
+                of_weights[i] += sum(&shares[group], i);
+                of_locations[2 * i] += weight * sum(&along_x, i);
+                of_locations[2 * i + 1] += weight * sum(&along_y, i);
             }
         }
     }
@@ -286,21 +336,23 @@ fn backward_portable(job: &Job<'_>, grad_out: &[f32], gradients: Gradients<'_>) 
 fn scatter<const W: usize>(
     job: &Job<'_>,
     channel: usize,
+    taps: Range<usize>,
     weights: &[f32],
-    cells: &[Lanes<u32>; 4],
-    shares: &[Lanes<f32>; 4],
+    places: &[Footprints],
+    shares: &[[Lanes<f32>; 4]],
     grad: &[f32],
     grad_value: &mut [f32],
-    reads: &mut [Lanes<f32>; 4],
+    reads: &mut [[Lanes<f32>; 4]],
 ) -> usize {
     let stride = job.heads * job.head_dim;
     let mut row = [0.0f32; W];
     row.copy_from_slice(&grad[..W]);
-    for (tap, &weight) in weights.iter().enumerate().take(LANES) {
+    for tap in taps {
+        let (group, lane) = (tap / LANES, tap % LANES);
         for corner in 0..4 {
-            let from = cells[corner][tap] as usize * stride + channel;
-            reads[corner][tap] += dot(&row, &job.value[from..from + W]);
-            let share = weight * shares[corner][tap];
+            let from = places[group].cells[corner][lane] as usize * stride + channel;
+            reads[group][corner][lane] += dot(&row, &job.value[from..from + W]);
+            let share = weights[tap] * shares[group][corner][lane];
             let grad_value = &mut grad_value[from..from + W];
             for i in 0..W {
                 grad_value[i] += share * row[i];
