@@ -20,13 +20,14 @@ import time
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[threads] = "1"
 
-import mvtop  # noqa: E402 (after the threads)
 import numpy as np  # noqa: E402
 import onnxruntime as ort  # noqa: E402
 import torch  # noqa: E402
 from mvtop_train.errors import UserError, argument_parser, command  # noqa: E402
 from mvtop_train.export import bundle  # noqa: E402
 from mvtop_train.network import config, sampling  # noqa: E402
+
+import mvtop  # noqa: E402 (after the threads)
 
 VIEWS = 2
 TOLERANCE = 1e-4
@@ -65,9 +66,7 @@ def contestants(levels, inputs):
     options = ort.SessionOptions()
     options.intra_op_num_threads = 1
     with torch.no_grad():
-        graph = bundle.graph_of(
-            Sample(levels), dict(zip(NAMES, tensors, strict=True)), ["out"], {}
-        )
+        graph = bundle.graph_of(Sample(levels), dict(zip(NAMES, tensors, strict=True)), ["out"], {})
     session = ort.InferenceSession(graph.SerializeToString(), options)
     feed = dict(zip(NAMES, inputs, strict=True))
 
