@@ -51,7 +51,11 @@ def problem(preset: config.Config, seed: int):
     cells = sum(rows * columns for rows, columns in levels)
     taps = (VIEWS, cells, preset.heads, len(levels), preset.points)
     value = rng.normal(size=(VIEWS, cells, preset.heads, preset.d_model // preset.heads))
-    inputs = (value, rng.uniform(-0.1, 1.1, (*taps, 2)), rng.dirichlet(np.ones(4), taps[:-1]))
+    inputs = (
+        value,
+        rng.uniform(-0.1, 1.1, (*taps, 2)),
+        rng.dirichlet(np.ones(preset.points), taps[:-1]),
+    )
     return levels, [x.astype(np.float32) for x in inputs]
 
 
