@@ -54,7 +54,7 @@ def curves(path: Path, title: str, x: str, series: dict[str, list[tuple[float, r
         axes.set(xlabel=x, ylabel=label)
         axes.set_ylim(bottom=0)
         axes.grid(alpha=0.3)
-    panels[0].legend(loc="lower left")  # errors do not come near 0 there
+    panels[0].legend()
     _save(figure, path)
 
 
