@@ -327,7 +327,7 @@ impl Refiner {
                     supported,
                     residual_px: residual / view.scale,
                     overlap,
-                    explained: explained::explained(picture, raster, points, tints),
+                    explained: explained::explained(picture, colors, raster, points, tints),
                 };
                 ((of_view, residual), bits)
             })

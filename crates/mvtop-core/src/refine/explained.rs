@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use super::contour::EdgePoint;
 use super::part::BACKGROUND;
 use super::raster::Raster;
-use super::region::{AROUND, BINS, LEVELS, Picture, UNKNOWN};
+use super::region::{AROUND, BINS, Colors, LEVELS, Picture, UNKNOWN};
 
 /// Colors are counted in half as many levels as for single edges.
 const COARSE: usize = LEVELS / 2;
@@ -15,9 +15,11 @@ const COARSE: usize = LEVELS / 2;
 /// background along the outline, and of the parts of the object. Parts whose tint differs from the
 /// largest one's in another direction than the mesh's do count against the pose.
 ///
+/// - `colors`: counted on the raster
 /// - `tints`: of the mesh, by label
 pub fn explained(
     picture: &Picture,
+    colors: &Colors,
     raster: &Raster,
     points: &[EdgePoint],
     tints: &[Vector3<f32>],
@@ -48,7 +50,7 @@ pub fn explained(
     }
     let outline: f64 = told(&[&around[0], &object]).iter().sum();
     let parts: Vec<&Vec<f64>> = parts.iter().collect();
-    let within = told(&parts).into_iter().zip(alike(picture, raster, tints));
+    let within = told(&parts).into_iter().zip(alike(colors, tints));
     outline + within.map(|(bits, alike)| bits * alike).sum::<f64>()
 }
 
@@ -81,22 +83,16 @@ fn told(counts: &[&Vec<f64>]) -> Vec<f64> {
 
 /// Of each part of the object, whether its tint differs from the largest one's in the direction in
 /// which the mesh's does, as a cosine; 1 for the largest and where nothing is known.
-fn alike(picture: &Picture, raster: &Raster, tints: &[Vector3<f32>]) -> Vec<f64> {
-    let mut sums = vec![(Vector3::<f32>::zeros(), 0.0_f32); tints.len()];
-    for (label, pixels) in raster.runs() {
-        let (sum, count) = picture.tints(pixels);
-        let of_label = &mut sums[usize::from(label)];
-        *of_label = (of_label.0 + sum, of_label.1 + count);
-    }
+fn alike(colors: &Colors, tints: &[Vector3<f32>]) -> Vec<f64> {
+    let seen = &colors.tints;
     let parts = || 1..tints.len();
-    let Some(main) = parts().max_by(|a, b| sums[*a].1.total_cmp(&sums[*b].1)) else {
+    let Some(main) = parts().max_by(|a, b| seen[*a].1.total_cmp(&seen[*b].1)) else {
         return Vec::new();
     };
-    let mean = |label: usize| sums[label].0 / sums[label].1.max(1.0);
     let cosine = |label: usize| {
-        let (seen, meant) = (mean(label) - mean(main), tints[label] - tints[main]);
-        let cosine = seen.dot(&meant) / (seen.norm() * meant.norm());
-        if label == main || sums[label].1 < 1.0 || !cosine.is_finite() {
+        let (shown, meant) = (seen[label].0 - seen[main].0, tints[label] - tints[main]);
+        let cosine = shown.dot(&meant) / (shown.norm() * meant.norm());
+        if label == main || seen[label].1 < 1.0 || !cosine.is_finite() {
             1.0
         } else {
             f64::from(cosine)

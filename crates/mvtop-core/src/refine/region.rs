@@ -27,6 +27,7 @@ const BY_TINT: f64 = 2.0;
 pub const REACH: i32 = 8;
 /// Steps to each side within which the edge is searched for.
 pub const SEARCHED: i32 = 5;
+const PLACES: usize = 2 * SEARCHED as usize + 1;
 /// Square of the change of color, of 1, that counts as much as none: noise has some.
 const FLAT: f64 = 1e-4;
 /// The same on lines of longer steps than this, px: they cross other edges as well, so what changes
@@ -66,7 +67,7 @@ pub struct Colors {
     /// By label, then by bin; the sum over the bins is 1.
     shares: Vec<Vec<f32>>,
     /// By label: mean tint of what shows it, and of how many pixels.
-    tints: Vec<(Vector3<f32>, f32)>,
+    pub tints: Vec<(Vector3<f32>, f32)>,
     scratch: Vec<f32>,
 }
 
@@ -94,7 +95,7 @@ impl Picture {
     }
 
     /// Of some pixels: the sum of their tints, and how many are known.
-    pub fn tints(&self, pixels: Range<usize>) -> (Vector3<f32>, f32) {
+    fn tints(&self, pixels: Range<usize>) -> (Vector3<f32>, f32) {
         let tints = pixels.filter_map(|index| self.tint(index));
         tints.fold((Vector3::zeros(), 0.0), |(sum, count), tint| {
             (sum + tint, count + 1.0)
@@ -107,21 +108,19 @@ impl Picture {
         self.pixels.iter().map(look).collect()
     }
 
-    /// At places along a line: the square of the change of color, of 1, from half a step before to as
-    /// far behind it, mean over R, G and B; 0 where it is not known.
-    fn changes<const N: usize>(&self, point: &EdgePoint, step: f64) -> [f64; N] {
-        let mut before = None;
-        let mut after = |i: usize| {
-            let place = (i as f64 - N as f64 / 2.0) * step;
-            let here = self.between(point.pixel + point.normal * place);
-            let change = here.zip(before).map(|(here, before)| here - before);
-            before = here;
+    /// At the places of an edge along a line: the square of the change of color, of 1, from half a step
+    /// before to as far behind it, mean over R, G and B; 0 where it is not known.
+    fn changes(&self, point: &EdgePoint, step: f64) -> [f64; PLACES] {
+        let between: [_; PLACES + 1] = std::array::from_fn(|i| {
+            let place = (i as f64 - PLACES as f64 / 2.0) * step;
+            self.between(point.pixel + point.normal * place)
+        });
+        std::array::from_fn(|i| {
+            let change = between[i + 1].zip(between[i]).map(|(a, b)| a - b);
             change.map_or(0.0, |change| {
                 f64::from(change.norm_squared()) / (3.0 * 255.0 * 255.0)
             })
-        };
-        after(0);
-        std::array::from_fn(|i| after(i + 1))
+        })
     }
 
     /// R, G and B, 0 to 255, between four pixels.
@@ -132,10 +131,8 @@ impl Picture {
         }
         let (u, v) = (at.x as usize, at.y as usize);
         let (right, below) = ((at.x - u as f64) as f32, (at.y - v as f64) as f32);
-        let row = |first: usize| {
-            let [left, right_one] = [first, first + 1].map(|i| self.pixels[i].map(Vector3::from));
-            Some(left?.lerp(&right_one?, right))
-        };
+        let pixel = |index: usize| self.pixels[index].map(Vector3::from);
+        let row = |first: usize| Some(pixel(first)?.lerp(&pixel(first + 1)?, right));
         let first = v * self.size + u;
         Some(row(first)?.lerp(&row(first + self.size)?, below))
     }
@@ -244,9 +241,9 @@ fn spread_along<const STRIDE: usize>(bins: &mut Vec<f32>, scratch: &mut Vec<f32>
     let channels = bins.chunks_exact(STRIDE * LEVELS);
     for (from, to) in channels.zip(scratch.chunks_exact_mut(STRIDE * LEVELS)) {
         for level in 0..LEVELS {
-            let bins = |level: usize| &from[level * STRIDE..][..STRIDE];
-            let (below, own) = (bins(level.saturating_sub(1)), bins(level));
-            let above = bins((level + 1).min(LEVELS - 1));
+            let of_level = |level: usize| &from[level * STRIDE..][..STRIDE];
+            let (below, own) = (of_level(level.saturating_sub(1)), of_level(level));
+            let above = of_level((level + 1).min(LEVELS - 1));
             for (i, to) in to[level * STRIDE..][..STRIDE].iter_mut().enumerate() {
                 *to = 0.25 * below[i] + 0.5 * own[i] + 0.25 * above[i];
             }
@@ -272,11 +269,13 @@ pub fn find(
     tints: &[Vector3<f32>],
 ) -> Option<Found> {
     debug_assert_eq!(picture.size, raster.size);
-    let changes: [f64; 2 * SEARCHED as usize + 1] = picture.changes(point, step);
-    let mut weights = changes.map(|change| match point.parts_regions() && step > SHORT {
-        true => (change + FLAT_LONG).sqrt(),
-        false => change + FLAT,
-    });
+    let mut weights =
+        picture
+            .changes(point, step)
+            .map(|change| match point.parts_regions() && step > SHORT {
+                true => (change + FLAT_LONG).sqrt(),
+                false => change + FLAT,
+            });
     if point.parts_regions() {
         let within = line(picture, colors, raster, point, step, tints)?;
         let inner = &*INNER;
