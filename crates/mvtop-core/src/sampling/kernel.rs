@@ -2,7 +2,8 @@
 //!
 //! Both are written for the compiler's vectoriser: where to read is found for [`LANES`] taps at
 //! once, and channels are walked in blocks of 32, 16, 8 or 1 whose length is known at compile time
-//! and so stays in registers. On x86-64 all is compiled a second time for AVX2, chosen at run time.
+//! and so stays in registers. On x86-64 all is compiled a second time for AVX2, chosen at run time;
+//! what arrays' `map` calls is not, so that there are loops in its place.
 
 use std::array::from_fn;
 use std::ops::Range;
