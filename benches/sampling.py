@@ -25,6 +25,7 @@ import onnxruntime as ort  # noqa: E402
 import torch  # noqa: E402
 from mvtop_train.errors import UserError, argument_parser, command  # noqa: E402
 from mvtop_train.export import bundle  # noqa: E402
+from mvtop_train.export.fixtures.operator import Sample  # noqa: E402
 from mvtop_train.network import config, sampling  # noqa: E402
 
 import mvtop  # noqa: E402 (after the threads)
@@ -33,15 +34,6 @@ VIEWS = 2
 TOLERANCE = 1e-4
 SECONDS = 0.05  # of one contestant in one round
 NAMES = ("value", "locations", "weights")
-
-
-class Sample(torch.nn.Module):
-    def __init__(self, levels):
-        super().__init__()
-        self.levels = levels
-
-    def forward(self, value, locations, weights):
-        return sampling.sample_torch(value, locations, weights, self.levels)
 
 
 def problem(preset: config.Config, seed: int):
@@ -69,7 +61,7 @@ def contestants(levels, inputs):
     leaves = [x.clone().requires_grad_() for x in tensors]
     options = ort.SessionOptions()
     options.intra_op_num_threads = 1
-    with torch.no_grad():
+    with torch.no_grad(), sampling.standard_operators():
         graph = bundle.graph_of(Sample(levels), dict(zip(NAMES, tensors, strict=True)), ["out"], {})
     session = ort.InferenceSession(graph.SerializeToString(), options)
     feed = dict(zip(NAMES, inputs, strict=True))
