@@ -12,6 +12,7 @@
 mod contour;
 mod difference;
 mod explained;
+mod fit;
 pub(crate) mod lines;
 mod part;
 mod print;
@@ -19,36 +20,24 @@ mod quality;
 mod raster;
 mod region;
 pub(crate) mod solve;
+mod working;
 
 use image::RgbImage;
 use nalgebra::{Isometry3, Matrix6, Point3};
 use rayon::prelude::*;
 
 use self::contour::EdgePoint;
+use self::fit::Fit;
 use self::part::Part;
 use self::print::Print;
 pub use self::quality::{Quality, ViewQuality};
-use self::raster::Raster;
-use self::region::{Colors, Found, Picture};
 use self::solve::{ANGLE_PER_AXIS, Prior, Row};
+use self::working::{COARSE, Detail, FINE, Working};
+use crate::Camera;
 use crate::bundle::SurfacePoint;
-use crate::closeup::{CloseUp, FILL};
 use crate::mesh::Mesh;
 use crate::prediction::Sigma;
-use crate::{BBox, Camera};
 
-/// Close-ups as sharp as the images, to come near.
-const COARSE: Detail = Detail {
-    enlarged: 1.0,
-    largest: 224.0,
-    filled: FILL,
-};
-/// Twice as sharp, as regions are told by whole pixels: half of one, next to a knob, is a degree.
-const FINE: Detail = Detail {
-    enlarged: 2.0,
-    largest: 320.0,
-    filled: 0.8,
-};
 /// Steps of the lines, px of the close-up, one after the other.
 const STEPS: [Steps; 2] = [
     (COARSE, &[4.0, 3.0, 2.0]),
@@ -56,18 +45,6 @@ const STEPS: [Steps; 2] = [
 ];
 /// Steps that end on the coarse close-ups.
 const COARSE_STEPS: [Steps; 1] = [(COARSE, &[4.0, 4.0, 3.0, 2.0, 1.0, 1.0, 1.0])];
-/// Least side of a close-up, px.
-const SMALLEST: f64 = 96.0;
-/// An edge that is found within this of where it is expected is supported, px.
-const SUPPORTED: f64 = 1.5;
-/// An edge is not supported where its place is less certain than this, px².
-const UNSURE: f64 = 4.0;
-/// Step at which poses are compared, px.
-const COMPARED: f64 = 1.5;
-
-/// How much worse one kind of edges may fit where another fits better, bits.
-const WORSE: f64 = 0.05;
-
 /// A camera's image in which the object may be seen.
 #[derive(Debug, Clone, Copy)]
 pub struct View<'a> {
@@ -106,6 +83,17 @@ pub struct Refined {
     pub accepted: bool,
 }
 
+/// A pose that was refined on coarse close-ups.
+#[derive(Debug, Clone)]
+pub struct Coarse {
+    /// Object frame to world frame, metres; the start where the refinement was not accepted.
+    pub world_from_obj: Isometry3<f64>,
+    /// As [`Refined::information`].
+    pub information: Matrix6<f64>,
+    /// As [`Refined::supported`].
+    pub supported: f64,
+}
+
 /// What refines poses of one object.
 pub struct Refiner {
     part: Part,
@@ -113,46 +101,18 @@ pub struct Refiner {
     print: Option<Print>,
 }
 
-/// How large the close-ups are.
-#[derive(Debug, Clone, Copy)]
-struct Detail {
-    /// Px of the close-up in one of the image, if there is room for them.
-    enlarged: f64,
-    /// Largest side, px.
-    largest: f64,
-    /// What the object takes of it.
-    filled: f64,
-}
-
 /// Close-ups, and the steps of the lines on them, px.
 type Steps = (Detail, &'static [f64]);
 
-/// A view at work; its memory is used again from step to step.
-struct Working {
-    /// Index of the view, as given.
-    index: usize,
-    /// Px of the close-up in one of the image.
-    scale: f64,
-    closeup: CloseUp,
-    picture: Picture,
-    raster: Raster,
-    points: Vec<EdgePoint>,
-    colors: Colors,
-    rows: Vec<Row>,
+/// What comes of a search.
+struct Search {
+    world_from_obj: Isometry3<f64>,
+    information: Matrix6<f64>,
+    /// Of the pose, as `working` shows it.
+    fit: Fit,
+    accepted: bool,
+    working: Vec<Working>,
 }
-
-/// How well the images fit a pose.
-#[derive(Debug, Clone, Default)]
-struct Fit {
-    /// Of all views, bits: by the outline, and by what lies within it.
-    separation: [f64; 2],
-    supported: f64,
-    residual_px: f64,
-    quality: Quality,
-}
-
-/// Of a view: its quality, and the mean distance of its edges, px of the close-up.
-type ViewFit = (ViewQuality, f64);
 
 impl Refiner {
     /// - `diameter_m`: largest distance between two points of the surface
@@ -195,7 +155,19 @@ impl Refiner {
         sigma: Sigma,
     ) -> Option<Refined> {
         let print = self.print.as_ref();
-        self.refine_by(&STEPS, print, views, world_from_obj, sigma)
+        let found = self.search(&STEPS, print, views, world_from_obj, sigma)?;
+        Some(Refined {
+            world_from_obj: found.world_from_obj,
+            sigma: match found.accepted {
+                true => expected(&found.information).unwrap_or(sigma),
+                false => sigma,
+            },
+            information: found.information,
+            supported: found.fit.supported(),
+            residual_px: found.fit.residual_px(),
+            quality: self.quality_of(&found.working, &found.fit),
+            accepted: found.accepted,
+        })
     }
 
     /// Like [`Self::refine`], on close-ups no sharper than the images: quicker, and exact enough to
@@ -205,18 +177,23 @@ impl Refiner {
         views: &[View],
         world_from_obj: &Isometry3<f64>,
         sigma: Sigma,
-    ) -> Option<Refined> {
-        self.refine_by(&COARSE_STEPS, None, views, world_from_obj, sigma)
+    ) -> Option<Coarse> {
+        let found = self.search(&COARSE_STEPS, None, views, world_from_obj, sigma)?;
+        Some(Coarse {
+            world_from_obj: found.world_from_obj,
+            information: found.information,
+            supported: found.fit.supported(),
+        })
     }
 
-    fn refine_by(
+    fn search(
         &self,
         steps: &[Steps],
         print: Option<&Print>,
         views: &[View],
         world_from_obj: &Isometry3<f64>,
         sigma: Sigma,
-    ) -> Option<Refined> {
+    ) -> Option<Search> {
         let prior = Prior::new(*world_from_obj, sigma);
         let (mut pose, mut information) = (*world_from_obj, Matrix6::zeros());
         let mut working = Vec::new();
@@ -247,34 +224,26 @@ impl Refiner {
             }
         }
         let before = self.fit(&mut working, world_from_obj)?;
-        let after = self.fit(&mut working, &pose).unwrap_or_default();
-        // What lies within may not be given up for the outline, nor the other way round.
-        let better = |i: usize| after.separation[i] - before.separation[i];
-        let accepted = better(0) + better(1) > 0.0 && better(0).min(better(1)) > -WORSE;
-        let (pose, fit) = if accepted {
-            (pose, after)
-        } else {
-            (*world_from_obj, before)
+        let after = self.fit(&mut working, &pose);
+        let accepted = after.as_ref().is_some_and(|after| after.is_better(&before));
+        let (world_from_obj, fit) = match after.filter(|_| accepted) {
+            Some(after) => (pose, after),
+            None => (*world_from_obj, self.fit(&mut working, world_from_obj)?),
         };
-        Some(Refined {
-            world_from_obj: pose,
-            sigma: if accepted {
-                expected(&information).unwrap_or(sigma)
-            } else {
-                sigma
-            },
+        Some(Search {
+            world_from_obj,
             information,
-            supported: fit.supported,
-            residual_px: fit.residual_px,
-            quality: fit.quality,
+            fit,
             accepted,
+            working,
         })
     }
 
     /// How well the images show the object at a pose; `None` where no view shows its edges.
     pub fn quality(&self, views: &[View], world_from_obj: &Isometry3<f64>) -> Option<Quality> {
         let mut working = self.working(views, world_from_obj, FINE);
-        Some(self.fit(&mut working, world_from_obj)?.quality)
+        let fit = self.fit(&mut working, world_from_obj)?;
+        Some(self.quality_of(&working, &fit))
     }
 
     /// Where a view should show edges of the mesh at a pose, and whether it does; empty where the
@@ -289,7 +258,7 @@ impl Refiner {
             point: world_from_cam * point.point,
             supported: working
                 .found(self, point, 1.0)
-                .is_some_and(|found| is_supported(found.offset, found.variance)),
+                .is_some_and(|found| fit::is_supported(found.offset, found.variance)),
         };
         working.points.iter().map(edge).collect()
     }
@@ -300,160 +269,6 @@ impl Refiner {
             .filter_map(|(index, view)| Working::new(self, index, view, pose, detail))
             .collect()
     }
-
-    /// How well the images fit a pose; `None` where no edge can be seen.
-    fn fit(&self, working: &mut [Working], pose: &Isometry3<f64>) -> Option<Fit> {
-        let tints = &self.part.tints;
-        let fits: Vec<(ViewFit, [Option<f64>; 2])> = working
-            .par_iter_mut()
-            .map(|view| {
-                view.look(self, pose, 1.0);
-                let Working {
-                    picture,
-                    colors,
-                    raster,
-                    points,
-                    rows,
-                    ..
-                } = &*view;
-                let count = rows.len().max(1) as f64;
-                let near = |row: &&Row| is_supported(row.offset, row.variance);
-                let supported = rows.iter().filter(near).count() as f64 / count;
-                let residual = rows.iter().map(|row| row.offset.abs()).sum::<f64>() / count;
-                let bits = region::separation(picture, colors, raster, points, COMPARED, tints);
-                let overlap = region::overlap(picture, colors, raster, points).unwrap_or(0.0);
-                let of_view = ViewQuality {
-                    view: view.index,
-                    supported,
-                    residual_px: residual / view.scale,
-                    overlap,
-                    explained: explained::explained(picture, colors, raster, points, tints),
-                };
-                ((of_view, residual), bits)
-            })
-            .collect();
-        let shown: Vec<ViewFit> = fits
-            .iter()
-            .filter(|(_, bits)| bits[0].is_some())
-            .map(|(fit, _)| *fit)
-            .collect();
-        let count = shown.len() as f64;
-        (count > 0.0).then(|| Fit {
-            separation: [0, 1].map(|i| {
-                let known = || fits.iter().filter_map(|(_, bits)| bits[i]);
-                known().sum::<f64>() / known().count().max(1) as f64
-            }),
-            supported: shown.iter().map(|(view, _)| view.supported).sum::<f64>() / count,
-            residual_px: shown.iter().map(|(_, residual)| residual).sum::<f64>() / count,
-            quality: Quality {
-                views: shown.iter().map(|(view, _)| *view).collect(),
-            },
-        })
-    }
-}
-
-impl Working {
-    /// `None` where the object does not lie in the image.
-    fn new(
-        refiner: &Refiner,
-        index: usize,
-        view: &View,
-        pose: &Isometry3<f64>,
-        detail: Detail,
-    ) -> Option<Self> {
-        let camera = view.camera;
-        let bbox = around(&refiner.part.vertices, camera, pose)?;
-        bbox.clip(camera.width(), camera.height())?;
-        let size = bbox.width().max(bbox.height());
-        let side = detail.enlarged * size / detail.filled;
-        let side = side.clamp(SMALLEST, detail.largest) as u32;
-        let closeup = CloseUp::new(camera, bbox.scaled(FILL / detail.filled), side)?;
-        let pixels = closeup.pixels(camera, view.image);
-        Some(Self {
-            index,
-            scale: f64::from(side) * detail.filled / size,
-            picture: Picture::new(side as usize, pixels),
-            closeup,
-            raster: Raster::default(),
-            points: Vec::new(),
-            colors: Colors::default(),
-            rows: Vec::new(),
-        })
-    }
-
-    /// Draws the mesh at this pose; `false` where a part of it is not before the camera.
-    fn draw(&mut self, refiner: &Refiner, pose: &Isometry3<f64>) -> bool {
-        let camera = &self.closeup.camera;
-        let cam_from_obj = camera.world_from_cam().inv_mul(pose);
-        let (pinhole, size) = (camera.intrinsics(), camera.width() as usize);
-        self.raster
-            .draw(&refiner.part, &cam_from_obj, pinhole, size)
-    }
-
-    /// Finds the edges of the object, as it lies at this pose.
-    fn look(&mut self, refiner: &Refiner, pose: &Isometry3<f64>, step: f64) {
-        self.rows.clear();
-        self.points.clear();
-        if !self.draw(refiner, pose) {
-            return;
-        }
-        let (part, camera) = (&refiner.part, &self.closeup.camera);
-        let (world_from_cam, pinhole) = (camera.world_from_cam(), camera.intrinsics());
-        contour::points(part, &self.raster, refiner.diameter, &mut self.points);
-        self.colors
-            .count(&self.picture, &self.raster, &self.points, part.tints.len());
-        let center = pose * part.center;
-        for at in 0..self.points.len() {
-            let Some(found) = self.found(refiner, &self.points[at], step) else {
-                continue;
-            };
-            let EdgePoint { point, normal, .. } = &self.points[at];
-            self.rows.push(Row {
-                by_pose: solve::by_pose(world_from_cam, pinhole.fx(), point, normal, &center),
-                offset: found.offset,
-                variance: found.variance,
-            });
-        }
-    }
-
-    /// Where the image shows the edge of a point.
-    fn found(&self, refiner: &Refiner, point: &EdgePoint, step: f64) -> Option<Found> {
-        let tints = &refiner.part.tints;
-        region::find(
-            &self.picture,
-            &self.colors,
-            &self.raster,
-            point,
-            step,
-            tints,
-        )
-    }
-}
-
-/// Whether an edge that was found so far off and so exactly, px and px², is where it should be.
-fn is_supported(offset: f64, variance: f64) -> bool {
-    offset.abs() < SUPPORTED && variance < UNSURE
-}
-
-/// The box around all vertices in a camera's image; `None` where one cannot be imaged.
-fn around(vertices: &[Point3<f64>], camera: &Camera, pose: &Isometry3<f64>) -> Option<BBox> {
-    let cam_from_obj = camera.world_from_cam().inv_mul(pose);
-    let mut around = [
-        f64::INFINITY,
-        f64::INFINITY,
-        f64::NEG_INFINITY,
-        f64::NEG_INFINITY,
-    ];
-    for vertex in vertices {
-        let at = camera.intrinsics().project(&(cam_from_obj * vertex))?;
-        around = [
-            around[0].min(at.x),
-            around[1].min(at.y),
-            around[2].max(at.x),
-            around[3].max(at.y),
-        ];
-    }
-    Some(around.into())
 }
 
 /// The expected errors of a pose, by its inverse covariance.

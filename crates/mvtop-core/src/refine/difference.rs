@@ -2,9 +2,10 @@
 
 use nalgebra::Isometry3;
 
+use super::Refiner;
 use super::part::BACKGROUND;
 use super::raster::Raster;
-use super::{Refiner, around};
+use super::working::around;
 use crate::Camera;
 use crate::closeup::CloseUp;
 

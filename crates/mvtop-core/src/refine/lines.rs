@@ -3,7 +3,8 @@
 use nalgebra::{Isometry3, Matrix6};
 
 use super::solve::{self, Prior};
-use super::{COARSE, Refiner, View, Working};
+use super::working::{COARSE, Working};
+use super::{Refiner, View};
 use crate::Result;
 use crate::prediction::Sigma;
 

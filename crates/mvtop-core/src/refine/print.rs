@@ -4,9 +4,9 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Unit, UnitQuaternion, Vector3};
 
-use super::Working;
 use super::raster::Raster;
 use super::region::DARK;
+use super::working::Working;
 use crate::bundle::SurfacePoint;
 
 /// Logarithm of a color's brightness, and the shares of R and G in it.
