@@ -38,6 +38,29 @@ pub fn matches<'a>(
     matched
 }
 
+/// Takes out what is predicted of objects that are not asked for.
+///
+/// - `truth`: what is asked for
+/// - `beside`: what is not
+pub fn leave_out(
+    truth: &[TruePose],
+    beside: Vec<TruePose>,
+    prediction: &mut Prediction,
+    reach: impl Fn(&str) -> f64,
+) {
+    let all: Vec<TruePose> = truth.iter().cloned().chain(beside).collect();
+    let matched = matches(&all, prediction, reach);
+    let of_others: Vec<&ObjectPose> = matched[truth.len()..].iter().flatten().copied().collect();
+    let is_asked =
+        |found: &&ObjectPose| !of_others.iter().any(|other| std::ptr::eq(*other, *found));
+    prediction.objects = prediction
+        .objects
+        .iter()
+        .filter(is_asked)
+        .cloned()
+        .collect();
+}
+
 /// How far a prediction of a known class may lie off to have found an object: the object's diameter.
 pub fn diameter(classes: &[Class]) -> impl Fn(&str) -> f64 {
     move |name| {
@@ -84,24 +107,45 @@ pub mod tests {
         Isometry3::translation(x, 0.0, 1.0)
     }
 
-    #[test]
-    fn objects_are_matched_one_to_one_nearest_first_within_their_class() {
-        let truth = [("nut", 0.0), ("nut", 1.0), ("bolt", 1.1)].map(|(class, x)| TruePose {
+    fn known(class: &str, x: f64) -> TruePose {
+        TruePose {
             seen: GivenBoxes {
                 class: class.into(),
                 boxes: Default::default(),
             },
             world_from_obj: at(x),
-        });
-        let predicted = [0.4, 0.1, 9.0].map(|x| found("nut", 1, at(x)));
-        let prediction = Prediction {
+        }
+    }
+
+    /// Nuts at these places.
+    fn nuts(places: &[f64]) -> Prediction {
+        Prediction {
             reference: 0,
-            objects: predicted.to_vec(),
+            objects: places.iter().map(|x| found("nut", 1, at(*x))).collect(),
             rig_consistency: None,
             timings: Timings::default(),
             provider: String::new(),
             warnings: Vec::new(),
-        };
+        }
+    }
+
+    #[test]
+    fn what_is_not_asked_for_is_neither_found_nor_invented() {
+        let mut prediction = nuts(&[0.1, 2.1, 0.3, 5.0]);
+        // A bolt at 5 is no nut, and the nut at 2 has been found once.
+        let beside = vec![known("nut", 2.0), known("bolt", 5.0)];
+        leave_out(&[known("nut", 0.0)], beside, &mut prediction, |_| 0.5);
+        let places = prediction
+            .objects
+            .iter()
+            .map(|found| found.world_from_obj.translation.x);
+        assert_eq!(places.collect::<Vec<_>>(), [0.1, 0.3, 5.0]);
+    }
+
+    #[test]
+    fn objects_are_matched_one_to_one_nearest_first_within_their_class() {
+        let truth = [known("nut", 0.0), known("nut", 1.0), known("bolt", 1.1)];
+        let prediction = nuts(&[0.4, 0.1, 9.0]);
         let places = |matched: &[Option<&ObjectPose>]| -> Vec<Option<f64>> {
             let x = |found: &ObjectPose| found.world_from_obj.translation.x;
             matched.iter().map(|found| found.map(x)).collect()

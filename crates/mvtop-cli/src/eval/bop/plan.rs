@@ -323,6 +323,37 @@ impl Plan {
         })
     }
 
+    /// Objects that views of a group show and that are not in its truth: those that lie beside the
+    /// reference image, and those that the targets do not ask for.
+    ///
+    /// - `sample`: of the group
+    pub fn beside(&self, group: &Group, sample: &Sample) -> Vec<TruePose> {
+        let frames = &self.scenes[&group.scene].frames;
+        let mut beside: Vec<TruePose> = Vec::new();
+        for (id, camera) in group.views.iter().zip(sample.rig.cameras()) {
+            for object in &frames[id].objects {
+                let Some(model) = self.models.get(&object.object) else {
+                    continue;
+                };
+                let class = &self.classes[&object.object];
+                let world_from_obj = camera.world_from_cam() * object.cam_from_obj;
+                let same = |known: &TruePose| {
+                    let off = translation_error(&known.world_from_obj, &world_from_obj);
+                    known.seen.class == *class && off <= SAME_OBJECT * model.diameter_m
+                };
+                if !sample.truth.iter().chain(&beside).any(same) {
+                    let class = class.clone();
+                    let boxes = BTreeMap::new();
+                    beside.push(TruePose {
+                        seen: GivenBoxes { class, boxes },
+                        world_from_obj,
+                    });
+                }
+            }
+        }
+        beside
+    }
+
     /// Refuses numbers that look like a mistake.
     fn check(&self, scene: &Scene, view: &Frame, camera: &Camera) -> Result<()> {
         let place = format!("{}: image {}", scene.folder.display(), view.id);
