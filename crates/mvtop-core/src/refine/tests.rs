@@ -3,9 +3,11 @@
 use image::{Rgb, RgbImage};
 use nalgebra::{Point2, Translation3, UnitQuaternion, Vector2, Vector3, Vector6};
 
+use super::raster::Raster;
 use super::*;
 use crate::Projection;
 use crate::camera::Intrinsics;
+use crate::closeup::CloseUp;
 use crate::pose::{rotation_error_deg, translation_error};
 use crate::symmetry::Axis;
 
