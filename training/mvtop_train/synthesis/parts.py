@@ -26,6 +26,7 @@ LEAST_VISIBLE = 0.4  # of the outline, counting what is hidden and what is off t
 LEAST_PIXELS = 100
 SIZES = (0.1, 0.85)  # of a part's diameter in the image, of the image's shorter side
 TRIES = 300  # points in front of the rig, and turns of it, to choose from
+CREASE = 30  # degrees by which two triangles are turned at an edge that looks sharp
 TEXTURE = 1024  # px a side at most: the whole texture goes through the compiler for every scene
 
 
@@ -165,17 +166,46 @@ def _look(mesh: trimesh.Trimesh):
 
 
 def _wavefront(mesh: trimesh.Trimesh, uv, scale: float) -> bytes:
+    normals, index = np.unique(
+        corner_normals(mesh).reshape(-1, 3).round(4), axis=0, return_inverse=True
+    )
     lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in np.asarray(mesh.vertices) * scale]
-    faces = np.asarray(mesh.faces) + 1
-    if uv is None:
-        lines += [f"f {a} {b} {c}" for a, b, c in faces]
-    else:
+    lines += [f"vn {x:.4g} {y:.4g} {z:.4g}" for x, y, z in normals]
+    if uv is not None:
         lines += [f"vt {u:.6f} {v:.6f}" for u, v in uv.reshape(-1, 2)]
-        lines += [
-            f"f {a}/{3 * n + 1} {b}/{3 * n + 2} {c}/{3 * n + 3}"
-            for n, (a, b, c) in enumerate(faces)
-        ]
+    corners = zip(np.asarray(mesh.faces).ravel() + 1, index.reshape(-1) + 1, strict=True)
+    corners = [
+        f"{vertex}/{'' if uv is None else place}/{normal}"
+        for place, (vertex, normal) in enumerate(corners, 1)
+    ]
+    lines += ["f " + " ".join(corners[i : i + 3]) for i in range(0, len(corners), 3)]
     return ("\n".join(lines) + "\n").encode()
+
+
+def corner_normals(mesh: trimesh.Trimesh) -> np.ndarray:
+    """Of each corner of each triangle [faces, 3, 3]: the mean of what meets there and is no farther
+    turned than `CREASE`. Smooth where the surface is, and edges stay sharp, however the triangles
+    lie: MuJoCo's own normals shade flat sides of machined parts.
+    """
+    _, place = np.unique(np.asarray(mesh.vertices), axis=0, return_inverse=True)
+    corners = place.reshape(-1)[np.asarray(mesh.faces)]  # as one where seams of textures part them
+    sides = np.asarray(mesh.face_normals)
+    weights = np.asarray(mesh.face_angles)
+    # All pairs of corners in one place, place by place.
+    order = np.argsort(corners, axis=None, kind="stable")
+    starts = np.flatnonzero(np.diff(corners.ravel()[order], prepend=-1))
+    counts = np.diff(starts, append=order.size)
+    one = np.repeat(order, np.repeat(counts, counts))
+    within = np.arange(one.size) - np.repeat(np.cumsum(counts**2) - counts**2, counts**2)
+    other = order[np.repeat(starts, counts**2) + within % np.repeat(counts, counts**2)]
+    alike = (sides[one // 3] * sides[other // 3]).sum(1) > np.cos(np.deg2rad(CREASE))
+    one, other = one[alike], other[alike]
+    normals = np.zeros((corners.size, 3))
+    np.add.at(normals, one, sides[other // 3] * weights.reshape(-1, 1)[other])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    unknown = lengths[:, 0] < 1e-9  # of triangles without area
+    normals[unknown], lengths[unknown] = (0, 0, 1), 1
+    return (normals / lengths).reshape(-1, 3, 3)
 
 
 def points_in_front(rng: np.random.Generator, cameras: list[Camera], diameter: float):
