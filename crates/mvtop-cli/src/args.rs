@@ -3,12 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand};
+use mvtop_core::bundle::Bundle;
 use mvtop_core::onnx::{Provider, SessionOptions};
 use mvtop_core::{Estimator, Options};
 
 use crate::audit::args::Audit;
 use crate::eval::args::Eval;
-use crate::failure::Result;
+use crate::failure::{Failure, Result};
 use crate::model_dir;
 use crate::rig::args::Rig;
 
@@ -175,6 +176,18 @@ impl NetworkArgs {
     }
 }
 
+/// Refuses `--min-confidence` of a model that does not say how sure it is.
+pub fn knows_confidence(bundle: &Bundle) -> Result<()> {
+    match bundle.confidence {
+        Some(_) => Ok(()),
+        None => Err(Failure(format!(
+            "--min-confidence: expected a model bundle that says how sure it is, got {} without; \
+             add it with `python -m mvtop_train.training.confidence`",
+            bundle.dir.display()
+        ))),
+    }
+}
+
 pub fn not_negative(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
         Ok(number) if number.is_finite() && number >= 0.0 => Ok(number),
@@ -182,7 +195,7 @@ pub fn not_negative(text: &str) -> std::result::Result<f64, String> {
     }
 }
 
-fn probability(text: &str) -> std::result::Result<f64, String> {
+pub fn probability(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
         Ok(number) if (0.0..=1.0).contains(&number) => Ok(number),
         _ => Err("expected a probability from 0 to 1".into()),

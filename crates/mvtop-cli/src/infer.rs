@@ -11,7 +11,7 @@ use mvtop_core::confidence::Verdict;
 use mvtop_core::report::Report;
 use mvtop_core::{PredictOptions, Rig, ViewImage, annotations, overlay};
 
-use crate::args::Infer;
+use crate::args::{Infer, knows_confidence};
 use crate::failure::{Failure, Result};
 use crate::model_dir;
 use crate::write::{may_write, pretty_json, print};
@@ -56,12 +56,8 @@ pub fn run(args: &Infer) -> Result<bool> {
     }
     let estimator = args.network.load(&args.network.bundle()?)?;
 
-    if args.min_confidence.is_some() && estimator.bundle().confidence.is_none() {
-        return Err(Failure(format!(
-            "--min-confidence: expected a model bundle that says how sure it is, got {} without; \
-             add it with `python -m mvtop_train.training.confidence`",
-            estimator.bundle().dir.display()
-        )));
+    if args.min_confidence.is_some() {
+        knows_confidence(estimator.bundle())?;
     }
     let prediction = estimator.predict(&rig, &images, &options)?;
     write::warn(&prediction, None);

@@ -3,11 +3,15 @@
 use std::path::PathBuf;
 
 use clap::{ArgGroup, Args, Subcommand};
+use mvtop_core::Estimator;
 use mvtop_eval::bop::Grouping;
 
 use super::noise::Noise;
 use super::summary::Bounds;
-use crate::args::{Detection, NetworkArgs, Refinement, not_negative};
+use crate::args::{
+    Detection, NetworkArgs, Refinement, knows_confidence, not_negative, probability,
+};
+use crate::failure::Result;
 
 #[derive(Subcommand)]
 pub enum Eval {
@@ -25,6 +29,8 @@ docs/output.md says what --json and --out hold, and what the noise is exactly.
 Examples:
   Detected boxes, all views; one line of JSON per object of the truth to look into:
     mvtop-cli eval samples out/eval --out results.jsonl
+  Only poses that are right with 90 %, by their own confidence:
+    mvtop-cli eval samples out/eval --min-confidence 0.9
   One view of the same samples:
     mvtop-cli eval samples out/eval --views 1
   A calibration that is off by 0.5 degrees and 5 mm:
@@ -75,7 +81,7 @@ pub struct BopArgs {
 
     /// Score these results, files in BOP's format, side by side, instead of predicting
     #[arg(long, value_name = "FILE.csv", num_args = 1..)]
-    #[arg(conflicts_with_all = ["views", "min_views", "true_boxes", "boxes", "rig_deg",
+    #[arg(conflicts_with_all = ["views", "min_views", "min_confidence", "true_boxes", "boxes", "rig_deg",
         "rig_mm", "model", "ort_lib", "provider", "threads", "grouping"])]
     pub predictions: Vec<PathBuf>,
 
@@ -151,6 +157,11 @@ pub struct Trial {
     #[command(flatten)]
     pub refinement: Refinement,
 
+    /// Leave out poses that are right with a lower probability, by their own confidence: fewer are
+    /// wrong, and fewer are found
+    #[arg(long, value_name = "P", value_parser = probability, conflicts_with = "no_refine")]
+    pub min_confidence: Option<f64>,
+
     /// Use the true boxes instead of detecting objects
     #[arg(long, conflicts_with = "min_views")]
     pub true_boxes: bool,
@@ -174,7 +185,19 @@ pub struct Trial {
     pub network: NetworkArgs,
 }
 
-fn name_and_id(text: &str) -> Result<(String, u32), String> {
+impl Trial {
+    /// The network that is evaluated, and the folder of its bundle.
+    pub fn load(&self) -> Result<(PathBuf, Estimator)> {
+        let bundle = self.network.bundle()?;
+        let estimator = self.network.load(&bundle)?;
+        if self.min_confidence.is_some() {
+            knows_confidence(estimator.bundle())?;
+        }
+        Ok((bundle, estimator))
+    }
+}
+
+fn name_and_id(text: &str) -> std::result::Result<(String, u32), String> {
     let parsed = text
         .rsplit_once('=')
         .and_then(|(name, id)| Some((name.to_owned(), id.parse().ok()?)));

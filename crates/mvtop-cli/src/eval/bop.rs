@@ -72,8 +72,7 @@ fn of_network(args: &BopArgs) -> Result<Answer> {
     let Some(folder) = args.out.as_ref().or(args.report.as_ref()) else {
         return Err(Failure("give --out DIR or --report DIR for what comes of it, or --predictions FILE.csv to score".into()));
     };
-    let bundle = args.trial.network.bundle()?;
-    let estimator = args.trial.network.load(&bundle)?;
+    let (bundle, estimator) = args.trial.load()?;
     let plan = Plan::new(args, Some(&estimator.bundle().classes))?;
     warn(&plan.warnings);
     let model = [("model_sha256", bundle.join("model.json"))];

@@ -82,7 +82,12 @@ impl Sample {
             refine: trial.refinement.wanted(),
         };
         let rig = noise.disturb_rig(&self.rig, &self.name)?;
-        Ok(estimator.predict(&rig, &self.images, &options)?)
+        let mut prediction = estimator.predict(&rig, &self.images, &options)?;
+        if let Some(least) = trial.min_confidence {
+            let objects = &mut prediction.objects;
+            objects.retain(|object| object.confidence.is_some_and(|p| p >= least));
+        }
+        Ok(prediction)
     }
 
     /// Boxes of the objects that some image shows: others cannot be predicted, and count as not

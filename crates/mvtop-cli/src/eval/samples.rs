@@ -21,7 +21,7 @@ pub fn run(args: &SamplesArgs) -> Result<()> {
     if let Some(out) = &args.out {
         write::may_write(out, args.force)?;
     }
-    let estimator = trial.network.load(&trial.network.bundle()?)?;
+    let (_, estimator) = trial.load()?;
     let bar = progress::bar(folders.len() as u64, "{pos}/{len} samples");
     let mut views = None;
     let mut outcomes = Vec::new();

@@ -163,3 +163,31 @@ fn text_says_what_the_json_says() {
     assert!(json["rot_mean_deg"].as_f64().unwrap() < 4.0, "{json}");
     assert_eq!(json["resolved_share"], 1.0);
 }
+
+#[test]
+fn poses_that_are_not_sure_enough_are_left_out() {
+    let folder = TempDir::new().unwrap();
+    let ball = folder.path().join("ball");
+    std::fs::create_dir(&ball).unwrap();
+    for entry in std::fs::read_dir(root().join("examples/mvball")).unwrap() {
+        let path = entry.unwrap().path();
+        std::fs::copy(&path, ball.join(path.file_name().unwrap())).unwrap();
+    }
+    let folder = folder.path().display().to_string();
+    let eval = |model: &str, more: &[&str]| {
+        let args = ["eval", "samples", &folder, "--json", "--model", model];
+        mvtop(&[&args, more].concat())
+    };
+    // Its confidence is above 0.9, and no pose is certain.
+    for (least, found, precision) in [("0.9", 1, Value::from(1.0)), ("1", 0, Value::Null)] {
+        let output = eval("models/mvball", &["--min-confidence", least]);
+        let summary: Value = serde_json::from_str(&stdout(&output)).unwrap();
+        assert_eq!(summary["found"], found, "{least}");
+        assert_eq!(summary["precision"], precision, "{least}");
+    }
+    let error = refusal(&eval("fixtures/tiny", &["--min-confidence", "0.9"]));
+    assert!(
+        error.contains("a model bundle that says how sure it is"),
+        "{error}"
+    );
+}

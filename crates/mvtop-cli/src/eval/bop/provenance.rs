@@ -39,6 +39,7 @@ pub fn about(args: &BopArgs, sources: &[(&str, PathBuf)], plan: &Plan) -> Result
         "true_boxes": trial.true_boxes,
         "min_views": trial.detection.min_views,
         "refine": trial.refinement.wanted(),
+        "min_confidence": trial.min_confidence,
         "box_noise": trial.noise.boxes,
         "rig_noise_deg": trial.noise.rig_deg,
         "rig_noise_mm": trial.noise.rig_mm,
