@@ -94,3 +94,8 @@ pub use estimator::{Estimator, Options, PredictOptions, Tracker};
 pub use image::ViewImage;
 pub use prediction::Prediction;
 pub use rig::Rig;
+
+// The example of the README, compiled.
+#[cfg(doctest)]
+#[doc = include_str!("../../../README.md")]
+struct Readme;
