@@ -16,7 +16,7 @@ from mvtop_train.data.views import ViewMaker
 from mvtop_train.errors import UserError
 from mvtop_train.network import config
 from mvtop_train.network.coordinates import decode
-from mvtop_train.synthesis import coordinates, parts, samples, scenes
+from mvtop_train.synthesis import catalogue, coordinates, parts, samples, scenes
 from mvtop_train.synthesis.gl import open_gl
 
 RED, BLUE = (200, 20, 20), (20, 20, 200)
@@ -344,6 +344,13 @@ def test_samples_of_a_data_set_hold_its_poses(dataset, tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
     with pytest.raises(UserError, match="expected a scene of 3 images, got none; fix: "):
         samples.write_from_data(tmp_path, dataset, "train", obj, count=2, views=3)
+
+
+def test_parts_of_the_catalogue_have_no_color_of_their_own(tmp_path):
+    """So that they are rendered in any; a grey one would be learnt as grey."""
+    objects.write(tmp_path, catalogue.parts())
+    for file in (tmp_path / "models").glob("*.ply"):
+        assert trimesh.load(file, process=False).visual.kind is None
 
 
 def test_edges_are_shaded_sharp_and_round_sides_smooth():

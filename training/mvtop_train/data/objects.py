@@ -149,9 +149,8 @@ def write(root: Path, parts: list[tuple[Object, trimesh.Trimesh]]):
     (root / "models" / INFO).write_text(json.dumps(infos, indent=1))
     for obj, mesh in parts:
         file = f"obj_{obj.id:06d}.ply"
-        if mesh.visual.kind is None:
-            colors = np.full((len(mesh.vertices), 3), GREY, np.uint8)
-        else:
+        colors = None  # it has any, and stays so when it is read
+        if mesh.visual.kind is not None:
             visual = mesh.visual.to_color() if mesh.visual.kind == "texture" else mesh.visual
             colors = np.asarray(visual.vertex_colors)[:, :3]
         plain = trimesh.Trimesh(
