@@ -88,7 +88,9 @@ pub fn run(args: &Infer) -> Result<bool> {
     }
     print(&table::objects(&prediction, &rig, least))?;
     if let Some(truth) = &truth {
-        print(&format!("\n{}", table::compared(&prediction, truth, &rig)))?;
+        let classes = &estimator.bundle().classes;
+        let compared = table::compared(&prediction, truth, &rig, classes);
+        print(&format!("\n{compared}"))?;
     }
     if let Some(pictures) = &pictures {
         let written = pictures.files.iter().map(|path| path.display().to_string());

@@ -1,6 +1,7 @@
 //! Poses as text for people.
 
 use mvtop_core::annotations::TruePose;
+use mvtop_core::bundle::Class;
 use mvtop_core::confidence::Verdict;
 use mvtop_core::pose::{rotation_error_deg, translation_error, wxyz};
 use mvtop_core::prediction::ObjectPose;
@@ -52,8 +53,13 @@ pub fn objects(prediction: &Prediction, rig: &Rig, least: Option<f64>) -> String
     lines.join("\n")
 }
 
-/// Predicted poses beside the known ones.
-pub fn compared(prediction: &Prediction, truth: &[TruePose], rig: &Rig) -> String {
+/// Predicted poses beside the known ones; of those that look like a predicted one, the nearest.
+pub fn compared(
+    prediction: &Prediction,
+    truth: &[TruePose],
+    rig: &Rig,
+    classes: &[Class],
+) -> String {
     let world_from_ref = rig.cameras()[prediction.reference].world_from_cam();
     let mut lines = Vec::new();
     for (known, found) in truth
@@ -62,11 +68,17 @@ pub fn compared(prediction: &Prediction, truth: &[TruePose], rig: &Rig) -> Strin
     {
         let ref_from_obj = world_from_ref.inv_mul(&known.world_from_obj);
         lines.push(format!("{}  {:24}  q_wxyz", known.seen.class, "t (m)"));
-        let found = found.map(|object| &object.ref_from_obj);
-        let predicted = found.map_or("not found".into(), pose);
+        let class = classes.iter().find(|class| class.name == known.seen.class);
+        let found = found.map(|object| {
+            class.map_or(object.ref_from_obj, |class| {
+                let (symmetry, diameter) = (&class.symmetry, class.diameter_m);
+                symmetry.nearest(&object.ref_from_obj, &ref_from_obj, diameter)
+            })
+        });
+        let predicted = found.as_ref().map_or("not found".into(), pose);
         lines.push(format!("  predicted  {predicted}"));
         lines.push(format!("  known      {}", pose(&ref_from_obj)));
-        if let Some(found) = found {
+        if let Some(found) = &found {
             let rotation = rotation_error_deg(&ref_from_obj.rotation, &found.rotation);
             let translation = 1e3 * translation_error(&ref_from_obj, found);
             lines.push(format!(

@@ -22,7 +22,7 @@ use std::time::Instant;
 
 use nalgebra::Isometry3;
 
-use self::believed::believed;
+use self::believed::{believed, once};
 use self::picture::Pictures;
 use self::pose::DecodedPose;
 use self::sightings::Sighting;
@@ -258,14 +258,19 @@ impl Estimator {
         let decode = clock.lap();
 
         let mut refinements = vec![None; found.len()];
-        let mut differences = vec![Vec::new(); found.len()];
+        let mut differences = Vec::new();
         let (mut refine, mut check) = (0.0, 0.0);
         if options.refine != Some(false) {
             refinements = refined::on_images(&self.refiners, &views, &self.bundle, &mut found);
+            if options.boxes.is_none() {
+                (found, refinements) = once(found, refinements, &self.radii);
+            }
             refine = clock.lap();
             differences = refined::by_view(&self.refiners, &views, &self.bundle, &found);
             check = clock.lap();
         }
+
+        differences.resize(found.len(), Vec::new());
 
         let ref_from_world = rig.cameras()[reference].world_from_cam().inverse();
         let mut objects: Vec<ObjectPose> = found

@@ -2,6 +2,7 @@
 
 use super::pose::DecodedPose;
 use super::sightings::Sighting;
+use crate::prediction::Refinement;
 
 /// Two objects whose origins are nearer than this share of their least half widths together are in
 /// each other's place.
@@ -44,6 +45,36 @@ pub fn believed(
     pairs
         .filter_map(|(one, kept)| kept.then_some(one))
         .collect()
+}
+
+/// Of objects of a class that refinement has brought to each other's place, the one of which the
+/// images show most: its boxes are the right ones.
+///
+/// - `refinements`: of each object
+/// - `radii`: least and greatest half width of each class, metres
+pub fn once(
+    found: Vec<(Sighting, DecodedPose)>,
+    refinements: Vec<Option<Refinement>>,
+    radii: &[[f64; 2]],
+) -> (Vec<(Sighting, DecodedPose)>, Vec<Option<Refinement>>) {
+    let place = |(_, pose): &(Sighting, DecodedPose)| pose.world_from_obj.translation.vector;
+    let supported = |index: usize| refinements[index].map(|of| of.supported);
+    let gives_way = |one: usize, other: usize| {
+        let ((a, _), (b, _)) = (&found[one], &found[other]);
+        let apart = (place(&found[one]) - place(&found[other])).norm();
+        let together = a.class == b.class && apart < 2.0 * APART * radii[a.class][0];
+        // Of two that the images show alike, the first.
+        together && supported(one).is_some() && (supported(one), other) < (supported(other), one)
+    };
+    let all = 0..found.len();
+    let kept: Vec<bool> = (all.clone())
+        .map(|one| {
+            !all.clone()
+                .any(|other| other != one && gives_way(one, other))
+        })
+        .collect();
+    let both = found.into_iter().zip(refinements).zip(kept);
+    both.filter_map(|(both, kept)| kept.then_some(both)).unzip()
 }
 
 #[cfg(test)]
@@ -126,6 +157,52 @@ mod tests {
         assert_eq!(count(&all, &[1.0, 0.5, 0.5]), 1);
         assert_eq!(count(&all, &[1.0, 0.5, 1.0]), 2, "beside the other's image");
         assert_eq!(count(&all[1..], &[0.5, 0.5]), 2, "the rig may be wrong");
+    }
+
+    #[test]
+    fn objects_that_refinement_brings_together_are_one() {
+        let refined = |supported: f64| {
+            Some(Refinement {
+                accepted: true,
+                supported,
+                residual_px: 0.5,
+                overlap: 0.5,
+                explained: 0.5,
+                explained_least: 0.5,
+            })
+        };
+        // 40 mm is the least half width of the first class, 20 mm of the second.
+        let radii = [[0.04, 0.08], [0.02, 0.05]];
+        let left = |objects: &[(usize, f64, Option<Refinement>)]| -> Vec<usize> {
+            let found = objects.iter().enumerate();
+            let found = found.map(|(index, &(class, x, _))| {
+                let (mut sighting, pose) = object(class, x, None);
+                sighting.score = index as f64;
+                (sighting, pose)
+            });
+            let refinements = objects.iter().map(|(_, _, refinement)| *refinement);
+            let (found, refinements) = once(found.collect(), refinements.collect(), &radii);
+            assert_eq!(found.len(), refinements.len());
+            found
+                .iter()
+                .map(|(object, _)| object.score as usize)
+                .collect()
+        };
+        let (much, little) = (refined(0.9), refined(0.4));
+        assert_eq!(left(&[(0, 0.0, little), (0, 0.001, much)]), [1]);
+        assert_eq!(left(&[(0, 0.0, much), (0, 0.001, much)]), [0], "alike");
+        assert_eq!(left(&[(0, 0.0, much), (0, 0.041, little)]), [0, 1], "apart");
+        assert_eq!(
+            left(&[(1, 0.0, much), (1, 0.021, little)]),
+            [0, 1],
+            "smaller"
+        );
+        assert_eq!(left(&[(0, 0.0, much), (1, 0.0, little)]), [0, 1], "unlike");
+        assert_eq!(
+            left(&[(0, 0.0, None), (0, 0.0, None)]),
+            [0, 1],
+            "not refined"
+        );
     }
 
     #[test]
