@@ -38,29 +38,6 @@ pub fn matches<'a>(
     matched
 }
 
-/// Takes out what is predicted of objects that are not asked for.
-///
-/// - `truth`: what is asked for
-/// - `beside`: what is not
-pub fn leave_out(
-    truth: &[TruePose],
-    beside: Vec<TruePose>,
-    prediction: &mut Prediction,
-    reach: impl Fn(&str) -> f64,
-) {
-    let all: Vec<TruePose> = truth.iter().cloned().chain(beside).collect();
-    let matched = matches(&all, prediction, reach);
-    let of_others: Vec<&ObjectPose> = matched[truth.len()..].iter().flatten().copied().collect();
-    let is_asked =
-        |found: &&ObjectPose| !of_others.iter().any(|other| std::ptr::eq(*other, *found));
-    prediction.objects = prediction
-        .objects
-        .iter()
-        .filter(is_asked)
-        .cloned()
-        .collect();
-}
-
 /// How far a prediction of a known class may lie off to have found an object: the object's diameter.
 pub fn diameter(classes: &[Class]) -> impl Fn(&str) -> f64 {
     move |name| {
@@ -131,15 +108,14 @@ pub mod tests {
 
     #[test]
     fn what_is_not_asked_for_is_neither_found_nor_invented() {
-        let mut prediction = nuts(&[0.1, 2.1, 0.3, 5.0]);
+        let prediction = nuts(&[0.1, 2.1, 0.3, 5.0]);
         // A bolt at 5 is no nut, and the nut at 2 has been found once.
-        let beside = vec![known("nut", 2.0), known("bolt", 5.0)];
-        leave_out(&[known("nut", 0.0)], beside, &mut prediction, |_| 0.5);
-        let places = prediction
-            .objects
-            .iter()
-            .map(|found| found.world_from_obj.translation.x);
-        assert_eq!(places.collect::<Vec<_>>(), [0.1, 0.3, 5.0]);
+        let truth = [known("nut", 0.0), known("nut", 2.0), known("bolt", 5.0)];
+        let matched = matches(&truth, &prediction, |_| 0.5);
+        let asked = matched[0].map(|found| found.world_from_obj.translation.x);
+        assert_eq!(asked, Some(0.1));
+        // Those at 0.3 and 5.
+        assert_eq!(unmatched(&matched, &prediction), 2);
     }
 
     #[test]

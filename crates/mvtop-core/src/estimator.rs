@@ -269,7 +269,6 @@ impl Estimator {
             differences = refined::by_view(&self.refiners, &views, &self.bundle, &found);
             check = clock.lap();
         }
-
         differences.resize(found.len(), Vec::new());
 
         let ref_from_world = rig.cameras()[reference].world_from_cam().inverse();

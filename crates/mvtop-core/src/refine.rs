@@ -108,9 +108,10 @@ type Steps = (Detail, &'static [f64]);
 struct Search {
     world_from_obj: Isometry3<f64>,
     information: Matrix6<f64>,
-    /// Of the pose, as `working` shows it.
     fit: Fit,
+    /// Else `world_from_obj` is the start.
     accepted: bool,
+    /// As they looked at what was found, accepted or not.
     working: Vec<Working>,
 }
 
@@ -155,7 +156,10 @@ impl Refiner {
         sigma: Sigma,
     ) -> Option<Refined> {
         let print = self.print.as_ref();
-        let found = self.search(&STEPS, print, views, world_from_obj, sigma)?;
+        let mut found = self.search(&STEPS, print, views, world_from_obj, sigma)?;
+        if !found.accepted {
+            found.fit = self.fit(&mut found.working, world_from_obj)?;
+        }
         Some(Refined {
             world_from_obj: found.world_from_obj,
             sigma: match found.accepted {
@@ -225,10 +229,11 @@ impl Refiner {
         }
         let before = self.fit(&mut working, world_from_obj)?;
         let after = self.fit(&mut working, &pose);
-        let accepted = after.as_ref().is_some_and(|after| after.is_better(&before));
-        let (world_from_obj, fit) = match after.filter(|_| accepted) {
+        let after = after.filter(|after| after.is_better(&before));
+        let accepted = after.is_some();
+        let (world_from_obj, fit) = match after {
             Some(after) => (pose, after),
-            None => (*world_from_obj, self.fit(&mut working, world_from_obj)?),
+            None => (*world_from_obj, before),
         };
         Some(Search {
             world_from_obj,

@@ -34,7 +34,7 @@ use super::args::BopArgs;
 use super::outcome::Outcome;
 use super::sample::Sample;
 use crate::failure::{Failure, Result};
-use crate::matching::{leave_out, matches, unmatched};
+use crate::matching::{matches, unmatched};
 use crate::{progress, write};
 
 /// Where poses come from.
@@ -286,9 +286,9 @@ fn evaluate_group(
         model.map_or(0.0, |model| model.diameter_m)
     };
     // What lies beside the reference image and another view shows is neither right nor wrong.
-    let beside = plan.beside(group, &sample);
-    leave_out(&sample.truth, beside, &mut prediction, reach);
-    let matched = matches(&sample.truth, &prediction, reach);
+    let mut all = sample.truth.clone();
+    all.extend(plan.beside(group, &sample));
+    let matched = matches(&all, &prediction, reach);
     let depth = load_depth(&plan.scenes[&group.scene].frames[&group.views[0]])?;
     let view = View {
         camera: &sample.rig.cameras()[sample.rig.reference()],

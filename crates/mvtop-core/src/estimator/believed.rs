@@ -30,11 +30,8 @@ pub fn believed(
     }
     let agreed = found.iter().any(|(object, _)| object.views() > 1);
     let standing = |(object, pose): &(Sighting, DecodedPose)| (object.views(), pose.support);
-    let place = |(_, pose): &(Sighting, DecodedPose)| pose.world_from_obj.translation.vector;
     let gives_way = |one: &(Sighting, DecodedPose), other: &(Sighting, DecodedPose)| {
-        let reach = radii[one.0.class][0] + radii[other.0.class][0];
-        let together = (place(one) - place(other)).norm() < APART * reach;
-        together && standing(one) < standing(other)
+        together(one, other, radii) && standing(one) < standing(other)
     };
     let keeps = |(one, share): (&(Sighting, DecodedPose), &f64)| match one.1.support {
         Some(support) => support >= least && !found.iter().any(|other| gives_way(one, other)),
@@ -57,14 +54,12 @@ pub fn once(
     refinements: Vec<Option<Refinement>>,
     radii: &[[f64; 2]],
 ) -> (Vec<(Sighting, DecodedPose)>, Vec<Option<Refinement>>) {
-    let place = |(_, pose): &(Sighting, DecodedPose)| pose.world_from_obj.translation.vector;
     let supported = |index: usize| refinements[index].map(|of| of.supported);
     let gives_way = |one: usize, other: usize| {
-        let ((a, _), (b, _)) = (&found[one], &found[other]);
-        let apart = (place(&found[one]) - place(&found[other])).norm();
-        let together = a.class == b.class && apart < 2.0 * APART * radii[a.class][0];
+        let (a, b) = (&found[one], &found[other]);
         // Of two that the images show alike, the first.
-        together && supported(one).is_some() && (supported(one), other) < (supported(other), one)
+        let shown_less = (supported(one), other) < (supported(other), one);
+        a.0.class == b.0.class && together(a, b, radii) && supported(one).is_some() && shown_less
     };
     let all = 0..found.len();
     let kept: Vec<bool> = (all.clone())
@@ -75,6 +70,17 @@ pub fn once(
         .collect();
     let both = found.into_iter().zip(refinements).zip(kept);
     both.filter_map(|(both, kept)| kept.then_some(both)).unzip()
+}
+
+/// Whether two objects are in each other's place.
+fn together(
+    one: &(Sighting, DecodedPose),
+    other: &(Sighting, DecodedPose),
+    radii: &[[f64; 2]],
+) -> bool {
+    let place = |(_, pose): &(Sighting, DecodedPose)| pose.world_from_obj.translation.vector;
+    let reach = radii[one.0.class][0] + radii[other.0.class][0];
+    (place(one) - place(other)).norm() < APART * reach
 }
 
 #[cfg(test)]
