@@ -2,6 +2,7 @@
 
 mod compared;
 mod journal;
+mod loading;
 mod page;
 mod plan;
 mod predictions;
