@@ -1,7 +1,9 @@
 """Data sets are the same however they were made, and have the size that was asked for."""
 
 import io
+import os
 import queue
+import signal
 
 import numpy as np
 import pytest
@@ -167,3 +169,18 @@ def test_what_a_worker_refuses_is_raised_where_it_was_called():
     with pytest.raises(UserError, match="^no scene 0$"):
         workers.run_workers(refuse_the_first, range(3), 2, lambda tasks, done: (tasks, done), bar)
     assert bar.n == 1  # what the other worker did
+
+
+def crash_at_the_first(job):
+    tasks, done = job
+    for task in tasks:
+        if task == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        done.put(task)
+
+
+def test_a_worker_that_crashes_is_told_of():
+    """As a graphics driver does now and then; the pool starts another one, which has no job."""
+    bar = tqdm(total=3, disable=False, file=io.StringIO(), desc="rendering")
+    with pytest.raises(UserError, match="^rendering: expected 2 processes to the end, got one"):
+        workers.run_workers(crash_at_the_first, range(3), 2, lambda tasks, done: (tasks, done), bar)
