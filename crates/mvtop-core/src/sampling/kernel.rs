@@ -48,8 +48,8 @@ impl Job<'_> {
         for tap in 0..self.taps() {
             let level = &self.levels[tap / self.points % self.levels.len()];
             let (group, lane) = (&mut groups[tap / LANES], tap % LANES);
-            group.width[lane] = level.width as f32;
-            group.height[lane] = level.height as f32;
+            group.x.set(lane, level.width);
+            group.y.set(lane, level.height);
             group.row[lane] = level.width as u32;
             group.first_cell[lane] = level.first_cell as u32;
         }
@@ -60,9 +60,9 @@ impl Job<'_> {
 /// The levels that a group of taps reads.
 #[derive(Clone)]
 struct Group {
-    width: Lanes<f32>,
-    height: Lanes<f32>,
-    /// Cells from one row to the next: the width again.
+    x: Extent,
+    y: Extent,
+    /// Cells from one row to the next.
     row: Lanes<u32>,
     first_cell: Lanes<u32>,
 }
@@ -70,59 +70,108 @@ struct Group {
 impl Default for Group {
     fn default() -> Self {
         Self {
-            width: [1.0; LANES],
-            height: [1.0; LANES],
+            x: Extent::default(),
+            y: Extent::default(),
             row: [1; LANES],
             first_cell: [0; LANES],
         }
     }
 }
 
-/// Linear interpolation along one axis: the two nearest cells, and for each its share and how fast
-/// that grows with the location. Both are 0 for a cell outside the map, whose place the nearest
-/// inside cell takes, and for locations that are not finite.
+/// How long one axis of each lane's level is.
+#[derive(Clone)]
+struct Extent {
+    /// In cells.
+    length: Lanes<f32>,
+    /// The greatest first one of two neighboring cells; 0 where there is but one.
+    last: Lanes<f32>,
+    /// From a cell to the next; 0 where there is but one.
+    step: Lanes<u32>,
+    /// 1, or 0 where there is no second cell.
+    second: Lanes<f32>,
+}
+
+impl Default for Extent {
+    fn default() -> Self {
+        Self {
+            length: [1.0; LANES],
+            last: [0.0; LANES],
+            step: [0; LANES],
+            second: [0.0; LANES],
+        }
+    }
+}
+
+impl Extent {
+    fn set(&mut self, lane: usize, cells: usize) {
+        let several = cells > 1;
+        self.length[lane] = cells as f32;
+        self.last[lane] = cells.saturating_sub(2) as f32;
+        self.step[lane] = several.into();
+        self.second[lane] = if several { 1.0 } else { 0.0 };
+    }
+}
+
+/// Linear interpolation along one axis between two neighboring cells, the nearest ones within the
+/// map: each has a share of 1 at its center that falls to 0 at its neighbors', also beyond the map.
+/// Both shares are 0 for locations that are farther off or not finite.
 #[derive(Clone, Default)]
 struct Axis {
     cells: [Lanes<u32>; 2],
     shares: [Lanes<f32>; 2],
-    slopes: [Lanes<f32>; 2],
+    /// How far right of each cell's center, in cells.
+    beyond: [Lanes<f32>; 2],
 }
 
 impl Axis {
     /// - `locations`: 0 to 1 over the axis
-    /// - `lengths`: of the axis, in cells
     #[inline(always)]
-    fn at(locations: &Lanes<f32>, lengths: &Lanes<f32>) -> Self {
-        let last: Lanes<f32> = from_fn(|i| lengths[i] - 1.0);
-        let places: Lanes<f32> = from_fn(|i| locations[i] * lengths[i] - 0.5);
-        let cells: Lanes<f32> = from_fn(|i| places[i].floor());
-        let parts: Lanes<f32> = from_fn(|i| places[i] - cells[i]);
-        // Comparisons with NaN are false: such a location ends up outside, at cell 0.
-        let inside: [Lanes<bool>; 2] = [
-            from_fn(|i| cells[i] >= 0.0 && cells[i] <= last[i]),
-            from_fn(|i| cells[i] >= -1.0 && cells[i] < last[i]),
+    fn at(locations: &Lanes<f32>, extent: &Extent) -> Self {
+        // Without a branch or a bool, which the vectoriser would tear lanes apart for.
+        // Comparisons with NaN are false: such a location reads the first cell, with share 0.
+        let places: Lanes<f32> = from_fn(|i| locations[i] * extent.length[i] - 0.5);
+        let positive = |x: f32| if x > 0.0 { x } else { 0.0 };
+        let least = |x: f32, most: f32| if x < most { x } else { most };
+        let first: Lanes<f32> = from_fn(|i| least(positive(places[i].floor()), extent.last[i]));
+        // SAFETY: from 0 to `last`, which is below 2^24.
+        let cells: Lanes<u32> = from_fn(|i| unsafe { first[i].to_int_unchecked::<i32>() as u32 });
+        let beyond = [
+            from_fn(|i| places[i] - first[i]),
+            from_fn(|i| places[i] - first[i] - 1.0),
         ];
-        let clamp = |cell: f32, last: f32| {
-            let cell = if cell > 0.0 { cell } else { 0.0 };
-            let cell = if cell < last { cell } else { last };
-            // SAFETY: from 0 to `last`, which is below 2^24.
-            unsafe { cell.to_int_unchecked::<i32>() as u32 }
-        };
-        let known = |inside: bool, number: f32| if inside { number } else { 0.0 };
+        let [left, right]: &[Lanes<f32>; 2] = &beyond;
         Self {
-            cells: [
-                from_fn(|i| clamp(cells[i], last[i])),
-                from_fn(|i| clamp(cells[i] + 1.0, last[i])),
-            ],
+            cells: [cells, from_fn(|i| cells[i] + extent.step[i])],
             shares: [
-                from_fn(|i| known(inside[0][i], 1.0 - parts[i])),
-                from_fn(|i| known(inside[1][i], parts[i])),
+                from_fn(|i| positive(1.0 - left[i].abs())),
+                from_fn(|i| positive(1.0 - right[i].abs()) * extent.second[i]),
             ],
-            slopes: [
-                from_fn(|i| known(inside[0][i], -lengths[i])),
-                from_fn(|i| known(inside[1][i], lengths[i])),
-            ],
+            beyond,
         }
+    }
+
+    /// How fast the shares grow with the location.
+    #[inline(always)]
+    fn slopes(&self, extent: &Extent) -> [Lanes<f32>; 2] {
+        let mut slopes = [[0.0; LANES]; 2];
+        for (cell, slopes) in slopes.iter_mut().enumerate() {
+            for (i, slope) in slopes.iter_mut().enumerate() {
+                let beyond = self.beyond[cell][i];
+                let there = if cell == 0 { 1.0 } else { extent.second[i] };
+                let rising = if (-1.0..0.0).contains(&beyond) {
+                    1.0
+                } else {
+                    0.0
+                };
+                let falling = if (0.0..1.0).contains(&beyond) {
+                    1.0
+                } else {
+                    0.0
+                };
+                *slope = there * extent.length[i] * (rising - falling);
+            }
+        }
+        slopes
     }
 }
 
@@ -138,11 +187,9 @@ impl Footprints {
     /// - `locations`: `[taps, 2]`, at most [`LANES`]
     #[inline(always)]
     fn new(group: &Group, locations: &[f32]) -> Self {
-        let (mut x, mut y) = ([0.0; LANES], [0.0; LANES]);
-        for (i, location) in locations.chunks_exact(2).take(LANES).enumerate() {
-            (x[i], y[i]) = (location[0], location[1]);
-        }
-        let (x, y) = (Axis::at(&x, &group.width), Axis::at(&y, &group.height));
+        let pairs: [f32; 2 * LANES] = filled_up(locations);
+        let (x, y) = (from_fn(|i| pairs[2 * i]), from_fn(|i| pairs[2 * i + 1]));
+        let (x, y) = (Axis::at(&x, &group.x), Axis::at(&y, &group.y));
         let mut cells = [[0; LANES]; 4];
         for (corner, cells) in cells.iter_mut().enumerate() {
             let (rows, columns) = (&y.cells[corner / 2], &x.cells[corner % 2]);
@@ -166,9 +213,29 @@ impl Footprints {
     }
 }
 
+/// Numbers, at most `N`, and zeros after them. Whole groups are read without a loop.
+#[inline(always)]
+fn filled_up<const N: usize>(numbers: &[f32]) -> [f32; N] {
+    match numbers.first_chunk() {
+        Some(whole) => *whole,
+        None => from_fn(|i| numbers.get(i).copied().unwrap_or(0.0)),
+    }
+}
+
 /// `out`: `[queries, H, D]`, overwritten.
 pub(super) fn forward(job: &Job<'_>, out: &mut [f32]) {
-    dispatch!(["avx2"], forward_portable(job: &Job<'_>, out: &mut [f32]) -> ())
+    if job.head_dim == 0 || job.taps() == 0 {
+        return out.fill(0.0);
+    }
+    let groups = job.groups();
+    // All of a query's taps are looked up before the first is read, so that reading does not wait.
+    let mut reads = vec![Reads::default(); groups.len()];
+    let queries = job.weights.chunks_exact(job.taps());
+    let queries = queries.zip(job.locations.chunks_exact(2 * job.taps()));
+    for ((weights, locations), out) in queries.zip(out.chunks_exact_mut(job.heads * job.head_dim)) {
+        look_up(&groups, locations, weights, &mut reads);
+        read_query(job, &reads, out);
+    }
 }
 
 /// `grad_out`: `[queries, H, D]`; adds to the gradients.
@@ -179,33 +246,54 @@ pub(super) fn backward(job: &Job<'_>, grad_out: &[f32], gradients: Gradients<'_>
     )
 }
 
+/// Where the taps of a query read. Not for AVX-512, for which the compiler tears the lanes apart.
+fn look_up(groups: &[Group], locations: &[f32], weights: &[f32], reads: &mut [Reads]) {
+    dispatch!(
+        ["avx2"],
+        look_up_portable(
+            groups: &[Group], locations: &[f32], weights: &[f32], reads: &mut [Reads]
+        ) -> ()
+    )
+}
+
 #[inline(always)]
-fn forward_portable(job: &Job<'_>, out: &mut [f32]) {
-    out.fill(0.0);
-    if job.head_dim == 0 || job.taps() == 0 {
-        return;
+fn look_up_portable(groups: &[Group], locations: &[f32], weights: &[f32], reads: &mut [Reads]) {
+    let taps = weights.chunks(LANES).zip(locations.chunks(2 * LANES));
+    for ((group, (weights, locations)), reads) in groups.iter().zip(taps).zip(reads) {
+        *reads = Reads::new(&Footprints::new(group, locations), weights);
     }
-    let groups = job.groups();
-    // All of a query's taps are looked up before the first is read, so that reading does not wait.
-    let mut reads = vec![Reads::default(); groups.len()];
-    let queries = job.weights.chunks_exact(job.taps());
-    let queries = queries.zip(job.locations.chunks_exact(2 * job.taps()));
-    for ((weights, locations), out) in queries.zip(out.chunks_exact_mut(job.heads * job.head_dim)) {
-        let of_groups = weights.chunks(LANES).zip(locations.chunks(2 * LANES));
-        for ((group, (weights, locations)), reads) in groups.iter().zip(of_groups).zip(&mut reads) {
-            *reads = Reads::new(&Footprints::new(group, locations), weights);
-        }
-        for (head, out) in out.chunks_exact_mut(job.head_dim).enumerate() {
-            let taps = head * job.taps_of_head()..(head + 1) * job.taps_of_head();
-            let mut done = 0;
-            while done < job.head_dim {
-                let (channel, out) = (head * job.head_dim + done, &mut out[done..]);
-                done += match out.len() {
-                    32.. => read::<32>(job, channel, taps.clone(), &reads, out),
-                    16.. => read::<16>(job, channel, taps.clone(), &reads, out),
-                    8.. => read::<8>(job, channel, taps.clone(), &reads, out),
-                    _ => read::<1>(job, channel, taps.clone(), &reads, out),
-                }
+}
+
+/// - `out`: `[H, D]`
+fn read_query(job: &Job<'_>, reads: &[Reads], out: &mut [f32]) {
+    dispatch!(
+        ["avx512f", "avx2" & "fma"],
+        read_fused(job: &Job<'_>, reads: &[Reads], out: &mut [f32]) -> (),
+        else read_portable
+    )
+}
+
+#[inline(always)]
+fn read_fused(job: &Job<'_>, reads: &[Reads], out: &mut [f32]) {
+    read_by::<true>(job, reads, out);
+}
+
+fn read_portable(job: &Job<'_>, reads: &[Reads], out: &mut [f32]) {
+    read_by::<false>(job, reads, out);
+}
+
+/// - `FUSED`: whether the processor has an instruction for `a * b + c`; without, `mul_add` is slow
+#[inline(always)]
+fn read_by<const FUSED: bool>(job: &Job<'_>, reads: &[Reads], out: &mut [f32]) {
+    for (head, out) in out.chunks_exact_mut(job.head_dim).enumerate() {
+        let taps = head * job.taps_of_head()..(head + 1) * job.taps_of_head();
+        let mut done = 0;
+        while done < job.head_dim {
+            let (channel, out) = (head * job.head_dim + done, &mut out[done..]);
+            done += match out.len() {
+                16.. => read::<16, FUSED>(job, channel, taps.clone(), reads, out),
+                8.. => read::<8, FUSED>(job, channel, taps.clone(), reads, out),
+                _ => read::<1, FUSED>(job, channel, taps.clone(), reads, out),
             }
         }
     }
@@ -224,11 +312,10 @@ impl Reads {
     #[inline(always)]
     fn new(at: &Footprints, weights: &[f32]) -> Self {
         let mut reads = Self {
-            weights: [0.0; LANES],
+            weights: filled_up(weights),
             cells: at.cells,
             shares: Footprints::product(&at.y.shares, &at.x.shares),
         };
-        reads.weights[..weights.len()].copy_from_slice(weights);
         for shares in &mut reads.shares {
             for (share, weight) in shares.iter_mut().zip(&reads.weights) {
                 *share *= weight;
@@ -238,10 +325,10 @@ impl Reads {
     }
 }
 
-/// Adds what some taps read to the first `W` channels of `out`; `channel` is their place in a row
+/// Puts what some taps read into the first `W` channels of `out`; `channel` is their place in a row
 /// of H·D. Returns `W`.
 #[inline(always)]
-fn read<const W: usize>(
+fn read<const W: usize, const FUSED: bool>(
     job: &Job<'_>,
     channel: usize,
     taps: Range<usize>,
@@ -249,26 +336,29 @@ fn read<const W: usize>(
     out: &mut [f32],
 ) -> usize {
     let stride = job.heads * job.head_dim;
-    let mut sum = [0.0f32; W];
-    sum.copy_from_slice(&out[..W]);
+    // One for each corner, so that no sum waits for another.
+    let mut sums = [[0.0f32; W]; 4];
     for tap in taps {
         let (reads, lane) = (&reads[tap / LANES], tap % LANES);
         if reads.weights[lane] == 0.0 {
             continue;
         }
-        let value = |corner: usize| {
+        for (corner, sums) in sums.iter_mut().enumerate() {
             let from = reads.cells[corner][lane] as usize * stride + channel;
-            &job.value[from..from + W]
-        };
-        let (a, b, c, d) = (value(0), value(1), value(2), value(3));
-        let share = |corner: usize| reads.shares[corner][lane];
-        let (sa, sb, sc, sd) = (share(0), share(1), share(2), share(3));
-        for i in 0..W {
-            // In pairs, so that the sums of one tap do not wait for each other.
-            sum[i] += (sa * a[i] + sb * b[i]) + (sc * c[i] + sd * d[i]);
+            let value = &job.value[from..from + W];
+            let share = reads.shares[corner][lane];
+            for i in 0..W {
+                sums[i] = match FUSED {
+                    true => share.mul_add(value[i], sums[i]),
+                    false => share * value[i] + sums[i],
+                };
+            }
         }
     }
-    out[..W].copy_from_slice(&sum);
+    let [a, b, c, d] = &sums;
+    for i in 0..W {
+        out[i] = (a[i] + b[i]) + (c[i] + d[i]);
+    }
     W
 }
 
@@ -314,8 +404,8 @@ fn backward_portable(job: &Job<'_>, grad_out: &[f32], gradients: Gradients<'_>) 
         let gradients = of_weights.zip(of_locations).zip(weights.chunks(LANES));
         for (group, ((of_weights, of_locations), weights)) in gradients.enumerate() {
             let (at, reads) = (&places[group], &reads[group]);
-            let along_x = Footprints::product(&at.y.shares, &at.x.slopes);
-            let along_y = Footprints::product(&at.y.slopes, &at.x.shares);
+            let along_x = Footprints::product(&at.y.shares, &at.x.slopes(&groups[group].x));
+            let along_y = Footprints::product(&at.y.slopes(&groups[group].y), &at.x.shares);
             let sum = |factors: &[Lanes<f32>; 4], i: usize| {
                 (0..4)
                     .map(|corner| factors[corner][i] * reads[corner][i])
