@@ -1,9 +1,10 @@
 //! The inner loops, for some queries of one batch on one thread.
 //!
 //! Both are written for the compiler's vectoriser: where to read is found for [`LANES`] taps at
-//! once, and channels are walked in blocks of 32, 16, 8 or 1 whose length is known at compile time
+//! once, and channels are walked in blocks of 16, 8 or 1 whose length is known at compile time
 //! and so stays in registers. On x86-64 all is compiled a second time for AVX2, chosen at run time;
-//! what arrays' `map` calls is not, so that there are loops in its place.
+//! what arrays' `map` calls is not, so that there are loops in its place. Not for AVX-512: there the
+//! compiler shuffles lanes of several taps together, which takes longer than what it saves.
 
 use std::array::from_fn;
 use std::ops::Range;
@@ -224,101 +225,88 @@ fn filled_up<const N: usize>(numbers: &[f32]) -> [f32; N] {
 
 /// `out`: `[queries, H, D]`, overwritten.
 pub(super) fn forward(job: &Job<'_>, out: &mut [f32]) {
-    if job.head_dim == 0 || job.taps() == 0 {
-        return out.fill(0.0);
-    }
-    let groups = job.groups();
-    // All of a query's taps are looked up before the first is read, so that reading does not wait.
-    let mut reads = vec![Reads::default(); groups.len()];
-    let queries = job.weights.chunks_exact(job.taps());
-    let queries = queries.zip(job.locations.chunks_exact(2 * job.taps()));
-    for ((weights, locations), out) in queries.zip(out.chunks_exact_mut(job.heads * job.head_dim)) {
-        look_up(&groups, locations, weights, &mut reads);
-        read_query(job, &reads, out);
-    }
+    dispatch!(
+        ["avx2" & "fma"],
+        forward_fused(job: &Job<'_>, out: &mut [f32]) -> (),
+        else forward_portable
+    )
 }
 
 /// `grad_out`: `[queries, H, D]`; adds to the gradients.
 pub(super) fn backward(job: &Job<'_>, grad_out: &[f32], gradients: Gradients<'_>) {
     dispatch!(
-        ["avx2"],
-        backward_portable(job: &Job<'_>, grad_out: &[f32], gradients: Gradients<'_>) -> ()
-    )
-}
-
-/// Where the taps of a query read. Not for AVX-512, for which the compiler tears the lanes apart.
-fn look_up(groups: &[Group], locations: &[f32], weights: &[f32], reads: &mut [Reads]) {
-    dispatch!(
-        ["avx2"],
-        look_up_portable(
-            groups: &[Group], locations: &[f32], weights: &[f32], reads: &mut [Reads]
-        ) -> ()
+        ["avx2" & "fma"],
+        backward_fused(job: &Job<'_>, grad_out: &[f32], gradients: Gradients<'_>) -> (),
+        else backward_portable
     )
 }
 
 #[inline(always)]
-fn look_up_portable(groups: &[Group], locations: &[f32], weights: &[f32], reads: &mut [Reads]) {
-    let taps = weights.chunks(LANES).zip(locations.chunks(2 * LANES));
-    for ((group, (weights, locations)), reads) in groups.iter().zip(taps).zip(reads) {
-        *reads = Reads::new(&Footprints::new(group, locations), weights);
+fn forward_fused(job: &Job<'_>, out: &mut [f32]) {
+    forward_by::<true>(job, out);
+}
+
+fn forward_portable(job: &Job<'_>, out: &mut [f32]) {
+    forward_by::<false>(job, out);
+}
+
+#[inline(always)]
+fn forward_by<const FUSED: bool>(job: &Job<'_>, out: &mut [f32]) {
+    if job.head_dim == 0 || job.taps() == 0 {
+        return out.fill(0.0);
     }
-}
-
-/// - `out`: `[H, D]`
-fn read_query(job: &Job<'_>, reads: &[Reads], out: &mut [f32]) {
-    dispatch!(
-        ["avx512f", "avx2" & "fma"],
-        read_fused(job: &Job<'_>, reads: &[Reads], out: &mut [f32]) -> (),
-        else read_portable
-    )
-}
-
-#[inline(always)]
-fn read_fused(job: &Job<'_>, reads: &[Reads], out: &mut [f32]) {
-    read_by::<true>(job, reads, out);
-}
-
-fn read_portable(job: &Job<'_>, reads: &[Reads], out: &mut [f32]) {
-    read_by::<false>(job, reads, out);
-}
-
-/// - `FUSED`: whether the processor has an instruction for `a * b + c`; without, `mul_add` is slow
-#[inline(always)]
-fn read_by<const FUSED: bool>(job: &Job<'_>, reads: &[Reads], out: &mut [f32]) {
-    for (head, out) in out.chunks_exact_mut(job.head_dim).enumerate() {
-        let taps = head * job.taps_of_head()..(head + 1) * job.taps_of_head();
-        let mut done = 0;
-        while done < job.head_dim {
-            let (channel, out) = (head * job.head_dim + done, &mut out[done..]);
-            done += match out.len() {
-                16.. => read::<16, FUSED>(job, channel, taps.clone(), reads, out),
-                8.. => read::<8, FUSED>(job, channel, taps.clone(), reads, out),
-                _ => read::<1, FUSED>(job, channel, taps.clone(), reads, out),
+    let (groups, stride) = (job.groups(), job.heads * job.head_dim);
+    // All of a query's taps are looked up before the first is read, so that reading does not wait.
+    let mut reads = vec![Reads::default(); groups.len()];
+    let queries = job.weights.chunks_exact(job.taps());
+    let queries = queries.zip(job.locations.chunks_exact(2 * job.taps()));
+    for ((weights, locations), out) in queries.zip(out.chunks_exact_mut(stride)) {
+        let of_groups = weights.chunks(LANES).zip(locations.chunks(2 * LANES));
+        for ((group, (weights, locations)), reads) in groups.iter().zip(of_groups).zip(&mut reads) {
+            *reads = Reads::new(&Footprints::new(group, locations), weights, stride);
+        }
+        for (head, out) in out.chunks_exact_mut(job.head_dim).enumerate() {
+            let taps = head * job.taps_of_head()..(head + 1) * job.taps_of_head();
+            let mut done = 0;
+            while done < job.head_dim {
+                let (channel, out) = (head * job.head_dim + done, &mut out[done..]);
+                done += match out.len() {
+                    16.. => read::<16, FUSED>(job, channel, taps.clone(), &reads, out),
+                    8.. => read::<8, FUSED>(job, channel, taps.clone(), &reads, out),
+                    _ => read::<1, FUSED>(job, channel, taps.clone(), &reads, out),
+                }
             }
         }
     }
 }
 
-/// What a group of taps reads: cells, and how much of each, its weight included.
+/// What a group of taps reads: where cells begin in the value, and how much of each, its weight
+/// included.
 #[derive(Clone, Default)]
 struct Reads {
     weights: Lanes<f32>,
-    cells: [Lanes<u32>; 4],
+    starts: [Lanes<u32>; 4],
     shares: [Lanes<f32>; 4],
 }
 
 impl Reads {
     /// - `weights`: at most [`LANES`]
+    /// - `stride`: numbers of a cell
     #[inline(always)]
-    fn new(at: &Footprints, weights: &[f32]) -> Self {
+    fn new(at: &Footprints, weights: &[f32], stride: usize) -> Self {
         let mut reads = Self {
             weights: filled_up(weights),
-            cells: at.cells,
+            starts: [[0; LANES]; 4],
             shares: Footprints::product(&at.y.shares, &at.x.shares),
         };
         for shares in &mut reads.shares {
             for (share, weight) in shares.iter_mut().zip(&reads.weights) {
                 *share *= weight;
+            }
+        }
+        for (starts, cells) in reads.starts.iter_mut().zip(&at.cells) {
+            for (start, &cell) in starts.iter_mut().zip(cells) {
+                *start = cell * stride as u32;
             }
         }
         reads
@@ -335,7 +323,6 @@ fn read<const W: usize, const FUSED: bool>(
     reads: &[Reads],
     out: &mut [f32],
 ) -> usize {
-    let stride = job.heads * job.head_dim;
     // One for each corner, so that no sum waits for another.
     let mut sums = [[0.0f32; W]; 4];
     for tap in taps {
@@ -344,14 +331,14 @@ fn read<const W: usize, const FUSED: bool>(
             continue;
         }
         for (corner, sums) in sums.iter_mut().enumerate() {
-            let from = reads.cells[corner][lane] as usize * stride + channel;
-            let value = &job.value[from..from + W];
+            let from = reads.starts[corner][lane] as usize + channel;
+            debug_assert!(from + W <= job.value.len());
+            // SAFETY: the start is that of a cell which `Axis::at` keeps within its level and so
+            // within the value, and these are W channels of one head of it.
+            let value = unsafe { job.value.get_unchecked(from..from + W) };
             let share = reads.shares[corner][lane];
             for i in 0..W {
-                sums[i] = match FUSED {
-                    true => share.mul_add(value[i], sums[i]),
-                    false => share * value[i] + sums[i],
-                };
+                sums[i] = sum_of_product::<FUSED>(share, value[i], sums[i]);
             }
         }
     }
@@ -363,7 +350,16 @@ fn read<const W: usize, const FUSED: bool>(
 }
 
 #[inline(always)]
+fn backward_fused(job: &Job<'_>, grad_out: &[f32], gradients: Gradients<'_>) {
+    backward_by::<true>(job, grad_out, gradients);
+}
+
 fn backward_portable(job: &Job<'_>, grad_out: &[f32], gradients: Gradients<'_>) {
+    backward_by::<false>(job, grad_out, gradients);
+}
+
+#[inline(always)]
+fn backward_by<const FUSED: bool>(job: &Job<'_>, grad_out: &[f32], gradients: Gradients<'_>) {
     if job.head_dim == 0 || job.taps() == 0 {
         return;
     }
@@ -392,10 +388,9 @@ fn backward_portable(job: &Job<'_>, grad_out: &[f32], gradients: Gradients<'_>) 
                 let (t, w, s) = (taps.clone(), weights, &shares[..]);
                 let (v, r) = (&mut *gradients.value, &mut reads[..]);
                 done += match grad.len() {
-                    32.. => scatter::<32>(job, c, t, w, &places, s, grad, v, r),
-                    16.. => scatter::<16>(job, c, t, w, &places, s, grad, v, r),
-                    8.. => scatter::<8>(job, c, t, w, &places, s, grad, v, r),
-                    _ => scatter::<1>(job, c, t, w, &places, s, grad, v, r),
+                    16.. => scatter::<16, FUSED>(job, c, t, w, &places, s, grad, v, r),
+                    8.. => scatter::<8, FUSED>(job, c, t, w, &places, s, grad, v, r),
+                    _ => scatter::<1, FUSED>(job, c, t, w, &places, s, grad, v, r),
                 };
             }
         }
@@ -424,7 +419,7 @@ fn backward_portable(job: &Job<'_>, grad_out: &[f32], gradients: Gradients<'_>) 
 /// Returns `W`.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // One struct for them would be used here only.
-fn scatter<const W: usize>(
+fn scatter<const W: usize, const FUSED: bool>(
     job: &Job<'_>,
     channel: usize,
     taps: Range<usize>,
@@ -442,30 +437,45 @@ fn scatter<const W: usize>(
         let (group, lane) = (tap / LANES, tap % LANES);
         for corner in 0..4 {
             let from = places[group].cells[corner][lane] as usize * stride + channel;
-            reads[group][corner][lane] += dot(&row, &job.value[from..from + W]);
+            reads[group][corner][lane] += dot::<W, FUSED>(&row, &job.value[from..from + W]);
             let share = weights[tap] * shares[group][corner][lane];
             let grad_value = &mut grad_value[from..from + W];
             for i in 0..W {
-                grad_value[i] += share * row[i];
+                grad_value[i] = sum_of_product::<FUSED>(share, row[i], grad_value[i]);
             }
         }
     }
     W
 }
 
+/// `a * b + c`.
+///
+/// - `FUSED`: whether the processor has an instruction for it; without, `mul_add` is slow
+#[inline(always)]
+fn sum_of_product<const FUSED: bool>(a: f32, b: f32, c: f32) -> f32 {
+    match FUSED {
+        true => a.mul_add(b, c),
+        false => a * b + c,
+    }
+}
+
 /// Dot product in the order of a vector register: the compiler may not reorder a plain sum.
 #[inline(always)]
-fn dot<const W: usize>(a: &[f32; W], b: &[f32]) -> f32 {
-    let mut products = [0.0f32; W];
-    for i in 0..W {
-        products[i] = a[i] * b[i];
-    }
+fn dot<const W: usize, const FUSED: bool>(a: &[f32; W], b: &[f32]) -> f32 {
     let mut half = W / 2;
+    let mut sums = [0.0f32; W];
+    for i in 0..half.max(1) {
+        sums[i] = a[i] * b[i];
+    }
+    for i in half.max(1)..W {
+        sums[i - half] = sum_of_product::<FUSED>(a[i], b[i], sums[i - half]);
+    }
+    half /= 2;
     while half > 0 {
         for i in 0..half {
-            products[i] += products[i + half];
+            sums[i] += sums[i + half];
         }
         half /= 2;
     }
-    products[0]
+    sums[0]
 }
