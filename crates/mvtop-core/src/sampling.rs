@@ -146,7 +146,8 @@ impl<'a> Sampling<'a> {
     /// - `weights`: `[B, Q, H, L, K]`
     ///
     /// # Errors
-    /// [`Error::Shape`] when an array has another length than its shape says.
+    /// [`Error::Shape`] when an array has another length than its shape says, or the value has 2^32
+    /// numbers or more in a batch.
     pub fn new(
         levels: &'a LevelShapes,
         dims: Dims,
@@ -159,6 +160,10 @@ impl<'a> Sampling<'a> {
         check_len("weights", weights.len(), &taps)?;
         check_len("locations", locations.len(), &places)?;
         check_len("output", 0, &[&[0], &dims.output()[..]].concat())?;
+        if values[1..].iter().product::<usize>() > u32::MAX as usize {
+            // The kernel keeps places in it in u32.
+            return Err(shape_error("value", "fewer numbers of a batch", &values));
+        }
         Ok(Self {
             levels,
             dims,

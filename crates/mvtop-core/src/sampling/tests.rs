@@ -300,6 +300,24 @@ fn arrays_that_do_not_belong_together_are_refused() {
 }
 
 #[test]
+fn places_that_do_not_fit_into_32_bits_are_refused() {
+    let levels = LevelShapes::new(&[(1 << 12, 1 << 12)]).unwrap();
+    let of_heads = |heads| {
+        let dims = Dims {
+            batch: 0,
+            heads,
+            head_dim: 16,
+            queries: 1,
+            points: 1,
+        };
+        Sampling::new(&levels, dims, &[], &[], &[])
+    };
+    assert!(of_heads(15).is_ok());
+    let refused = of_heads(16).unwrap_err().to_string();
+    assert!(refused.contains("value"), "{refused}");
+}
+
+#[test]
 fn empty_axes_give_empty_or_zero_results() {
     let levels = LevelShapes::new(&[(2, 2)]).unwrap();
     let none = Dims {
