@@ -120,8 +120,8 @@ impl Extent {
 struct Axis {
     cells: [Lanes<u32>; 2],
     shares: [Lanes<f32>; 2],
-    /// How far right of each cell's center, in cells.
-    beyond: [Lanes<f32>; 2],
+    /// How far right of the first cell's center, in cells; exact, unlike that of the second.
+    beyond: Lanes<f32>,
 }
 
 impl Axis {
@@ -136,16 +136,12 @@ impl Axis {
         let first: Lanes<f32> = from_fn(|i| least(positive(places[i].floor()), extent.last[i]));
         // SAFETY: from 0 to `last`, which is below 2^24.
         let cells: Lanes<u32> = from_fn(|i| unsafe { first[i].to_int_unchecked::<i32>() as u32 });
-        let beyond = [
-            from_fn(|i| places[i] - first[i]),
-            from_fn(|i| places[i] - first[i] - 1.0),
-        ];
-        let [left, right]: &[Lanes<f32>; 2] = &beyond;
+        let beyond: Lanes<f32> = from_fn(|i| places[i] - first[i]);
         Self {
             cells: [cells, from_fn(|i| cells[i] + extent.step[i])],
             shares: [
-                from_fn(|i| positive(1.0 - left[i].abs())),
-                from_fn(|i| positive(1.0 - right[i].abs()) * extent.second[i]),
+                from_fn(|i| positive(1.0 - beyond[i].abs())),
+                from_fn(|i| positive(1.0 - (beyond[i] - 1.0).abs()) * extent.second[i]),
             ],
             beyond,
         }
@@ -154,23 +150,14 @@ impl Axis {
     /// How fast the shares grow with the location.
     #[inline(always)]
     fn slopes(&self, extent: &Extent) -> [Lanes<f32>; 2] {
+        let one = |yes: bool| if yes { 1.0 } else { 0.0 };
         let mut slopes = [[0.0; LANES]; 2];
-        for (cell, slopes) in slopes.iter_mut().enumerate() {
-            for (i, slope) in slopes.iter_mut().enumerate() {
-                let beyond = self.beyond[cell][i];
-                let there = if cell == 0 { 1.0 } else { extent.second[i] };
-                let rising = if (-1.0..0.0).contains(&beyond) {
-                    1.0
-                } else {
-                    0.0
-                };
-                let falling = if (0.0..1.0).contains(&beyond) {
-                    1.0
-                } else {
-                    0.0
-                };
-                *slope = there * extent.length[i] * (rising - falling);
-            }
+        for (i, &beyond) in self.beyond.iter().enumerate() {
+            let left = one((-1.0..0.0).contains(&beyond));
+            let between = one((0.0..1.0).contains(&beyond));
+            let right = one((1.0..2.0).contains(&beyond));
+            slopes[0][i] = extent.length[i] * (left - between);
+            slopes[1][i] = extent.length[i] * (between - right) * extent.second[i];
         }
         slopes
     }
