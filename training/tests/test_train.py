@@ -101,8 +101,8 @@ def gradient(path):
 
 def test_two_processes_have_the_gradients_of_one(dataset, tmp_path):
     """Batch normalisation in training mode included."""
-    # 8 scenes: 4 for each of two. With seed 1 one of the untrained poses is 179.0 degrees off, where
-    # the angle's derivative multiplies rounding by sixty; with seed 3 none is over 171.
+    # 8 scenes: 4 for each of two. With seed 1 one of the untrained poses is 179.0 degrees off,
+    # where the angle's derivative multiplies rounding by sixty; with seed 3 none is over 171.
     changes = ("steps=1", "precision=fp32", "views=[0, 1]", "seed=3")
     for count in ("1", "2"):
         arguments = [
