@@ -17,6 +17,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 mod kernel;
+mod places;
 
 /// Enough work to hide the cost of scheduling a block.
 const QUERIES_PER_BLOCK: usize = 64;
