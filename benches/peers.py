@@ -270,7 +270,7 @@ def _version(package: str) -> str | None:
 @command
 def main():
     parser = argument_parser(__doc__)
-    default = [str(ROOT / "models/mvball.weights.pt"), "paper"]
+    default = ["small", "paper"]
     parser.add_argument(
         "--network", nargs="+", default=default, metavar="NAME",
         help="weights, or presets (their weights are random)",

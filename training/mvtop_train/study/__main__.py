@@ -1,6 +1,6 @@
 """Methods and variants side by side: same frozen features, same data, same budget.
 
-    python -m mvtop_train.study --weights models/mvball.weights.pt --data data/mvball \
+    python -m mvtop_train.study --weights runs/small-cpu/weights.pt --data data/mvball \
         --test data/test --out out/study
 
 Trains the transformer and heads of each variant on cached features of canonical views

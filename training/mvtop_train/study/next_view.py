@@ -15,17 +15,33 @@ from tqdm import tqdm
 from ..errors import UserError, argument_parser, command
 
 
+def samples_of(folder: Path) -> list[Path]:
+    """Sample folders in a folder, in order; at least one."""
+    samples = sorted(path.parent for path in folder.glob("*/rig.json"))
+    if not samples:
+        raise UserError(f"{folder}: expected sample folders with rig.json, got none")
+    return samples
+
+
+def nearest_to(prediction, world_from_obj: np.ndarray):
+    """The object that is nearest to where one truly is; None where nothing is found."""
+
+    def away(one) -> float:
+        return np.linalg.norm(one.world_from_obj[:3, 3] - world_from_obj[:3, 3])
+
+    return min(prediction.objects, key=away, default=None)
+
+
+def angle_deg(pose: np.ndarray, other: np.ndarray) -> float:
+    """Between the rotations of two poses [4, 4]."""
+    cos = (np.trace(pose[:3, :3].T @ other[:3, :3]) - 1) / 2
+    return float(np.degrees(np.arccos(np.clip(cos, -1, 1))))
+
+
 def rotation_error_deg(prediction, world_from_obj: np.ndarray) -> float:
     """Of the object that is nearest; 180 where nothing is found."""
-    away = [
-        np.linalg.norm(one.world_from_obj[:3, 3] - world_from_obj[:3, 3])
-        for one in prediction.objects
-    ]
-    if not away:
-        return 180.0
-    found = prediction.objects[int(np.argmin(away))].world_from_obj
-    cos = (np.trace(found[:3, :3].T @ world_from_obj[:3, :3]) - 1) / 2
-    return float(np.degrees(np.arccos(np.clip(cos, -1, 1))))
+    found = nearest_to(prediction, world_from_obj)
+    return angle_deg(found.world_from_obj, world_from_obj) if found else 180.0
 
 
 def errors_of(sample: Path, estimator) -> tuple[str, dict[str, float]] | None:
@@ -56,9 +72,7 @@ def main():
     args = parser.parse_args()
     import mvtop
 
-    samples = sorted(path.parent for path in args.samples.glob("*/rig.json"))
-    if not samples:
-        raise UserError(f"{args.samples}: expected sample folders with rig.json, got none")
+    samples = samples_of(args.samples)
     estimator = mvtop.Estimator.load(args.model)
     told = [errors_of(sample, estimator) for sample in tqdm(samples, unit="sample")]
     told = [one for one in told if one is not None]
