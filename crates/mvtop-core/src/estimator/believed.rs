@@ -47,6 +47,9 @@ pub fn believed(
 /// Of objects of a class that refinement has brought to each other's place, the one of which the
 /// images show most: its boxes are the right ones.
 ///
+/// Where views agree on no object, what different ones have found stays, however near: as the rig may
+/// be what is wrong, and that they contradict each other is then what tells.
+///
 /// - `refinements`: of each object
 /// - `radii`: least and greatest half width of each class, metres
 pub fn once(
@@ -55,11 +58,16 @@ pub fn once(
     radii: &[[f64; 2]],
 ) -> (Vec<(Sighting, DecodedPose)>, Vec<Option<Refinement>>) {
     let supported = |index: usize| refinements[index].map(|of| of.supported);
+    let agreed = found.iter().any(|(object, _)| object.views() > 1);
+    let comparable = |a: &Sighting, b: &Sighting| {
+        let mut both = a.boxes.iter().zip(&b.boxes);
+        a.class == b.class && (agreed || both.any(|(a, b)| a.is_some() && b.is_some()))
+    };
     let gives_way = |one: usize, other: usize| {
         let (a, b) = (&found[one], &found[other]);
         // Of two that the images show alike, the first.
         let shown_less = (supported(one), other) < (supported(other), one);
-        a.0.class == b.0.class && together(a, b, radii) && supported(one).is_some() && shown_less
+        comparable(&a.0, &b.0) && together(a, b, radii) && supported(one).is_some() && shown_less
     };
     let all = 0..found.len();
     let kept: Vec<bool> = (all.clone())
@@ -179,14 +187,18 @@ mod tests {
         };
         // 40 mm is the least half width of the first class, 20 mm of the second.
         let radii = [[0.04, 0.08], [0.02, 0.05]];
-        let left = |objects: &[(usize, f64, Option<Refinement>)]| -> Vec<usize> {
+        // Of objects, each in some of three views: those that are left.
+        let seen = |objects: &[(usize, f64, Option<Refinement>, [bool; 3])]| -> Vec<usize> {
             let found = objects.iter().enumerate();
-            let found = found.map(|(index, &(class, x, _))| {
+            let found = found.map(|(index, &(class, x, _, views))| {
                 let (mut sighting, pose) = object(class, x, None);
+                sighting.boxes = views
+                    .map(|shows| shows.then_some([0., 0., 9., 9.].into()))
+                    .to_vec();
                 sighting.score = index as f64;
                 (sighting, pose)
             });
-            let refinements = objects.iter().map(|(_, _, refinement)| *refinement);
+            let refinements = objects.iter().map(|(_, _, refinement, _)| *refinement);
             let (found, refinements) = once(found.collect(), refinements.collect(), &radii);
             assert_eq!(found.len(), refinements.len());
             found
@@ -194,21 +206,39 @@ mod tests {
                 .map(|(object, _)| object.score as usize)
                 .collect()
         };
+        let one_view = [true, false, false];
+        let left = |objects: [(usize, f64, Option<Refinement>); 2]| {
+            seen(&objects.map(|(class, x, refinement)| (class, x, refinement, one_view)))
+        };
         let (much, little) = (refined(0.9), refined(0.4));
-        assert_eq!(left(&[(0, 0.0, little), (0, 0.001, much)]), [1]);
-        assert_eq!(left(&[(0, 0.0, much), (0, 0.001, much)]), [0], "alike");
-        assert_eq!(left(&[(0, 0.0, much), (0, 0.041, little)]), [0, 1], "apart");
+        assert_eq!(left([(0, 0.0, little), (0, 0.001, much)]), [1]);
+        assert_eq!(left([(0, 0.0, much), (0, 0.001, much)]), [0], "alike");
+        assert_eq!(left([(0, 0.0, much), (0, 0.041, little)]), [0, 1], "apart");
         assert_eq!(
-            left(&[(1, 0.0, much), (1, 0.021, little)]),
+            left([(1, 0.0, much), (1, 0.021, little)]),
             [0, 1],
             "smaller"
         );
-        assert_eq!(left(&[(0, 0.0, much), (1, 0.0, little)]), [0, 1], "unlike");
+        assert_eq!(left([(0, 0.0, much), (1, 0.0, little)]), [0, 1], "unlike");
         assert_eq!(
-            left(&[(0, 0.0, None), (0, 0.0, None)]),
+            left([(0, 0.0, None), (0, 0.0, None)]),
             [0, 1],
             "not refined"
         );
+
+        let elsewhere = [
+            (0, 0.0, much, one_view),
+            (0, 0.001, little, [false, true, false]),
+        ];
+        assert_eq!(seen(&elsewhere), [0, 1], "the rig may be wrong");
+        let [first, second] = elsewhere;
+        let agreed = [first, second, (0, 1.0, much, [true, true, false])];
+        assert_eq!(seen(&agreed), [0, 2], "views agree on another");
+        let twice = [
+            (0, 0.0, much, [true, true, false]),
+            (0, 0.001, little, [false, false, true]),
+        ];
+        assert_eq!(seen(&twice), [0], "they agree on one of the two");
     }
 
     #[test]
