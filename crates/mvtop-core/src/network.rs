@@ -214,7 +214,11 @@ impl OnnxNetwork {
     /// # Errors
     /// Those of [`Runtime::session`], and [`Error::Network`] where a graph does not fit the bundle.
     pub fn load(runtime: &Runtime, bundle: &Bundle, options: &SessionOptions) -> Result<Self> {
-        let decoder = runtime.session(&bundle.decoder, options)?;
+        let of_decoder = SessionOptions {
+            provider: options.provider.of_decoder(),
+            ..options.clone()
+        };
+        let decoder = runtime.session(&bundle.decoder, &of_decoder)?;
         let network = Self {
             features: runtime.session(&bundle.features, options)?,
             closeup: match &bundle.poses {

@@ -17,10 +17,12 @@ pub enum Provider {
     Cuda,
     /// NVIDIA GPUs by TensorRT (`pip install onnxruntime-gpu`).
     Tensorrt,
-    /// Intel processors (`pip install onnxruntime-openvino`). Wants a portable bundle: 1.24 does not
-    /// take a decoder that mvtop's operator cuts in pieces.
+    /// Intel processors (`pip install onnxruntime-openvino`), for what images are shown to; the decoder
+    /// stays on ONNX Runtime's own kernels, as 1.24 does not take one that mvtop's operator cuts in
+    /// pieces.
     Openvino,
-    /// The same, computing in bfloat16: faster where the processor has it, and less exact.
+    /// The same, computing in bfloat16: faster where the processor has it, and less exact. A decoder in
+    /// it would place objects 3 mm off.
     OpenvinoBf16,
     /// Apple processors, in the macOS library.
     Coreml,
@@ -65,6 +67,14 @@ impl Provider {
             Self::Xnnpack => ep::XNNPACK::is_available(),
         };
         available.unwrap_or(false)
+    }
+
+    /// What runs the decoder where this runs the other graphs.
+    pub(crate) fn of_decoder(self) -> Self {
+        match self {
+            Self::Openvino | Self::OpenvinoBf16 => Self::Cpu,
+            other => other,
+        }
     }
 
     /// The registration for a session; none for the processor, which is always there.
@@ -122,6 +132,18 @@ mod tests {
             assert_eq!(provider.name().parse::<Provider>().unwrap(), provider);
             let json = serde_json::to_string(&provider).unwrap();
             assert_eq!(json, format!("\"{provider}\""));
+        }
+    }
+
+    #[test]
+    fn decoders_are_run_by_what_takes_our_operator() {
+        let elsewhere = [Provider::Openvino, Provider::OpenvinoBf16];
+        for provider in Provider::ALL {
+            let expected = match elsewhere.contains(&provider) {
+                true => Provider::Cpu,
+                false => provider,
+            };
+            assert_eq!(provider.of_decoder(), expected);
         }
     }
 
