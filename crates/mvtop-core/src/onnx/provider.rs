@@ -77,6 +77,17 @@ impl Provider {
         }
     }
 
+    /// What graphs it takes, if not all; to be said instead of what it says itself, which is pages long.
+    pub(super) fn takes(self) -> Option<&'static str> {
+        match self {
+            Self::Openvino | Self::OpenvinoBf16 => Some(
+                "OpenVINO takes bundles in floats, as `export` without `--integers` writes them; \
+                 use such a one, or `cpu`",
+            ),
+            _ => None,
+        }
+    }
+
     /// The registration for a session; none for the processor, which is always there.
     pub(super) fn registration(self, threads: usize) -> Option<ep::ExecutionProviderDispatch> {
         let registration = match self {

@@ -167,7 +167,14 @@ impl Runtime {
             return Err(network_error(&"no such file"));
         }
         let session = builder.commit_from_file(path);
-        Ok(Session::new(path, session.map_err(|e| network_error(&e))?))
+        let session = session.map_err(|e| match provider.takes() {
+            Some(taken) => Error::Provider {
+                provider: provider.to_string(),
+                problem: format!("{} cannot be run: {taken}", path.display()),
+            },
+            None => network_error(&e),
+        });
+        Ok(Session::new(path, session?))
     }
 }
 
