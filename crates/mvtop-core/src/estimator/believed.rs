@@ -28,7 +28,7 @@ pub fn believed(
     for ((_, pose), share) in found.iter_mut().zip(shares) {
         pose.support = pose.support.map(|support| support * share);
     }
-    let agreed = found.iter().any(|(object, _)| object.views() > 1);
+    let agreed = views_agree(&found);
     let standing = |(object, pose): &(Sighting, DecodedPose)| (object.views(), pose.support);
     let gives_way = |one: &(Sighting, DecodedPose), other: &(Sighting, DecodedPose)| {
         together(one, other, radii) && standing(one) < standing(other)
@@ -58,7 +58,7 @@ pub fn once(
     radii: &[[f64; 2]],
 ) -> (Vec<(Sighting, DecodedPose)>, Vec<Option<Refinement>>) {
     let supported = |index: usize| refinements[index].map(|of| of.supported);
-    let agreed = found.iter().any(|(object, _)| object.views() > 1);
+    let agreed = views_agree(&found);
     let comparable = |a: &Sighting, b: &Sighting| {
         let mut both = a.boxes.iter().zip(&b.boxes);
         a.class == b.class && (agreed || both.any(|(a, b)| a.is_some() && b.is_some()))
@@ -78,6 +78,11 @@ pub fn once(
         .collect();
     let both = found.into_iter().zip(refinements).zip(kept);
     both.filter_map(|(both, kept)| kept.then_some(both)).unzip()
+}
+
+/// Whether views agree on an object: the rig is right then.
+fn views_agree(found: &[(Sighting, DecodedPose)]) -> bool {
+    found.iter().any(|(object, _)| object.views() > 1)
 }
 
 /// Whether two objects are in each other's place.

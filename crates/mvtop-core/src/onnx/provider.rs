@@ -77,7 +77,8 @@ impl Provider {
         }
     }
 
-    /// What graphs it takes, if not all; to be said instead of what it says itself, which is pages long.
+    /// What graphs it takes, if not all; to be said with the end of what it says itself, which is pages
+    /// long.
     pub(super) fn takes(self) -> Option<&'static str> {
         match self {
             Self::Openvino | Self::OpenvinoBf16 => Some(

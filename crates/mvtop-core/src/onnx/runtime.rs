@@ -170,7 +170,7 @@ impl Runtime {
         let session = session.map_err(|e| match provider.takes() {
             Some(taken) => Error::Provider {
                 provider: provider.to_string(),
-                problem: format!("{} cannot be run: {taken}", path.display()),
+                problem: format!("{} cannot be run; {taken}: {}", path.display(), end_of(&e)),
             },
             None => network_error(&e),
         });
@@ -205,6 +205,13 @@ fn load(path: &Path) -> Result<Environment, String> {
 fn one_line(error: &(impl fmt::Display + ?Sized)) -> String {
     let text = error.to_string();
     text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// The last words of an error, where it says what it is after all that it came through.
+fn end_of(error: &(impl fmt::Display + ?Sized)) -> String {
+    const MOST: usize = 160;
+    let text: Vec<char> = one_line(error).chars().collect();
+    text[text.len().saturating_sub(MOST)..].iter().collect()
 }
 
 fn same_file(a: &Path, b: &Path) -> bool {
