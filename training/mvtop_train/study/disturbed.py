@@ -3,7 +3,8 @@
 from argparse import Namespace
 from pathlib import Path
 
-from ..errors import UserError, argument_parser
+from ..errors import argument_parser
+from .samples import folders
 
 
 def arguments(doc: str, of_seed: str) -> tuple[Namespace, list[Path]]:
@@ -19,10 +20,4 @@ def arguments(doc: str, of_seed: str) -> tuple[Namespace, list[Path]]:
     add("--seed", type=int, default=0, help=f"of the {of_seed}")
     add("--out", type=Path, required=True, help="file of JSON Lines")
     args = parser.parse_args()
-    folders = sorted(path.parent for path in args.samples.glob("*/rig.json"))[: args.count]
-    if not folders:
-        raise UserError(
-            f"{args.samples}: expected folders with rig.json and images, got none; "
-            "fix: python -m mvtop_train.synthesis.samples"
-        )
-    return args, folders
+    return args, folders(args.samples)[: args.count]

@@ -7,14 +7,13 @@ Poses of the network alone, boxes detected, of the first view of each sample and
 Needs mvtop's wheel (`make wheel`).
 """
 
-import json
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
 from ..errors import argument_parser, command
-from .next_view import angle_deg, nearest_to, samples_of
+from .samples import folders, nearest_to, true_pose
 
 
 def errors_of(sample: Path, estimator, views: int) -> list[float]:
@@ -22,13 +21,13 @@ def errors_of(sample: Path, estimator, views: int) -> list[float]:
     import mvtop
 
     rig = mvtop.Rig.load(sample / "rig.json")
-    truth = json.loads((sample / "truth.json").read_text())["objects"][0]
-    known = np.array(truth["T_world_obj"])
+    known = true_pose(sample)
     images = {camera.id: sample / f"{camera.id}.png" for camera in rig.cameras[:views]}
     found = nearest_to(estimator.predict(images, rig, refine=False), known)
     if found is None:
         return [180.0]
-    return [angle_deg(one.world_from_obj, known) for one in found.hypotheses]
+    poses = np.stack([one.world_from_obj for one in found.hypotheses])
+    return mvtop.metrics.rotation_error_deg(known, poses).tolist()
 
 
 @command
@@ -40,7 +39,7 @@ def main():
     args = parser.parse_args()
     import mvtop
 
-    samples = samples_of(args.samples)
+    samples = folders(args.samples)
     estimator = mvtop.Estimator.load(args.model)
     most = len(mvtop.Rig.load(samples[0] / "rig.json").cameras)
     print(f"| views | samples | hypotheses | first within {args.within:g}° | one of them |")

@@ -6,42 +6,23 @@ For each sample (`synthesis/samples.py`) that one camera leaves open, poses from
 of the others: the one that is named, all of them, and the best by the truth.
 """
 
-import json
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
-from ..errors import UserError, argument_parser, command
-
-
-def samples_of(folder: Path) -> list[Path]:
-    """Sample folders in a folder, in order; at least one."""
-    samples = sorted(path.parent for path in folder.glob("*/rig.json"))
-    if not samples:
-        raise UserError(f"{folder}: expected sample folders with rig.json, got none")
-    return samples
-
-
-def nearest_to(prediction, world_from_obj: np.ndarray):
-    """The object that is nearest to where one truly is; None where nothing is found."""
-
-    def away(one) -> float:
-        return np.linalg.norm(one.world_from_obj[:3, 3] - world_from_obj[:3, 3])
-
-    return min(prediction.objects, key=away, default=None)
-
-
-def angle_deg(pose: np.ndarray, other: np.ndarray) -> float:
-    """Between the rotations of two poses [4, 4]."""
-    cos = (np.trace(pose[:3, :3].T @ other[:3, :3]) - 1) / 2
-    return float(np.degrees(np.arccos(np.clip(cos, -1, 1))))
+from ..errors import argument_parser, command
+from .samples import folders, nearest_to, true_pose
 
 
 def rotation_error_deg(prediction, world_from_obj: np.ndarray) -> float:
     """Of the object that is nearest; 180 where nothing is found."""
+    import mvtop
+
     found = nearest_to(prediction, world_from_obj)
-    return angle_deg(found.world_from_obj, world_from_obj) if found else 180.0
+    if found is None:
+        return 180.0
+    return float(mvtop.metrics.rotation_error_deg(world_from_obj, found.world_from_obj))
 
 
 def errors_of(sample: Path, estimator) -> tuple[str, dict[str, float]] | None:
@@ -50,7 +31,6 @@ def errors_of(sample: Path, estimator) -> tuple[str, dict[str, float]] | None:
     import mvtop
 
     rig = mvtop.Rig.load(sample / "rig.json")
-    truth = json.loads((sample / "truth.json").read_text())["objects"][0]
     first, *others = (camera.id for camera in rig.cameras)
 
     def seen_by(*ids: str):
@@ -59,7 +39,7 @@ def errors_of(sample: Path, estimator) -> tuple[str, dict[str, float]] | None:
     alone = seen_by(first)
     if not alone.objects or alone.objects[0].next_view is None:
         return None
-    known = np.array(truth["T_world_obj"])
+    known = true_pose(sample)
     errors = {other: rotation_error_deg(seen_by(first, other), known) for other in others}
     return alone.objects[0].next_view, errors
 
@@ -72,7 +52,7 @@ def main():
     args = parser.parse_args()
     import mvtop
 
-    samples = samples_of(args.samples)
+    samples = folders(args.samples)
     estimator = mvtop.Estimator.load(args.model)
     told = [errors_of(sample, estimator) for sample in tqdm(samples, unit="sample")]
     told = [one for one in told if one is not None]
