@@ -144,6 +144,11 @@ pub struct Detector {
     /// where the bundle does not say.
     #[serde(default)]
     pub support_threshold: f64,
+    /// How far the images must at least look [like what is printed
+    /// on](crate::prediction::Refinement::print) an object that is detected and refined; none is asked
+    /// where the bundle does not say.
+    #[serde(default)]
+    pub print_threshold: Option<f64>,
     /// How far views may be from one pose of an object, in standard deviations, before the rig is
     /// [warned of](crate::prediction::RigConsistency::deviation).
     #[serde(default = "most_deviation")]

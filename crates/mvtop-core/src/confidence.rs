@@ -11,7 +11,7 @@ use serde::Deserialize;
 use crate::prediction::{ObjectPose, RigConsistency};
 
 /// What the evidence is called, in its order.
-pub const EVIDENCE: [&str; 10] = [
+pub const EVIDENCE: [&str; 11] = [
     "expected_rotation",
     "expected_translation",
     "first_of_hypotheses",
@@ -21,6 +21,7 @@ pub const EVIDENCE: [&str; 10] = [
     "overlap",
     "explained",
     "explained_least",
+    "print",
     "deviation",
 ];
 
@@ -98,6 +99,7 @@ pub fn evidence(
         refinement.overlap,
         refinement.explained,
         refinement.explained_least,
+        refinement.print.unwrap_or(0.0),
         deviation.ln_1p(),
     ])
 }
@@ -167,6 +169,7 @@ mod tests {
                 overlap: 0.25,
                 explained: 0.5,
                 explained_least: 0.125,
+                print: None,
             }),
             confidence: Some(confidence),
             hypotheses: vec![Hypothesis {

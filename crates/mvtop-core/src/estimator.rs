@@ -1,5 +1,6 @@
 //! From images to poses: start reading at [`Estimator::predict`].
 
+mod again;
 mod believed;
 mod closer;
 mod complete;
@@ -22,7 +23,7 @@ use std::time::Instant;
 
 use nalgebra::Isometry3;
 
-use self::believed::{believed, once};
+use self::believed::{believed, once, printed};
 use self::picture::Pictures;
 use self::pose::DecodedPose;
 use self::sightings::Sighting;
@@ -241,6 +242,7 @@ impl Estimator {
         let mut found: Vec<(Sighting, DecodedPose)> = objects.into_iter().zip(poses).collect();
         if let (Some(closeups), None) = (closeups, &options.boxes) {
             found = self.completed(network, closeups, &views, found)?;
+            found = self.looked_at_again(network, closeups, &views, found)?;
         }
         if options.boxes.is_none() {
             let share = |(object, pose): &(Sighting, DecodedPose)| {
@@ -263,6 +265,8 @@ impl Estimator {
         if options.refine != Some(false) {
             refinements = refined::on_images(&self.refiners, &views, &self.bundle, &mut found);
             if options.boxes.is_none() {
+                let least = self.bundle.detector.print_threshold;
+                (found, refinements) = printed(found, refinements, least);
                 (found, refinements) = once(found, refinements, &self.radii);
             }
             refine = clock.lap();
@@ -349,10 +353,7 @@ impl Estimator {
         if again.is_empty() {
             return Ok(found);
         }
-        let (pictures, groups) =
-            picture::in_closeups(network, &self.bundle, closeups, views, &objects)?;
-        let poses = decode::poses(network, &self.bundle, &pictures, &groups)?;
-        let poses = fit::settled(&self.bundle, &pictures, &groups, poses);
+        let poses = self.decoded(network, closeups, views, &objects)?;
         for (index, pose) in again.into_iter().zip(poses) {
             // A view in which the object is hidden may mislead: the pose that is expected to be
             // nearer counts.
@@ -362,6 +363,20 @@ impl Estimator {
             }
         }
         Ok(found)
+    }
+
+    /// The poses of objects, each as its close-ups show it.
+    fn decoded(
+        &self,
+        network: &dyn Network,
+        closeups: &CloseUps,
+        views: &[View],
+        objects: &[Sighting],
+    ) -> Result<Vec<DecodedPose>> {
+        let (pictures, groups) =
+            picture::in_closeups(network, &self.bundle, closeups, views, objects)?;
+        let poses = decode::poses(network, &self.bundle, &pictures, &groups)?;
+        Ok(fit::settled(&self.bundle, &pictures, &groups, poses))
     }
 
     fn object_pose(

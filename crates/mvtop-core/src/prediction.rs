@@ -135,6 +135,10 @@ pub struct Refinement {
     pub explained: f64,
     /// Likewise, of the view where it is least.
     pub explained_least: f64,
+    /// How far the images look like what is printed on the object, mean over the views that tell:
+    /// correlation of color and brightness, at most 1; `None` without print.
+    #[serde(default)]
+    pub print: Option<f64>,
 }
 
 /// The error that is expected of a pose.

@@ -169,7 +169,7 @@ impl Refiner {
             information: found.information,
             supported: found.fit.supported(),
             residual_px: found.fit.residual_px(),
-            quality: self.quality_of(&found.working, &found.fit),
+            quality: self.quality_of(&found.working, &found.fit, &found.world_from_obj),
             accepted: found.accepted,
         })
     }
@@ -248,7 +248,7 @@ impl Refiner {
     pub fn quality(&self, views: &[View], world_from_obj: &Isometry3<f64>) -> Option<Quality> {
         let mut working = self.working(views, world_from_obj, FINE);
         let fit = self.fit(&mut working, world_from_obj)?;
-        Some(self.quality_of(&working, &fit))
+        Some(self.quality_of(&working, &fit, world_from_obj))
     }
 
     /// Where a view should show edges of the mesh at a pose, and whether it does; empty where the

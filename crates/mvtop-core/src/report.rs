@@ -276,6 +276,7 @@ mod tests {
                     overlap: 0.25,
                     explained: 0.125,
                     explained_least: 0.0625,
+                    print: None,
                 }),
                 confidence: Some(0.875),
                 hypotheses: vec![Hypothesis {

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from ..data import bank, batches, bop, search
 from ..errors import UserError
-from . import checkpoint, confidence, deviation, loop, processes, runconfig, support, thresholds
+from . import checkpoint, confidence, deviation, loop, prints, processes, runconfig, support, thresholds
 from .validate import pose_views, validate
 
 
@@ -167,8 +167,8 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
 
 def export(settings: runconfig.RunConfig, weights: Path, bundle: Path, found):
     """The bundle; where it gives object coordinates, with the least support that is believed; with
-    what true calibrations leave of views that disagree; and how probable it is that its poses are
-    right."""
+    what true calibrations leave of views that disagree; of printed parts, with how far images must
+    look like them; and how probable it is that its poses are right."""
     command = [
         sys.executable, "-m", "mvtop_train.export", "--weights", str(weights), "--data",
         settings.data, "--out", str(bundle), "--bits", "8", "--score-threshold", str(found.score),
@@ -185,7 +185,12 @@ def export(settings: runconfig.RunConfig, weights: Path, bundle: Path, found):
     if most is not None:
         print(f"most deviation: {most:g}")
         subprocess.run([*command, "--most-deviation", str(most)], check=True)
-    fitted = confidence.fit(confidence.judged(bundle, scenes, known, confidence.DISTURBED))
+    judged = confidence.judged(bundle, scenes, known, confidence.DISTURBED)
+    least = prints.choose([one for one in judged if not one.disturbed])
+    if least is not None:
+        print(f"least likeness to the print: {least:g}")
+        prints.add(bundle, least)
+    fitted = confidence.fit(prints.kept(judged, least))
     if fitted is not None:
         confidence.add(bundle, fitted)
 

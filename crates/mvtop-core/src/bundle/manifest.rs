@@ -241,10 +241,12 @@ impl Manifest {
         let shares = [detector.score_threshold, detector.nms_iou];
         let mut shares = shares.into_iter().chain(detector.agree_threshold);
         let supported = (0.0..=1.0).contains(&detector.support_threshold);
+        let printed = (detector.print_threshold).is_none_or(|x| (-1.0..=1.0).contains(&x));
         let bounded = detector.most_deviation > 0.0 && detector.most_deviation.is_finite();
-        if !(supported && bounded && shares.all(|x| (0.0..=1.0).contains(&x))) {
+        if !(supported && printed && bounded && shares.all(|x| (0.0..=1.0).contains(&x))) {
             return Err(format!(
-                "detector has {detector:?}, expected numbers from 0 to 1, and a most_deviation above 0"
+                "detector has {detector:?}, expected numbers from 0 to 1 (print_threshold from -1), and a \
+                 most_deviation above 0"
             ));
         }
         self.confidence.as_ref().map_or(Ok(()), Confidence::check)?;

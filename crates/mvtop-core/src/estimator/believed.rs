@@ -44,6 +44,22 @@ pub fn believed(
         .collect()
 }
 
+/// Without objects that do not look like what is printed on them, where their refined poses put it.
+///
+/// - `refinements`: of each object
+/// - `least`: correlation of an object that is kept; `None` keeps all
+pub fn printed(
+    found: Vec<(Sighting, DecodedPose)>,
+    refinements: Vec<Option<Refinement>>,
+    least: Option<f64>,
+) -> (Vec<(Sighting, DecodedPose)>, Vec<Option<Refinement>>) {
+    let print = |refinement: &Option<Refinement>| refinement.and_then(|of| of.print);
+    let differs = |print: f64| least.is_some_and(|least| print < least);
+    let both = found.into_iter().zip(refinements);
+    both.filter(|(_, refinement)| !print(refinement).is_some_and(differs))
+        .unzip()
+}
+
 /// Of objects of a class that refinement has brought to each other's place, the one of which the
 /// images show most: its boxes are the right ones.
 ///
@@ -188,6 +204,7 @@ mod tests {
                 overlap: 0.5,
                 explained: 0.5,
                 explained_least: 0.5,
+                print: None,
             })
         };
         // 40 mm is the least half width of the first class, 20 mm of the second.
@@ -244,6 +261,34 @@ mod tests {
             (0, 0.001, little, [false, false, true]),
         ];
         assert_eq!(seen(&twice), [0], "they agree on one of the two");
+    }
+
+    #[test]
+    fn what_does_not_look_like_its_print_is_dropped() {
+        let refined = |print| Refinement {
+            accepted: true,
+            supported: 0.5,
+            residual_px: 0.5,
+            overlap: 0.5,
+            explained: 0.5,
+            explained_least: 0.5,
+            print,
+        };
+        let found: Vec<_> = (0..4).map(|x| object(0, f64::from(x), None)).collect();
+        let refinements = vec![
+            Some(refined(Some(0.3))),
+            Some(refined(Some(0.1))),
+            Some(refined(None)),
+            None,
+        ];
+        let left = |least| -> Vec<f64> {
+            let (found, left) = printed(found.clone(), refinements.clone(), least);
+            assert_eq!(found.len(), left.len());
+            let place = |(_, pose): &(Sighting, DecodedPose)| pose.world_from_obj.translation.x;
+            found.iter().map(place).collect()
+        };
+        assert_eq!(left(Some(0.2)), [0.0, 2.0, 3.0]);
+        assert_eq!(left(None), [0.0, 1.0, 2.0, 3.0]);
     }
 
     #[test]

@@ -99,7 +99,7 @@ pub fn share_of_views(class: &Class, views: &[View], object: &Sighting, pose: &D
 }
 
 /// The part in the image of the object's extent there, if it is most of it.
-fn shown(class: &Class, view: &View, world_from_obj: &Isometry3<f64>) -> Option<BBox> {
+pub fn shown(class: &Class, view: &View, world_from_obj: &Isometry3<f64>) -> Option<BBox> {
     let whole = extent(&class.points, view.camera, world_from_obj)?;
     let bbox = whole.clip(view.camera.width(), view.camera.height())?;
     let share = bbox.width() * bbox.height() / (whole.width() * whole.height());

@@ -14,6 +14,8 @@ use crate::refine::{self, Refiner};
 
 /// How much worse the images fit a pose that is a third as probable, bits.
 const AS_GOOD: f64 = 0.05;
+/// How much less they look like its print (correlation).
+const AS_PRINTED: f64 = 0.2;
 
 /// Refines each pose on the views that have a box of the object; `None` where its class has no mesh
 /// or its edges are nowhere to be seen.
@@ -41,7 +43,9 @@ pub fn on_images(
         let class = &bundle.classes[object.class];
         let one = |hypothesis: &Hypothesis| {
             let refined = refiner.refine(&seen, &hypothesis.world_from_obj, hypothesis.sigma)?;
-            let fits = refined.quality.explained() / AS_GOOD;
+            let quality = &refined.quality;
+            let printed = quality.print().unwrap_or(0.0) / AS_PRINTED;
+            let fits = quality.explained() / AS_GOOD + printed;
             let symmetry = &class.symmetry;
             let hypothesis = Hypothesis {
                 world_from_obj: match refined.accepted && !symmetry.is_none() {
@@ -51,7 +55,6 @@ pub fn on_images(
                 sigma: refined.sigma,
                 probability: hypothesis.probability * fits.exp(),
             };
-            let quality = &refined.quality;
             let refinement = Refinement {
                 accepted: refined.accepted,
                 supported: refined.supported,
@@ -59,6 +62,7 @@ pub fn on_images(
                 overlap: quality.overlap(),
                 explained: quality.explained(),
                 explained_least: quality.worst().map_or(0.0, |view| view.explained),
+                print: quality.print(),
             };
             Some((hypothesis, refinement))
         };

@@ -48,6 +48,7 @@ fn bundle() -> Bundle {
             score_threshold: 0.3,
             agree_threshold: None,
             support_threshold: 0.0,
+            print_threshold: None,
             most_deviation: 4.1,
             nms_iou: 0.5,
         },

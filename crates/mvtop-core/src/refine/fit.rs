@@ -97,7 +97,12 @@ impl Refiner {
     }
 
     /// - `fit`: of the pose that the views looked at last
-    pub(super) fn quality_of(&self, working: &[Working], fit: &Fit) -> Quality {
+    pub(super) fn quality_of(
+        &self,
+        working: &[Working],
+        fit: &Fit,
+        pose: &Isometry3<f64>,
+    ) -> Quality {
         let tints = &self.part.tints;
         let of_view = |shown: &Shown| {
             let view = &working[shown.place];
@@ -114,6 +119,7 @@ impl Refiner {
                 residual_px: shown.residual_px / view.scale,
                 overlap: region::overlap(picture, colors, raster, points).unwrap_or(0.0),
                 explained: explained::explained(picture, colors, raster, points, tints),
+                print: self.print.as_ref().and_then(|print| print.seen(view, pose)),
             }
         };
         Quality {

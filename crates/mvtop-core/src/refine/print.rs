@@ -44,7 +44,7 @@ pub struct Print {
     /// Which of the numbers differ over the part.
     told: [bool; 3],
     /// About which it is round.
-    axis: Axis,
+    axis: Option<Axis>,
     diameter: f64,
 }
 
@@ -62,7 +62,7 @@ struct Averaged<'a> {
 }
 
 impl Print {
-    /// `None` where the part is not round about one axis, or looks alike all around.
+    /// `None` where the part looks alike all around.
     ///
     /// - `center`: middle of its box, object frame, metres
     /// - `diameter`: largest distance between two points, metres
@@ -72,7 +72,7 @@ impl Print {
             .iter()
             .filter_map(|point| Some((Point3::from(point.position), look(point)?)))
             .unzip();
-        let axis = Axis::of(&points, center, diameter)?;
+        let axis = Axis::of(&points, center, diameter);
         let near = (AVERAGED * diameter).powi(2);
         let averaged: Vec<Look> = points
             .iter()
@@ -96,10 +96,12 @@ impl Print {
         })
     }
 
-    /// The pose, turned so that the print lies where the views show it; `None` where they do not tell.
+    /// The pose of a round part, turned so that the print lies where the views show it; `None` where they
+    /// do not tell.
     ///
     /// - `views`: with the mesh drawn at the pose
     pub fn turned(&self, views: &[Working], pose: &Isometry3<f64>) -> Option<Isometry3<f64>> {
+        let axis = self.axis?;
         let mut at = 0.0;
         let shown: Vec<Vec<Look>> = views.iter().map(|view| view.picture.looks()).collect();
         let passes = [(AVERAGED, NEAR), (SHARP, LAST)];
@@ -111,7 +113,7 @@ impl Print {
                 .collect();
             let count = (reach / step).round() as i32;
             let angle = |n: i32| at + (f64::from(n) * step).to_radians();
-            let alike = |n: i32| self.alike(looks, &averaged, &(pose * self.axis.turn(angle(n))));
+            let alike = |n: i32| self.alike(looks, &averaged, &(pose * axis.turn(angle(n))));
             let all: Vec<f64> = (-count..=count).map(alike).collect::<Option<_>>()?;
             let best = (0..all.len()).max_by(|a, b| all[*a].total_cmp(&all[*b]))?;
             if best == 0 || best + 1 == all.len() || all[best] < ALIKE {
@@ -127,17 +129,27 @@ impl Print {
             };
             at = angle(best as i32 - count) + (beside * step).to_radians();
         }
-        Some(pose * self.axis.turn(at))
+        Some(pose * axis.turn(at))
     }
 
     /// What the print tells of a pose that was turned by it: inverse covariance of a turn (radians) and
     /// a shift, world frame.
     pub fn information(&self, pose: &Isometry3<f64>) -> Matrix6<f64> {
-        let axis = pose * self.axis.along.into_inner();
         let mut all = Matrix6::zeros();
+        let Some(axis) = self.axis else { return all };
+        let axis = pose * axis.along.into_inner();
         all.fixed_view_mut::<3, 3>(0, 0)
             .copy_from(&(axis * axis.transpose() * SPREAD_DEG.to_radians().powi(-2)));
         all
+    }
+
+    /// How far a view looks like the print, at most 1; `None` where it does not show enough of it.
+    ///
+    /// - `view`: with the mesh drawn at the pose
+    pub fn seen(&self, view: &Working, pose: &Isometry3<f64>) -> Option<f64> {
+        let looks = view.picture.looks();
+        let averaged = Averaged::new(view, &looks, AVERAGED * self.diameter);
+        self.alike(&self.looks[0], &[averaged], pose)
     }
 
     /// How far the views look like the print, at most 1; `None` where none shows enough of it.

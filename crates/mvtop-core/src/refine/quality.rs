@@ -16,6 +16,10 @@ pub struct ViewQuality {
     /// What knowing the part of the object tells of a pixel's color, bits: of the outline, and of the
     /// parts within.
     pub explained: f64,
+    /// How far the view looks like what is printed on the object: correlation of color and brightness,
+    /// 1 where alike, about 0 where it shows something else; `None` without print, or where too
+    /// little of it is seen.
+    pub print: Option<f64>,
 }
 
 /// How well the images show an object at a pose.
@@ -47,6 +51,12 @@ impl Quality {
     /// Mean over views; 0 without any.
     pub fn overlap(&self) -> f64 {
         self.mean(|view| view.overlap).unwrap_or(0.0)
+    }
+
+    /// Mean over the views that tell; `None` where none does.
+    pub fn print(&self) -> Option<f64> {
+        let told: Vec<f64> = self.views.iter().filter_map(|view| view.print).collect();
+        (!told.is_empty()).then(|| told.iter().sum::<f64>() / told.len() as f64)
     }
 
     /// The view of which the pose explains least.
