@@ -9,6 +9,7 @@
 //! the network expected counts as a measurement, too: what the images do not tell stays as it was.
 //! The turn of a round part, which no edge tells, is then found by its print.
 
+mod around;
 mod contour;
 mod difference;
 mod explained;
@@ -207,15 +208,7 @@ impl Refiner {
                 return None;
             }
             for &step in steps {
-                working
-                    .par_iter_mut()
-                    .for_each(|view| view.look(self, &pose, step));
-                let rows: Vec<&[Row]> = working.iter().map(|view| &view.rows[..]).collect();
-                let center = &self.part.center;
-                let (radius, scale) = (self.diameter / 4.0, 1.0 + 1.5 * step);
-                let found = solve::step(&rows, &prior, &pose, center, radius, scale)?;
-                pose = solve::moved(&pose, center, &found.motion);
-                information = found.information;
+                (pose, information) = self.stepped(&mut working, &prior, &pose, step)?;
             }
         }
         if let Some(print) = print {
@@ -242,6 +235,25 @@ impl Refiner {
             accepted,
             working,
         })
+    }
+
+    /// The pose after one step, and what the images and the prior tell of it.
+    fn stepped(
+        &self,
+        working: &mut [Working],
+        prior: &Prior,
+        pose: &Isometry3<f64>,
+        step: f64,
+    ) -> Option<(Isometry3<f64>, Matrix6<f64>)> {
+        working
+            .par_iter_mut()
+            .for_each(|view| view.look(self, pose, step));
+        let rows: Vec<&[Row]> = working.iter().map(|view| &view.rows[..]).collect();
+        let center = &self.part.center;
+        let (radius, scale) = (self.diameter / 4.0, 1.0 + 1.5 * step);
+        let found = solve::step(&rows, prior, pose, center, radius, scale)?;
+        let pose = solve::moved(pose, center, &found.motion);
+        Some((pose, found.information))
     }
 
     /// How well the images show the object at a pose; `None` where no view shows its edges.

@@ -346,7 +346,8 @@ mod tests {
             object["refinement"],
             serde_json::json!({
                 "accepted": true, "supported": 0.75, "residual_px": 0.5,
-                "overlap": 0.25, "explained": 0.125, "explained_least": 0.0625
+                "overlap": 0.25, "explained": 0.125, "explained_least": 0.0625,
+                "print": null
             })
         );
         assert_eq!(object["confidence"], 0.875);

@@ -4,12 +4,14 @@
 //! shows the object where it is not. The pose that comes of it, refined on the images, tells a better
 //! box, that a better pose.
 
+use nalgebra::Isometry3;
+
 use super::complete::shown;
 use super::pose::DecodedPose;
 use super::sightings::Sighting;
 use super::view::View;
 use super::{Estimator, refined};
-use crate::bundle::CloseUps;
+use crate::bundle::{Class, CloseUps};
 use crate::network::Network;
 use crate::{BBox, Result};
 
@@ -43,7 +45,9 @@ impl Estimator {
                 .iter()
                 .zip(&seen)
                 .filter_map(|(&index, (object, pose))| {
-                    Some((index, self.at_pose(views, object, pose)?))
+                    let class = &self.bundle.classes[object.class];
+                    let moved = at_pose(class, views, object, &pose.world_from_obj)?;
+                    Some((index, moved))
                 });
             let (indices, objects): (Vec<usize>, Vec<Sighting>) = moved.unzip();
             if objects.is_empty() {
@@ -62,22 +66,26 @@ impl Estimator {
         }
         Ok(found)
     }
+}
 
-    /// The object with the boxes of its pose; `None` where it has them.
-    fn at_pose(&self, views: &[View], object: &Sighting, pose: &DecodedPose) -> Option<Sighting> {
-        let class = &self.bundle.classes[object.class];
-        let each = views.iter().zip(&object.boxes);
-        let boxes: Vec<Option<BBox>> = each
-            .map(|(view, bbox)| shown(class, view, &pose.world_from_obj).or(*bbox))
-            .collect();
-        let same = |(a, b): (&Option<BBox>, &Option<BBox>)| match (a, b) {
-            (Some(a), Some(b)) => a.iou(b) > SAME,
-            (a, b) => a.is_none() && b.is_none(),
-        };
-        let moved = !boxes.iter().zip(&object.boxes).all(same);
-        moved.then(|| Sighting {
-            boxes,
-            ..object.clone()
-        })
-    }
+/// The object with the boxes of a pose of it; `None` where it has them.
+pub(super) fn at_pose(
+    class: &Class,
+    views: &[View],
+    object: &Sighting,
+    world_from_obj: &Isometry3<f64>,
+) -> Option<Sighting> {
+    let each = views.iter().zip(&object.boxes);
+    let boxes: Vec<Option<BBox>> = each
+        .map(|(view, bbox)| shown(class, view, world_from_obj).or(*bbox))
+        .collect();
+    let same = |(a, b): (&Option<BBox>, &Option<BBox>)| match (a, b) {
+        (Some(a), Some(b)) => a.iou(b) > SAME,
+        (a, b) => a.is_none() && b.is_none(),
+    };
+    let moved = !boxes.iter().zip(&object.boxes).all(same);
+    moved.then(|| Sighting {
+        boxes,
+        ..object.clone()
+    })
 }

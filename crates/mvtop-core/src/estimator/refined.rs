@@ -6,21 +6,31 @@ use super::hypotheses;
 use super::pose::DecodedPose;
 use super::sightings::Sighting;
 use super::view::View;
-use crate::bundle::Bundle;
+use crate::bundle::{Bundle, Class};
 use crate::consistency::Sight;
 use crate::consistency::alone::{Alone, Difference, differences};
-use crate::prediction::{Hypothesis, Refinement};
+use crate::prediction::{Hypothesis, Refinement, Sigma};
 use crate::refine::{self, Refiner};
 
-/// How much worse the images fit a pose that is a third as probable, bits.
-const AS_GOOD: f64 = 0.05;
-/// How much less they look like its print (correlation).
-const AS_PRINTED: f64 = 0.2;
+/// Share of its edges that the images show of an object that is seen well, and how well colors tell it
+/// from what is next to it.
+const SEEN_WELL: [f64; 2] = [0.9, 0.85];
+/// How far the poses are turned that are looked at around one that is not, degrees.
+const AROUND_DEG: f64 = 10.0;
+/// So many of these are refined, at most.
+const MOST_AROUND: usize = 3;
+/// How probable each is beside the hypothesis that it is found around.
+const BESIDE: f64 = 0.5;
+/// How far they are expected to be off before they are refined, degrees; metres at least.
+const OFF_DEG: f64 = 5.0;
+const OFF_M: f64 = 0.002;
 
 /// Refines each pose on the views that have a box of the object; `None` where its class has no mesh
 /// or its edges are nowhere to be seen.
 ///
-/// Of an object's hypotheses each is refined, and the images tell which is right.
+/// Of an object's hypotheses each is refined, and the images tell which is right. Where they show even
+/// that one badly, and no object coordinates have told poses from all around, others around it are
+/// looked at.
 ///
 /// - `refiners`: of each class
 pub fn on_images(
@@ -30,30 +40,65 @@ pub fn on_images(
     found: &mut [(Sighting, DecodedPose)],
 ) -> Vec<Option<Refinement>> {
     let refined = |(object, pose): &mut (Sighting, DecodedPose)| {
-        let refiner = refiners[object.class].as_ref()?;
-        let seen: Vec<refine::View> = views
+        let seen = Seen {
+            refiner: refiners[object.class].as_ref()?,
+            class: &bundle.classes[object.class],
+            views: views
+                .iter()
+                .zip(&object.boxes)
+                .filter(|(_, bbox)| bbox.is_some())
+                .map(|(view, _)| refine::View {
+                    camera: view.camera,
+                    image: view.image,
+                })
+                .collect(),
+        };
+        let mut all = seen.refined(&pose.hypotheses);
+        let (first, refinement) = *best(&all)?;
+        let shown = [refinement.supported, refinement.overlap];
+        let badly = shown
             .iter()
-            .zip(&object.boxes)
-            .filter(|(_, bbox)| bbox.is_some())
-            .map(|(view, _)| refine::View {
-                camera: view.camera,
-                image: view.image,
-            })
-            .collect();
-        let class = &bundle.classes[object.class];
+            .zip(SEEN_WELL)
+            .any(|(shown, well)| *shown < well);
+        if badly && pose.support.is_none() {
+            let probability = pose.hypotheses.iter().map(|one| one.probability);
+            let most = probability.fold(0.0, f64::max);
+            all.extend(seen.refined(&seen.around(&first, BESIDE * most)));
+        }
+        let (_, refinement) = *best(&all)?;
+        let found = all.into_iter().map(|(hypothesis, _)| hypothesis).collect();
+        let class = seen.class;
+        *pose = DecodedPose {
+            support: pose.support,
+            ..hypotheses::likeliest(found, &class.symmetry, class.diameter_m)
+        };
+        Some(refinement)
+    };
+    found.par_iter_mut().map(refined).collect()
+}
+
+/// An object, and the views that have a box of it.
+struct Seen<'a> {
+    refiner: &'a Refiner,
+    class: &'a Class,
+    views: Vec<refine::View<'a>>,
+}
+
+impl Seen<'_> {
+    /// Each hypothesis as the images show it best, and as probable as they tell.
+    fn refined(&self, hypotheses: &[Hypothesis]) -> Vec<(Hypothesis, Refinement)> {
+        let class = self.class;
         let one = |hypothesis: &Hypothesis| {
-            let refined = refiner.refine(&seen, &hypothesis.world_from_obj, hypothesis.sigma)?;
+            let start = &hypothesis.world_from_obj;
+            let refined = self.refiner.refine(&self.views, start, hypothesis.sigma)?;
             let quality = &refined.quality;
-            let printed = quality.print().unwrap_or(0.0) / AS_PRINTED;
-            let fits = quality.explained() / AS_GOOD + printed;
-            let symmetry = &class.symmetry;
             let hypothesis = Hypothesis {
-                world_from_obj: match refined.accepted && !symmetry.is_none() {
-                    true => symmetry.canonical(&refined.world_from_obj, class.diameter_m),
+                world_from_obj: match refined.accepted && !class.symmetry.is_none() {
+                    true => (class.symmetry).canonical(&refined.world_from_obj, class.diameter_m),
                     false => refined.world_from_obj,
                 },
                 sigma: refined.sigma,
-                probability: hypothesis.probability * fits.exp(),
+                probability: hypothesis.probability * quality.score().exp(),
             };
             let refinement = Refinement {
                 accepted: refined.accepted,
@@ -66,18 +111,32 @@ pub fn on_images(
             };
             Some((hypothesis, refinement))
         };
-        let all: Vec<_> = pose.hypotheses.par_iter().filter_map(one).collect();
-        let best = |(hypothesis, _): &&(Hypothesis, Refinement)| hypothesis.probability;
-        let (_, refinement) = all.iter().max_by(|a, b| best(a).total_cmp(&best(b)))?;
-        let refinement = *refinement;
-        let found = all.into_iter().map(|(hypothesis, _)| hypothesis).collect();
-        *pose = DecodedPose {
-            support: pose.support,
-            ..hypotheses::likeliest(found, &class.symmetry, class.diameter_m)
+        hypotheses.par_iter().filter_map(one).collect()
+    }
+
+    /// Those around one that the images show best.
+    fn around(&self, hypothesis: &Hypothesis, probability: f64) -> Vec<Hypothesis> {
+        let sigma = Sigma {
+            rot_deg: OFF_DEG,
+            t_m: hypothesis.sigma.t_m.max(OFF_M),
         };
-        Some(refinement)
-    };
-    found.par_iter_mut().map(refined).collect()
+        let center = &hypothesis.world_from_obj;
+        let poses = self.refiner.around(&self.views, center, sigma, AROUND_DEG);
+        let poses = poses.into_iter().take(MOST_AROUND);
+        let one = |world_from_obj| Hypothesis {
+            world_from_obj,
+            sigma,
+            probability,
+        };
+        poses.map(one).collect()
+    }
+}
+
+/// The most probable.
+fn best(all: &[(Hypothesis, Refinement)]) -> Option<&(Hypothesis, Refinement)> {
+    let probability = |(hypothesis, _): &(Hypothesis, Refinement)| hypothesis.probability;
+    all.iter()
+        .max_by(|a, b| probability(a).total_cmp(&probability(b)))
 }
 
 /// How far the pose that each view tells by itself is from the one on which all agree best, by index

@@ -1,5 +1,6 @@
 //! The whole flow with a network that answers from geometry alone.
 
+mod again;
 mod arguments;
 mod closer;
 mod closeups;

@@ -1,4 +1,5 @@
-//! The turn of a round part about its axis, which its edges do not tell, by what is printed on it.
+//! What is printed on a part: whether the images show it, and by it the turn of a round part about its
+//! axis, which no edge tells.
 
 use std::f64::consts::TAU;
 
@@ -94,6 +95,12 @@ impl Print {
             axis,
             diameter,
         })
+    }
+
+    /// Whether the part is round, so that its turn is told by nothing else.
+    #[cfg(test)]
+    pub fn tells_turns(&self) -> bool {
+        self.axis.is_some()
     }
 
     /// The pose of a round part, turned so that the print lies where the views show it; `None` where they

@@ -1,5 +1,14 @@
 //! How well the images show an object at a pose.
 
+/// How much less the images show a pose that is a third as probable: bits that it explains.
+const AS_EXPLAINED: f64 = 0.1;
+/// How much less they look like its print.
+const AS_PRINTED: f64 = 0.2;
+/// How much less of its edges they show.
+const AS_SUPPORTED: f64 = 0.07;
+/// How much less colors tell it from what is next to it.
+const AS_APART: f64 = 0.1;
+
 /// How well one view shows an object at a pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ViewQuality {
@@ -36,6 +45,16 @@ impl Quality {
     /// The mean over views, so that one in which the object is hidden, at any pose, does not decide.
     pub fn explained(&self) -> f64 {
         self.mean(|view| view.explained).unwrap_or(0.0)
+    }
+
+    /// To compare poses of one object, also those far from each other: odds of the pose to show, as a
+    /// logarithm, up to what is the same of all poses.
+    pub fn score(&self) -> f64 {
+        let printed = self.print().unwrap_or(0.0) / AS_PRINTED;
+        self.explained() / AS_EXPLAINED
+            + printed
+            + self.supported() / AS_SUPPORTED
+            + self.overlap() / AS_APART
     }
 
     /// Share of the visible contour that is supported, mean over views; 0 without any.

@@ -17,7 +17,7 @@ pub struct Seen {
 }
 
 /// The mesh, drawn into a square picture. Its memory is used again.
-#[derive(Default)]
+#[derive(Default, Clone)]
 pub struct Raster {
     pub size: usize,
     /// The mesh's vertices.

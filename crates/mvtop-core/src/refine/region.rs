@@ -62,7 +62,7 @@ pub struct Found {
 }
 
 /// How often each color is seen in each part.
-#[derive(Default)]
+#[derive(Default, Clone)]
 pub struct Colors {
     /// By label, then by bin; the sum over the bins is 1.
     shares: Vec<Vec<f32>>,

@@ -437,6 +437,7 @@ fn pose_that_the_images_do_not_show_is_left_alone() {
 }
 
 mod alone;
+mod around;
 mod print;
 
 #[test]

@@ -1,5 +1,7 @@
 //! A view at work: what it shows of the object, and what the mesh at a pose says it should.
 
+use std::sync::Arc;
+
 use nalgebra::{Isometry3, Point3};
 
 use super::contour::{self, EdgePoint};
@@ -37,13 +39,14 @@ pub struct Detail {
 }
 
 /// A view at work; its memory is used again from step to step.
+#[derive(Clone)]
 pub struct Working {
     /// Index of the view, as given.
     pub index: usize,
     /// Px of the close-up in one of the image.
     pub scale: f64,
     pub closeup: CloseUp,
-    pub picture: Picture,
+    pub picture: Arc<Picture>,
     pub raster: Raster,
     pub points: Vec<EdgePoint>,
     pub colors: Colors,
@@ -70,7 +73,7 @@ impl Working {
         Some(Self {
             index,
             scale: f64::from(side) * detail.filled / size,
-            picture: Picture::new(side as usize, pixels),
+            picture: Arc::new(Picture::new(side as usize, pixels)),
             closeup,
             raster: Raster::default(),
             points: Vec::new(),

@@ -66,32 +66,52 @@ fn print_tells_the_turn_of_a_round_part() {
 }
 
 #[test]
-fn parts_that_are_plain_or_not_round_have_no_print() {
+fn plain_parts_have_no_print_and_what_is_not_round_is_not_turned_by_it() {
     let mut draw = Draw(7);
-    let has_print = |mesh: &Mesh, diameter: f64| {
+    // Whether it has one, and whether that tells its turn.
+    let print = |mesh: &Mesh, diameter: f64| {
         let refiner = Refiner::new(mesh, diameter).with_print(&points(mesh));
-        refiner.print.is_some()
+        refiner.print.map(|print| print.tells_turns())
     };
     let colors = [[170, 20, 25], [200, 195, 190], [180, 150, 60], [60, 50, 50]];
-    assert!(has_print(&printed(colors, &mut draw), 0.12));
-    assert!(!has_print(&printed([[90, 120, 170]; 4], &mut draw), 0.12));
-    assert!(!has_print(&can(), 0.12));
+    assert_eq!(print(&printed(colors, &mut draw), 0.12), Some(true));
+    assert_eq!(print(&printed([[90, 120, 170]; 4], &mut draw), 0.12), None);
+    assert_eq!(print(&can(), 0.12), None);
     // Round about every axis but for its knobs, and these tell its turn.
-    assert!(!has_print(&ball(), 0.13));
-    let box_of_colors = {
-        let sides = cuboid();
-        let mut side = 0;
-        let colors = sides.colors().iter().map(|_| {
-            side += 1;
-            colors[side / 4 % 4]
-        });
-        let colors = colors.collect();
-        Mesh::new(
-            sides.vertices().to_vec(),
-            colors,
-            sides.triangles().to_vec(),
-        )
-        .unwrap()
-    };
-    assert!(!has_print(&box_of_colors, 0.15));
+    assert_eq!(print(&ball(), 0.13), Some(false));
+    assert_eq!(print(&box_of_colors(colors), 0.15), Some(false));
+}
+
+#[test]
+fn object_looks_like_its_print_and_others_do_not() {
+    let mut draw = Draw(8);
+    let colors = [[170, 20, 25], [200, 195, 190], [180, 150, 60], [60, 50, 50]];
+    let (known, other) = (printed(colors, &mut draw), printed(colors, &mut draw));
+    let refiner = Refiner::new(&known, 0.12).with_print(&points(&known));
+    let cameras = [0.0, 70.0].map(camera);
+    for _ in 0..10 {
+        let truth = Isometry3::from_parts(Translation3::identity(), draw.rotation(3.0));
+        let mut alike = |mesh: &Mesh| {
+            let images = [0, 1].map(|view| seen(mesh, &cameras[view], &truth, &mut draw));
+            let views = [0, 1].map(|view| View {
+                camera: &cameras[view],
+                image: &images[view],
+            });
+            refiner.quality(&views, &truth).unwrap().print().unwrap()
+        };
+        let (same, unlike) = (alike(&known), alike(&other));
+        assert!(same > unlike + 0.2, "{same} and {unlike}");
+    }
+}
+
+/// The cuboid, its sides in turn of four colors.
+fn box_of_colors(colors: [[u8; 3]; 4]) -> Mesh {
+    let sides = cuboid();
+    let each = (0..sides.colors().len()).map(|corner| colors[(corner + 1) / 4 % 4]);
+    Mesh::new(
+        sides.vertices().to_vec(),
+        each.collect(),
+        sides.triangles().to_vec(),
+    )
+    .unwrap()
 }

@@ -1,0 +1,51 @@
+//! Poses that are farther off than refinement reaches.
+
+use super::*;
+
+#[test]
+fn right_pose_is_found_around_one_that_is_far_off() {
+    let cameras = [0.0, 70.0].map(camera);
+    let mut draw = Draw(9);
+    let sigma = Sigma {
+        rot_deg: 5.0,
+        t_m: 0.003,
+    };
+    for mesh in [ball(), cuboid()] {
+        let refiner = Refiner::new(&mesh, 0.13);
+        for _ in 0..6 {
+            let pose = rotation(&mut draw, &cameras);
+            let truth = Isometry3::from_parts(Translation3::identity(), pose);
+            let images = [0, 1].map(|view| seen(&mesh, &cameras[view], &truth, &mut draw));
+            let views = [0, 1].map(|view| View {
+                camera: &cameras[view],
+                image: &images[view],
+            });
+            let start = truth * draw.rotation(20_f64.to_radians());
+            let around = refiner.around(&views, &start, sigma, 10.0);
+            let off = |pose: &Isometry3<f64>| rotation_error_deg(&pose.rotation, &truth.rotation);
+            let first = off(&around[0]);
+            assert!(first < 2.0, "{first} degrees of {}", off(&start));
+            let mut pairs = (0..around.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
+            assert!(pairs.all(|(a, b)| {
+                around[a].rotation.angle_to(&around[b].rotation) > 3_f64.to_radians()
+            }));
+        }
+    }
+}
+
+#[test]
+fn nothing_is_around_what_no_image_shows() {
+    let camera = camera(0.0);
+    let image = RgbImage::from_pixel(SIDE, SIDE, Rgb([128; 3]));
+    let views = [View {
+        camera: &camera,
+        image: &image,
+    }];
+    let sigma = Sigma {
+        rot_deg: 5.0,
+        t_m: 0.003,
+    };
+    let behind = camera.world_from_cam() * Isometry3::translation(0.0, 0.0, -1.0);
+    let refiner = Refiner::new(&cuboid(), 0.15);
+    assert!(refiner.around(&views, &behind, sigma, 10.0).is_empty());
+}
