@@ -16,7 +16,17 @@ from tqdm import tqdm
 
 from ..data import bank, batches, bop, search
 from ..errors import UserError
-from . import checkpoint, confidence, deviation, loop, prints, processes, runconfig, support, thresholds
+from . import (
+    checkpoint,
+    confidence,
+    deviation,
+    loop,
+    prints,
+    processes,
+    runconfig,
+    support,
+    thresholds,
+)
 from .validate import pose_views, validate
 
 

@@ -1,4 +1,4 @@
-"""How far images must look like what is printed on an object for it to be believed: chosen on scenes
+"""How far images must look like what is printed on an object that is believed: chosen on scenes
 not trained on.
 
     python -m mvtop_train.training.prints --bundle models/mine --data data/mine
