@@ -28,9 +28,9 @@ const OFF_M: f64 = 0.002;
 /// Refines each pose on the views that have a box of the object; `None` where its class has no mesh
 /// or its edges are nowhere to be seen.
 ///
-/// Of an object's hypotheses each is refined, and the images tell which is right. Where they show even
-/// that one badly, and no object coordinates have told poses from all around, others around it are
-/// looked at.
+/// Of an object's hypotheses each is refined, and the images tell which is right. Where several
+/// views show even that one badly, and no object coordinates have told poses from all around, others
+/// around it are looked at.
 ///
 /// - `refiners`: of each class
 pub fn on_images(
@@ -60,7 +60,8 @@ pub fn on_images(
             .iter()
             .zip(SEEN_WELL)
             .any(|(shown, well)| *shown < well);
-        if badly && pose.support.is_none() {
+        // One view alone leaves too much open for images to choose by.
+        if badly && pose.support.is_none() && seen.views.len() > 1 {
             let probability = pose.hypotheses.iter().map(|one| one.probability);
             let most = probability.fold(0.0, f64::max);
             all.extend(seen.refined(&seen.around(&first, BESIDE * most)));
