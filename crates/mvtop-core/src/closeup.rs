@@ -6,6 +6,8 @@
 //! So the pose network sees every object in the same size and place, at the image's own resolution,
 //! without the lens's distortion.
 
+mod pixels;
+
 use image::RgbImage;
 use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};
 use ndarray::{Array2, Array3, Axis};
@@ -99,34 +101,15 @@ impl CloseUp {
     /// A pixel is the mean of some bilinear samples; `None` where its center is off the image.
     pub fn pixels(&self, real: &Camera, image: &RgbImage) -> Vec<Option<[f32; 3]>> {
         let size = self.camera.width() as usize;
-        let directions = self.directions();
-        let mean = |u: f64, v: f64| {
-            let (mut sum, mut count) = ([0.0_f32; 3], 0.0);
-            let offset = |tap: u32| (f64::from(tap) + 0.5) / f64::from(self.taps) - 0.5;
-            for row in 0..self.taps {
-                for column in 0..self.taps {
-                    let direction = directions.of(u + offset(column), v + offset(row));
-                    if let Some(at) = real.intrinsics().project(&direction) {
-                        let rgb = bilinear(image, at);
-                        (0..3).for_each(|c| sum[c] += rgb[c]);
-                        count += 1.0;
-                    }
-                }
-            }
-            (count > 0.0).then(|| sum.map(|sum| sum / count))
+        let job = pixels::Job {
+            directions: self.directions(),
+            taps: self.taps,
+            real,
+            image: pixels::Between::new(image),
         };
         let mut pixels = vec![None; size * size];
         let rows = pixels.par_chunks_mut(size).enumerate();
-        rows.for_each(|(v, row)| {
-            for (u, pixel) in row.iter_mut().enumerate() {
-                let (u, v) = (u as f64, v as f64);
-                *pixel = match on_image(real, &directions.of(u, v)) {
-                    Some(middle) if self.taps == 1 => Some(bilinear(image, middle)),
-                    Some(_) => mean(u, v),
-                    None => None,
-                };
-            }
-        });
+        rows.for_each(|(v, row)| pixels::row(&job, v, row));
         pixels
     }
 
@@ -189,27 +172,4 @@ fn on_image(camera: &Camera, direction: &Point3<f64>) -> Option<Point2<f64>> {
     let inside = (-0.5..=f64::from(camera.width()) - 0.5).contains(&at.x)
         && (-0.5..=f64::from(camera.height()) - 0.5).contains(&at.y);
     inside.then_some(at)
-}
-
-/// RGB, 0 to 255, between the four pixels around `at`; beyond the image its outermost pixels go on.
-fn bilinear(image: &RgbImage, at: Point2<f64>) -> [f32; 3] {
-    let (pixels, _) = image.as_raw().as_chunks::<3>();
-    // The pixels before and behind a place, and the share of the second one.
-    let between = |x: f64, side: u32| {
-        let last = side - 1;
-        let x = x.clamp(0.0, last.into());
-        let first = x as u32;
-        let share = (x - f64::from(first)) as f32;
-        ([first, (first + 1).min(last)].map(|x| x as usize), share)
-    };
-    let (columns, right) = between(at.x, image.width());
-    let (rows, below) = between(at.y, image.height());
-    let [above, under] = rows.map(|row| row * image.width() as usize);
-    let [[a, b], [c, d]] = [above, under].map(|row| columns.map(|column| pixels[row + column]));
-    std::array::from_fn(|i| {
-        let [a, b, c, d] = [a[i], b[i], c[i], d[i]].map(f32::from);
-        let above = a + right * (b - a);
-        let under = c + right * (d - c);
-        above + below * (under - above)
-    })
 }

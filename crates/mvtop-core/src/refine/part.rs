@@ -1,6 +1,6 @@
 //! A mesh, prepared for refinement: its edges, and the parts of it that have one color.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use nalgebra::{Point3, Vector3};
 
@@ -32,6 +32,8 @@ pub struct Part {
     /// Object frame, metres; no two in one place.
     pub vertices: Vec<Point3<f64>>,
     pub triangles: Vec<[u32; 3]>,
+    /// Whether they close around something, their corners counterclockwise as seen from outside.
+    pub closed: bool,
     /// Of each triangle: the part of one color that it belongs to, from 1 on.
     pub labels: Vec<u8>,
     /// Of each label, the background's included: shares of R, G and B in its brightness.
@@ -47,6 +49,7 @@ impl Part {
         let index = |triangle: &[u32; 3]| triangle.map(|v| kept[v as usize]);
         let (labels, tints) = labels(mesh);
         let triangles: Vec<[u32; 3]> = mesh.triangles().iter().map(index).collect();
+        let closed = is_closed(&vertices, &triangles);
         let edges = edges(&vertices, &triangles, &labels);
         let extreme = |pick: fn(f64, f64) -> f64| {
             let all = vertices.iter().map(|v| v.coords);
@@ -56,6 +59,7 @@ impl Part {
         Self {
             vertices,
             triangles,
+            closed,
             labels,
             tints,
             edges,
@@ -77,6 +81,20 @@ fn merged(vertices: &[Point3<f64>]) -> (Vec<Point3<f64>>, Vec<u32>) {
     });
     let kept = kept.collect();
     (all, kept)
+}
+
+/// Whether each edge is passed through once in each direction, and what is within is to the left.
+fn is_closed(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> bool {
+    let mut passed = HashSet::new();
+    let mut volume = 0.0;
+    for &[a, b, c] in triangles {
+        if ![[a, b], [b, c], [c, a]].into_iter().all(|edge| passed.insert(edge)) {
+            return false;
+        }
+        let [a, b, c] = [a, b, c].map(|v| vertices[v as usize].coords);
+        volume += a.dot(&b.cross(&c));
+    }
+    volume > 0.0 && passed.iter().all(|&[a, b]| passed.contains(&[b, a]))
 }
 
 /// The label of each triangle, and the tint of each label: of a textured mesh or one without colors

@@ -14,6 +14,8 @@ pub struct Seen {
     pub point: Point3<f64>,
     /// Px.
     pub pixel: Point2<f64>,
+    /// 1/z, 1/m.
+    near: f64,
 }
 
 /// The mesh, drawn into a square picture. Its memory is used again.
@@ -45,13 +47,12 @@ impl Raster {
         self.seen.clear();
         self.seen.extend(part.vertices.iter().map(|vertex| {
             let point = cam_from_obj * vertex;
-            let (u, v) = (
-                point.x / point.z * focal + cx,
-                point.y / point.z * focal + cy,
-            );
+            let near = 1.0 / point.z;
+            let (u, v) = (point.x * near * focal + cx, point.y * near * focal + cy);
             Seen {
                 point,
                 pixel: Point2::new(u, v),
+                near,
             }
         }));
         self.nearness.clear();
@@ -62,16 +63,18 @@ impl Raster {
             return false;
         }
         for (triangle, &label) in part.triangles.iter().zip(&part.labels) {
-            self.fill(triangle.map(|v| self.seen[v as usize]), label);
+            self.fill(triangle.map(|v| self.seen[v as usize]), label, part.closed);
         }
         true
     }
 
     /// Draws a triangle: within it, 1/z is linear in the picture.
-    fn fill(&mut self, corners: [Seen; 3], label: u8) {
+    ///
+    /// - `closed`: of a closed surface, whose triangles that face away lie behind others
+    fn fill(&mut self, corners: [Seen; 3], label: u8, closed: bool) {
         let [a, b, c] = corners.map(|corner| corner.pixel);
         let area = (b - a).perp(&(c - a));
-        if area.abs() < 1e-9 {
+        if area.abs() < 1e-9 || (closed && area > 0.0) {
             return;
         }
         let last = self.size as f64 - 1.0;
@@ -81,7 +84,7 @@ impl Raster {
         };
         let ((left, right), (top, bottom)) = (range(0), range(1));
         // Weight of each corner, and 1/z: linear in the row and the column, f = f0 + fu·u + fv·v.
-        let (by_area, near) = (1.0 / area, corners.map(|corner| 1.0 / corner.point.z));
+        let (by_area, near) = (1.0 / area, corners.map(|corner| corner.near));
         let weight = |from: Point2<f64>, to: Point2<f64>| {
             let (du, dv) = ((to.x - from.x) * by_area, (to.y - from.y) * by_area);
             [dv * from.x - du * from.y, -dv, du]

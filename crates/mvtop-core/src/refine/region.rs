@@ -76,8 +76,8 @@ impl Picture {
     pub fn new(size: usize, pixels: Vec<Option<[f32; 3]>>) -> Self {
         let bin = |rgb: &Option<[f32; 3]>| {
             rgb.map_or(UNKNOWN, |rgb| {
-                let [r, g, b] = rgb.map(|x| x as usize * LEVELS / 256);
-                ((r * LEVELS + g) * LEVELS + b) as u16
+                let [r, g, b] = rgb.map(|x| x as i32 * LEVELS as i32 / 256);
+                ((r * LEVELS as i32 + g) * LEVELS as i32 + b) as u16
             })
         };
         Self {
@@ -157,9 +157,12 @@ impl Colors {
             share.resize(BINS, 0.0);
         }
         for (label, pixels) in raster.runs() {
-            let (sum, count) = picture.tints(pixels.clone());
-            let tints = &mut self.tints[usize::from(label)];
-            *tints = (tints.0 + sum, tints.1 + count);
+            // Only parts are told from each other by them.
+            if labels > 2 {
+                let (sum, count) = picture.tints(pixels.clone());
+                let tints = &mut self.tints[usize::from(label)];
+                *tints = (tints.0 + sum, tints.1 + count);
+            }
             let share = &mut self.shares[usize::from(label)];
             for &bin in picture.bins[pixels].iter().filter(|bin| **bin != UNKNOWN) {
                 share[usize::from(bin)] += 1.0;

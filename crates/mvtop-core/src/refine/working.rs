@@ -67,7 +67,7 @@ impl Working {
         bbox.clip(camera.width(), camera.height())?;
         let size = bbox.width().max(bbox.height());
         let side = detail.enlarged * size / detail.filled;
-        let side = side.clamp(SMALLEST, detail.largest) as u32;
+        let side = side.ceil().clamp(SMALLEST, detail.largest) as u32;
         let closeup = CloseUp::new(camera, bbox.scaled(FILL / detail.filled), side)?;
         let pixels = closeup.pixels(camera, view.image);
         Some(Self {
