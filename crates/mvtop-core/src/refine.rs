@@ -31,6 +31,7 @@ use self::contour::EdgePoint;
 use self::fit::Fit;
 use self::part::Part;
 use self::print::Print;
+pub(crate) use self::quality::score;
 pub use self::quality::{Quality, ViewQuality};
 use self::solve::{ANGLE_PER_AXIS, Prior, Row};
 use self::working::{COARSE, Detail, FINE, Working};
@@ -156,8 +157,28 @@ impl Refiner {
         world_from_obj: &Isometry3<f64>,
         sigma: Sigma,
     ) -> Option<Refined> {
+        self.refined(&STEPS, views, world_from_obj, sigma)
+    }
+
+    /// Like [`Self::refine`], of a pose that coarse close-ups have told: no more than sharp ones add.
+    pub fn refine_finely(
+        &self,
+        views: &[View],
+        world_from_obj: &Isometry3<f64>,
+        sigma: Sigma,
+    ) -> Option<Refined> {
+        self.refined(&STEPS[1..], views, world_from_obj, sigma)
+    }
+
+    fn refined(
+        &self,
+        steps: &[Steps],
+        views: &[View],
+        world_from_obj: &Isometry3<f64>,
+        sigma: Sigma,
+    ) -> Option<Refined> {
         let print = self.print.as_ref();
-        let mut found = self.search(&STEPS, print, views, world_from_obj, sigma)?;
+        let mut found = self.search(steps, print, views, world_from_obj, sigma)?;
         if !found.accepted {
             found.fit = self.fit(&mut found.working, world_from_obj)?;
         }

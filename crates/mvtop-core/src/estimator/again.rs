@@ -1,8 +1,9 @@
 //! A second look at objects that their close-ups hardly show.
 //!
 //! The box of what is half hidden often ends where that is hidden, and the close-up of such a box
-//! shows the object where it is not. The pose that comes of it, refined on the images, tells a better
-//! box, that a better pose.
+//! shows the object where it is not. The poses that come of it, refined on the images, tell other
+//! boxes, one of them a better one, that a better pose. Of all that was looked at, the pose that the
+//! images show best counts.
 
 use nalgebra::Isometry3;
 
@@ -17,13 +18,25 @@ use crate::{BBox, Result};
 
 /// Looks at an object, at most.
 const LOOKS: usize = 5;
+/// Poses of an object whose boxes are tried, at most.
+const POSES: usize = 3;
 /// Times the least support of an object: what is supported more is seen well enough.
 const WELL: f64 = 2.5;
 /// A box that overlaps with that of the pose by this (intersection over union) shows the same.
 const SAME: f64 = 0.9;
 
+/// An object that is looked at again.
+struct Looked {
+    /// Of those that were found.
+    index: usize,
+    /// As it was looked at last.
+    last: (Sighting, DecodedPose),
+    /// Of the one that is shown best so far: whether its pose is supported enough, and its score.
+    shown: (bool, f64),
+}
+
 impl Estimator {
-    /// The objects, those that are hardly supported with the boxes and poses that support them most.
+    /// The objects, those that are hardly supported with the boxes and poses that the images show best.
     pub(super) fn looked_at_again(
         &self,
         network: &dyn Network,
@@ -31,38 +44,59 @@ impl Estimator {
         views: &[View],
         mut found: Vec<(Sighting, DecodedPose)>,
     ) -> Result<Vec<(Sighting, DecodedPose)>> {
-        let enough = WELL * self.bundle.detector.support_threshold;
+        let least = self.bundle.detector.support_threshold;
         let support = |pose: &DecodedPose| pose.support.unwrap_or(f64::INFINITY);
         let doubtful = |(object, pose): &(Sighting, DecodedPose)| {
-            self.refiners[object.class].is_some() && object.views() > 1 && support(pose) < enough
+            self.refiners[object.class].is_some()
+                && object.views() > 1
+                && support(pose) < WELL * least
         };
-        let all = 0..found.len();
-        let mut open: Vec<usize> = all.filter(|&index| doubtful(&found[index])).collect();
-        for _ in 0..LOOKS {
-            let mut seen: Vec<_> = open.iter().map(|&index| found[index].clone()).collect();
-            refined::on_images(&self.refiners, views, &self.bundle, &mut seen);
-            let moved = open
-                .iter()
-                .zip(&seen)
-                .filter_map(|(&index, (object, pose))| {
-                    let class = &self.bundle.classes[object.class];
-                    let moved = at_pose(class, views, object, &pose.world_from_obj)?;
-                    Some((index, moved))
-                });
-            let (indices, objects): (Vec<usize>, Vec<Sighting>) = moved.unzip();
+        let mut looked: Vec<Looked> = (0..found.len())
+            .filter(|&index| doubtful(&found[index]))
+            .map(|index| Looked {
+                index,
+                last: found[index].clone(),
+                shown: (false, f64::NEG_INFINITY),
+            })
+            .collect();
+        for look in 0..=LOOKS {
+            let mut refined: Vec<_> = looked.iter().map(|one| one.last.clone()).collect();
+            let refinements = refined::on_images(&self.refiners, views, &self.bundle, &mut refined);
+            for (one, refinement) in looked.iter_mut().zip(&refinements) {
+                let score = refinement.map_or(f64::NEG_INFINITY, |refinement| refinement.score());
+                let shown = (support(&one.last.1) >= least, score);
+                if shown > one.shown {
+                    one.shown = shown;
+                    found[one.index] = one.last.clone();
+                }
+            }
+            let (mut places, mut objects) = (Vec::new(), Vec::new());
+            for (place, (one, (object, pose))) in looked.iter().zip(&refined).enumerate() {
+                if look == LOOKS || support(&found[one.index].1) >= WELL * least {
+                    continue;
+                }
+                let class = &self.bundle.classes[object.class];
+                let likeliest = pose.hypotheses.iter().take(POSES);
+                let moved = likeliest
+                    .filter_map(|pose| at_pose(class, views, object, &pose.world_from_obj));
+                objects.extend(moved);
+                places.resize(objects.len(), place);
+            }
             if objects.is_empty() {
                 break;
             }
             let poses = self.decoded(network, closeups, views, &objects)?;
-            open.clear();
-            for ((index, object), pose) in indices.into_iter().zip(objects).zip(poses) {
-                if support(&pose) > support(&found[index].1) {
-                    if support(&pose) < enough {
-                        open.push(index);
-                    }
-                    found[index] = (object, pose);
+            let mut best: Vec<Option<(Sighting, DecodedPose)>> = vec![None; looked.len()];
+            for (place, new) in places.into_iter().zip(objects.into_iter().zip(poses)) {
+                let better = |best: &(_, DecodedPose)| support(&new.1) > support(&best.1);
+                if best[place].as_ref().is_none_or(better) {
+                    best[place] = Some(new);
                 }
             }
+            let again = looked.into_iter().zip(best);
+            looked = again
+                .filter_map(|(one, best)| Some(Looked { last: best?, ..one }))
+                .collect();
         }
         Ok(found)
     }

@@ -1,5 +1,6 @@
 //! The poses of all objects, refined on the images.
 
+use nalgebra::Isometry3;
 use rayon::prelude::*;
 
 use super::hypotheses;
@@ -10,11 +11,10 @@ use crate::bundle::{Bundle, Class};
 use crate::consistency::Sight;
 use crate::consistency::alone::{Alone, Difference, differences};
 use crate::prediction::{Hypothesis, Refinement, Sigma};
-use crate::refine::{self, Refiner};
+use crate::refine::{self, Refined, Refiner};
 
-/// Share of its edges that the images show of an object that is seen well, and how well colors tell it
-/// from what is next to it.
-const SEEN_WELL: [f64; 2] = [0.9, 0.85];
+/// Share of its edges that the images show of an object that is seen well.
+const SEEN_WELL: f64 = 0.87;
 /// How far the poses are turned that are looked at around one that is not, degrees.
 const AROUND_DEG: f64 = 10.0;
 /// So many of these are refined, at most.
@@ -53,18 +53,15 @@ pub fn on_images(
                 })
                 .collect(),
         };
-        let mut all = seen.refined(&pose.hypotheses);
+        let mut all = seen.refined(&pose.hypotheses, Refiner::refine);
         let (first, refinement) = *best(&all)?;
-        let shown = [refinement.supported, refinement.overlap];
-        let badly = shown
-            .iter()
-            .zip(SEEN_WELL)
-            .any(|(shown, well)| *shown < well);
+        let badly = refinement.supported < SEEN_WELL;
         // One view alone leaves too much open for images to choose by.
         if badly && pose.support.is_none() && seen.views.len() > 1 {
             let probability = pose.hypotheses.iter().map(|one| one.probability);
             let most = probability.fold(0.0, f64::max);
-            all.extend(seen.refined(&seen.around(&first, BESIDE * most)));
+            let around = seen.around(&first, BESIDE * most);
+            all.extend(seen.refined(&around, Refiner::refine_finely));
         }
         let (_, refinement) = *best(&all)?;
         let found = all.into_iter().map(|(hypothesis, _)| hypothesis).collect();
@@ -78,6 +75,16 @@ pub fn on_images(
     found.par_iter_mut().map(refined).collect()
 }
 
+impl Refinement {
+    /// As [`refine::Quality::score`].
+    pub(super) fn score(&self) -> f64 {
+        refine::score(self.explained, self.print, self.supported, self.overlap)
+    }
+}
+
+/// [`Refiner::refine`], or what is like it.
+type Refine = fn(&Refiner, &[refine::View], &Isometry3<f64>, Sigma) -> Option<Refined>;
+
 /// An object, and the views that have a box of it.
 struct Seen<'a> {
     refiner: &'a Refiner,
@@ -87,11 +94,11 @@ struct Seen<'a> {
 
 impl Seen<'_> {
     /// Each hypothesis as the images show it best, and as probable as they tell.
-    fn refined(&self, hypotheses: &[Hypothesis]) -> Vec<(Hypothesis, Refinement)> {
+    fn refined(&self, hypotheses: &[Hypothesis], by: Refine) -> Vec<(Hypothesis, Refinement)> {
         let class = self.class;
         let one = |hypothesis: &Hypothesis| {
             let start = &hypothesis.world_from_obj;
-            let refined = self.refiner.refine(&self.views, start, hypothesis.sigma)?;
+            let refined = by(self.refiner, &self.views, start, hypothesis.sigma)?;
             let quality = &refined.quality;
             let hypothesis = Hypothesis {
                 world_from_obj: match refined.accepted && !class.symmetry.is_none() {

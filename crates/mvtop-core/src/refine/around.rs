@@ -12,10 +12,14 @@ use crate::prediction::Sigma;
 const STEPS: [f64; 4] = [4.0, 3.0, 2.0, 1.0];
 /// Poses that are nearer to each other are one, degrees.
 const SAME_DEG: f64 = 3.0;
+/// Those as near to where the steps lead from the pose itself are the same.
+const OWN_DEG: f64 = 1.5;
+/// How much less probable than that one they may be, as a logarithm.
+const FAINTER: f64 = 1.0;
 
 impl Refiner {
-    /// Poses that the images show best on coarse close-ups, of those that are turned by some degrees about
-    /// the object's center, to all sides; the best first.
+    /// Poses that small close-ups show about as well as the one that they show best near this one, of
+    /// those that are turned by some degrees about the object's center, to all sides; the best first.
     ///
     /// - `sigma`: how far the pose is expected to be off, once turned
     pub fn around(
@@ -26,18 +30,18 @@ impl Refiner {
         degrees: f64,
     ) -> Vec<Isometry3<f64>> {
         let center = world_from_obj * self.center();
-        let start = |axis: Vector3<f64>| {
+        let turned = |axis: Vector3<f64>| {
+            let axis = world_from_obj.rotation * axis;
             let turn = UnitQuaternion::from_scaled_axis(axis * degrees.to_radians());
             Isometry3::rotation_wrt_point(turn, center) * world_from_obj
         };
-        let starts = axes().map(start);
         let sigma = Sigma {
             rot_deg: sigma.rot_deg.max(1.5 * degrees),
             ..sigma
         };
         // All starts have the object's center where it is, so that one close-up shows them all.
         let working = self.working(views, world_from_obj, COARSE);
-        let one = |start: &Isometry3<f64>| {
+        let shown = |start: &Isometry3<f64>| {
             let mut working = working.clone();
             let prior = Prior::new(*start, sigma);
             let mut pose = *start;
@@ -47,34 +51,31 @@ impl Refiner {
             let fit = self.fit(&mut working, &pose)?;
             Some((self.quality_of(&working, &fit, &pose).score(), pose))
         };
-        let mut found: Vec<(f64, Isometry3<f64>)> = starts.par_iter().filter_map(one).collect();
-        found.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let mut apart: Vec<Isometry3<f64>> = Vec::new();
-        for (_, pose) in found {
-            let same = |other: &Isometry3<f64>| {
-                other.rotation.angle_to(&pose.rotation).to_degrees() < SAME_DEG
-            };
-            if !apart.iter().any(same) {
-                apart.push(pose);
+        let starts: Vec<Isometry3<f64>> = [*world_from_obj]
+            .into_iter()
+            .chain(axes().map(turned))
+            .collect();
+        let found: Vec<Option<(f64, Isometry3<f64>)>> = starts.par_iter().map(shown).collect();
+        let Some(&Some((least, own))) = found.first() else {
+            return Vec::new();
+        };
+        let apart =
+            |a: &Isometry3<f64>, b: &Isometry3<f64>| a.rotation.angle_to(&b.rotation).to_degrees();
+        let mut others: Vec<(f64, Isometry3<f64>)> = found.into_iter().flatten().collect();
+        others.retain(|(score, pose)| *score > least - FAINTER && apart(pose, &own) > OWN_DEG);
+        others.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut kept: Vec<Isometry3<f64>> = Vec::new();
+        for (_, pose) in others {
+            if kept.iter().all(|other| apart(&pose, other) > SAME_DEG) {
+                kept.push(pose);
             }
         }
-        apart
+        kept
     }
 }
 
-/// Those through the corners of an icosahedron.
-fn axes() -> [Vector3<f64>; 12] {
-    let long = (1.0 + 5.0_f64.sqrt()) / 2.0;
-    let norm = 1.0_f64.hypot(long);
-    let mut all = [Vector3::zeros(); 12];
-    for (i, axis) in all.iter_mut().enumerate() {
-        let sign = |bit: usize| if i >> bit & 1 == 0 { 1.0 } else { -1.0 };
-        let (short, long) = (sign(0) / norm, sign(1) * long / norm);
-        *axis = match i / 4 {
-            0 => Vector3::new(0.0, short, long),
-            1 => Vector3::new(short, long, 0.0),
-            _ => Vector3::new(long, 0.0, short),
-        };
-    }
-    all
+/// Both ways about each of three.
+fn axes() -> [Vector3<f64>; 6] {
+    let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
+    [x, -x, y, -y, z, -z]
 }

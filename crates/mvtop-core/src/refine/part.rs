@@ -88,7 +88,10 @@ fn is_closed(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> bool {
     let mut passed = HashSet::new();
     let mut volume = 0.0;
     for &[a, b, c] in triangles {
-        if ![[a, b], [b, c], [c, a]].into_iter().all(|edge| passed.insert(edge)) {
+        if ![[a, b], [b, c], [c, a]]
+            .into_iter()
+            .all(|edge| passed.insert(edge))
+        {
             return false;
         }
         let [a, b, c] = [a, b, c].map(|v| vertices[v as usize].coords);

@@ -9,6 +9,17 @@ const AS_SUPPORTED: f64 = 0.07;
 /// How much less colors tell it from what is next to it.
 const AS_APART: f64 = 0.1;
 
+/// To compare poses of one object, also those far from each other: odds of the pose to show, as a
+/// logarithm, up to what is the same of all poses.
+///
+/// By the means over views of what [`ViewQuality`] has of these names.
+pub fn score(explained: f64, print: Option<f64>, supported: f64, overlap: f64) -> f64 {
+    explained / AS_EXPLAINED
+        + print.unwrap_or(0.0) / AS_PRINTED
+        + supported / AS_SUPPORTED
+        + overlap / AS_APART
+}
+
 /// How well one view shows an object at a pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ViewQuality {
@@ -47,14 +58,14 @@ impl Quality {
         self.mean(|view| view.explained).unwrap_or(0.0)
     }
 
-    /// To compare poses of one object, also those far from each other: odds of the pose to show, as a
-    /// logarithm, up to what is the same of all poses.
+    /// [`score`] of these.
     pub fn score(&self) -> f64 {
-        let printed = self.print().unwrap_or(0.0) / AS_PRINTED;
-        self.explained() / AS_EXPLAINED
-            + printed
-            + self.supported() / AS_SUPPORTED
-            + self.overlap() / AS_APART
+        score(
+            self.explained(),
+            self.print(),
+            self.supported(),
+            self.overlap(),
+        )
     }
 
     /// Share of the visible contour that is supported, mean over views; 0 without any.

@@ -1,7 +1,6 @@
 //! How likely a pixel's color is in each part of the picture, and where along a line one part ends.
 
-use std::ops::Range;
-use std::sync::LazyLock;
+use std::sync::{LazyLock, OnceLock};
 
 use nalgebra::{Point2, Vector3};
 
@@ -34,6 +33,8 @@ const FLAT: f64 = 1e-4;
 /// counts less there.
 const FLAT_LONG: f64 = 1e-3;
 const SHORT: f64 = 2.5;
+/// Share of a color that is not seen in a part.
+const UNSEEN: f32 = 1e-5;
 /// How sure a pixel's color is at most of its part: lines are never certain of themselves.
 const SURE: f64 = 0.43;
 
@@ -50,6 +51,8 @@ pub struct Picture {
     pixels: Vec<Option<[f32; 3]>>,
     /// Of each pixel: its color, in levels of each channel.
     pub bins: Vec<u16>,
+    /// Of each pixel: shares of R, G and B in its brightness; 0 where nothing is known, or it is too dark.
+    tints: OnceLock<Vec<Vector3<f32>>>,
 }
 
 /// What is found along a line across an edge.
@@ -66,6 +69,8 @@ pub struct Found {
 pub struct Colors {
     /// By label, then by bin; the sum over the bins is 1.
     shares: Vec<Vec<f32>>,
+    /// Their logarithms.
+    logs: Vec<Vec<f32>>,
     /// By label: mean tint of what shows it, and of how many pixels.
     pub tints: Vec<(Vector3<f32>, f32)>,
     scratch: Vec<f32>,
@@ -84,22 +89,22 @@ impl Picture {
             size,
             bins: pixels.iter().map(bin).collect(),
             pixels,
+            tints: OnceLock::new(),
         }
     }
 
-    /// Shares of R, G and B in a pixel's brightness; `None` where nothing is known, or it is too dark.
-    fn tint(&self, index: usize) -> Option<Vector3<f32>> {
-        let rgb = Vector3::from(self.pixels[index]?);
-        let sum = rgb.sum();
-        (sum >= DARK).then(|| rgb / sum)
-    }
-
-    /// Of some pixels: the sum of their tints, and how many are known.
-    fn tints(&self, pixels: Range<usize>) -> (Vector3<f32>, f32) {
-        let tints = pixels.filter_map(|index| self.tint(index));
-        tints.fold((Vector3::zeros(), 0.0), |(sum, count), tint| {
-            (sum + tint, count + 1.0)
-        })
+    fn tints(&self) -> &[Vector3<f32>] {
+        let tint = |rgb: &Option<[f32; 3]>| {
+            let rgb = Vector3::from(rgb.unwrap_or_default());
+            let sum = rgb.sum();
+            if sum >= DARK {
+                rgb / sum
+            } else {
+                Vector3::zeros()
+            }
+        };
+        self.tints
+            .get_or_init(|| self.pixels.iter().map(tint).collect())
     }
 
     /// Of each pixel; not finite where nothing is known, or where it is too dark.
@@ -159,9 +164,10 @@ impl Colors {
         for (label, pixels) in raster.runs() {
             // Only parts are told from each other by them.
             if labels > 2 {
-                let (sum, count) = picture.tints(pixels.clone());
+                let sum: Vector3<f32> = picture.tints()[pixels.clone()].iter().sum();
                 let tints = &mut self.tints[usize::from(label)];
-                *tints = (tints.0 + sum, tints.1 + count);
+                // The shares of each pixel are 1 together.
+                *tints = (tints.0 + sum, tints.1 + sum.sum());
             }
             let share = &mut self.shares[usize::from(label)];
             for &bin in picture.bins[pixels].iter().filter(|bin| **bin != UNKNOWN) {
@@ -182,14 +188,27 @@ impl Colors {
                 share.iter_mut().for_each(|x| *x /= sum);
             }
         }
+        self.logs.resize_with(labels, Vec::new);
+        let none = UNSEEN.ln();
+        for (logs, share) in self.logs.iter_mut().zip(&self.shares) {
+            let log = |share: &f32| {
+                if *share > 0.0 {
+                    (share + UNSEEN).ln()
+                } else {
+                    none
+                }
+            };
+            logs.clear();
+            logs.extend(share.iter().map(log));
+        }
     }
 
     /// Odds that a pixel is of the first of two parts, as a logarithm: by where colors are seen, and
     /// between two parts of the object by the colors that these have.
     fn odds(&self, picture: &Picture, index: usize, sides: [u8; 2], tints: &[Vector3<f32>]) -> f64 {
         let bin = usize::from(picture.bins[index]);
-        let [a, b] = sides.map(|s| f64::from(self.shares[usize::from(s)][bin]) + 1e-5);
-        let odds = (a / b).ln();
+        let [a, b] = sides.map(|s| f64::from(self.logs[usize::from(s)][bin]));
+        let odds = a - b;
         if sides.contains(&BACKGROUND) {
             return odds;
         }
@@ -201,9 +220,10 @@ impl Colors {
             false => (second, first, 1.0),
         };
         let apart = (tints[other] - tints[known]).normalize();
-        let Some(tint) = picture.tint(index) else {
+        let tint = picture.tints()[index];
+        if tint == Vector3::zeros() {
             return odds;
-        };
+        }
         let along = (tint - self.tints[known].0).dot(&apart);
         let by_tint = f64::from((along - TINTED) / TINTED).clamp(-1.0, 1.0) * BY_TINT;
         // Not a number where the mesh's tints are one.
@@ -399,8 +419,8 @@ pub fn overlap(
 ) -> Option<f64> {
     let (background, parts) = colors.shares.split_first()?;
     let of_object = |bin: usize| {
-        let most = parts.iter().map(|share| share[bin]).fold(0.0, f32::max) + 1e-5;
-        f64::from(most / (most + background[bin] + 1e-5))
+        let most = parts.iter().map(|share| share[bin]).fold(0.0, f32::max) + UNSEEN;
+        f64::from(most / (most + background[bin] + UNSEEN))
     };
     let within = picture.bins.iter().zip(raster.labels());
     let within = within.filter(|(bin, label)| **bin != UNKNOWN && **label != BACKGROUND);

@@ -24,6 +24,8 @@ pub const FINE: Detail = Detail {
     largest: 320.0,
     filled: 0.8,
 };
+/// Between samples of the image, px: closer ones are more work and tell edges no better.
+const APART: f64 = 1.0;
 /// Least side of a close-up, px.
 const SMALLEST: f64 = 96.0;
 
@@ -68,7 +70,8 @@ impl Working {
         let size = bbox.width().max(bbox.height());
         let side = detail.enlarged * size / detail.filled;
         let side = side.ceil().clamp(SMALLEST, detail.largest) as u32;
-        let closeup = CloseUp::new(camera, bbox.scaled(FILL / detail.filled), side)?;
+        let shown = bbox.scaled(FILL / detail.filled);
+        let closeup = CloseUp::sampled(camera, shown, side, APART)?;
         let pixels = closeup.pixels(camera, view.image);
         Some(Self {
             index,
