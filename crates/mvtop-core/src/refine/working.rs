@@ -69,7 +69,7 @@ impl Working {
         bbox.clip(camera.width(), camera.height())?;
         let size = bbox.width().max(bbox.height());
         let side = detail.enlarged * size / detail.filled;
-        let side = side.ceil().clamp(SMALLEST, detail.largest) as u32;
+        let side = side.clamp(SMALLEST, detail.largest) as u32;
         let shown = bbox.scaled(FILL / detail.filled);
         let closeup = CloseUp::sampled(camera, shown, side, APART)?;
         let pixels = closeup.pixels(camera, view.image);
