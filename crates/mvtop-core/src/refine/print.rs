@@ -5,7 +5,6 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Unit, UnitQuaternion, Vector3};
 
-use super::raster::Raster;
 use super::region::DARK;
 use super::working::Working;
 use crate::bundle::SurfacePoint;
@@ -17,6 +16,8 @@ pub type Look = [f32; 3];
 const CONTRAST: Look = [0.15, 0.02, 0.02];
 /// What points are averaged over, in diameters: first, to come near.
 const AVERAGED: f64 = 0.04;
+/// Then every pixel of so many is enough.
+const SPARSELY: usize = 2;
 /// What pixels are averaged over, in diameters, at last.
 const SHARP: f64 = 0.008;
 /// Angles that are tried to each side, and steps between them, degrees: first, and at last.
@@ -59,7 +60,9 @@ struct Axis {
 /// What a view shows, averaged over some pixels.
 struct Averaged<'a> {
     view: &'a Working,
+    /// One for each square of `every` pixels a side.
     looks: Vec<Look>,
+    every: usize,
 }
 
 impl Print {
@@ -110,13 +113,11 @@ impl Print {
     pub fn turned(&self, views: &[Working], pose: &Isometry3<f64>) -> Option<Isometry3<f64>> {
         let axis = self.axis?;
         let mut at = 0.0;
-        let shown: Vec<Vec<Look>> = views.iter().map(|view| view.picture.looks()).collect();
-        let passes = [(AVERAGED, NEAR), (SHARP, LAST)];
-        for ((over, [reach, step]), looks) in passes.into_iter().zip(&self.looks) {
+        let passes = [(AVERAGED, SPARSELY, NEAR), (SHARP, 1, LAST)];
+        for ((over, every, [reach, step]), looks) in passes.into_iter().zip(&self.looks) {
             let averaged: Vec<Averaged> = views
                 .iter()
-                .zip(&shown)
-                .map(|(view, looks)| Averaged::new(view, looks, over * self.diameter))
+                .map(|view| Averaged::new(view, every, over * self.diameter))
                 .collect();
             let count = (reach / step).round() as i32;
             let angle = |n: i32| at + (f64::from(n) * step).to_radians();
@@ -154,8 +155,7 @@ impl Print {
     ///
     /// - `view`: with the mesh drawn at the pose
     pub fn seen(&self, view: &Working, pose: &Isometry3<f64>) -> Option<f64> {
-        let looks = view.picture.looks();
-        let averaged = Averaged::new(view, &looks, AVERAGED * self.diameter);
+        let averaged = Averaged::new(view, SPARSELY, AVERAGED * self.diameter);
         self.alike(&self.looks[0], &[averaged], pose)
     }
 
@@ -186,7 +186,7 @@ impl Print {
             let point = cam_from_obj * point;
             let index = raster.index(camera.intrinsics().project(&point)?)?;
             let shown = point.z < raster.depth(index) + hidden;
-            let there = seen.looks[index];
+            let there = seen.at(index);
             (shown && there[0].is_finite()).then_some([*look, there])
         };
         self.points.iter().zip(looks).filter_map(of).collect()
@@ -194,15 +194,23 @@ impl Print {
 }
 
 impl<'a> Averaged<'a> {
-    /// - `looks`: of the view's pixels
+    /// - `every`: pixel of so many along each axis is looked at
     /// - `over`: on the object, metres
-    fn new(view: &'a Working, looks: &[Look], over: f64) -> Self {
+    fn new(view: &'a Working, every: usize, over: f64) -> Self {
         let camera = &view.closeup.camera;
-        let size = camera.width() as usize;
-        let depth = nearest(&view.raster);
-        let half = (over * camera.intrinsics().fx() / depth).round() as usize;
-        let looks = boxed(looks, size, half.min(size / 4));
-        Self { view, looks }
+        let size = (camera.width() as usize).div_ceil(every);
+        let depth = view.raster.nearest();
+        let half = over * camera.intrinsics().fx() / depth / every as f64;
+        let looks = view.picture.looks(every);
+        let looks = boxed(&looks, size, (half.round() as usize).min(size / 4));
+        Self { view, looks, every }
+    }
+
+    /// What is seen around a pixel.
+    fn at(&self, index: usize) -> Look {
+        let size = self.view.closeup.camera.width() as usize;
+        let [row, column] = [index / size, index % size].map(|x| x / self.every);
+        self.looks[row * size.div_ceil(self.every) + column]
     }
 }
 
@@ -258,12 +266,6 @@ impl Axis {
 pub fn look(rgb: [f32; 3]) -> Option<Look> {
     let sum: f32 = rgb.iter().sum();
     (sum >= DARK).then(|| [sum.ln(), rgb[0] / sum, rgb[1] / sum])
-}
-
-/// Distance of what is nearest, metres.
-fn nearest(raster: &Raster) -> f64 {
-    let all = (0..raster.labels().len()).map(|index| raster.depth(index));
-    all.fold(f64::INFINITY, f64::min)
 }
 
 fn mean<'a>(looks: impl Iterator<Item = &'a Look>) -> Look {

@@ -139,6 +139,11 @@ impl Raster {
         1.0 / f64::from(self.nearness[index])
     }
 
+    /// How far away is what is nearest of all, metres; infinite where nothing is shown.
+    pub fn nearest(&self) -> f64 {
+        1.0 / f64::from(self.nearness.iter().copied().fold(0.0, f32::max))
+    }
+
     /// What all pixels show.
     pub fn labels(&self) -> &[u8] {
         &self.labels

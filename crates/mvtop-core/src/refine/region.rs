@@ -107,10 +107,14 @@ impl Picture {
             .get_or_init(|| self.pixels.iter().map(tint).collect())
     }
 
-    /// Of each pixel; not finite where nothing is known, or where it is too dark.
-    pub fn looks(&self) -> Vec<Look> {
+    /// Of every so many pixels along each axis; not finite where nothing is known, or where it is too
+    /// dark.
+    pub fn looks(&self, every: usize) -> Vec<Look> {
         let look = |rgb: &Option<[f32; 3]>| rgb.and_then(print::look).unwrap_or([f32::NAN; 3]);
-        self.pixels.iter().map(look).collect()
+        let rows = self.pixels.chunks(self.size).step_by(every);
+        rows.flat_map(|row| row.iter().step_by(every))
+            .map(look)
+            .collect()
     }
 
     /// At the places of an edge along a line: the square of the change of color, of 1, from half a step
