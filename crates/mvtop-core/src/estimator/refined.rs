@@ -13,8 +13,9 @@ use crate::consistency::alone::{Alone, Difference, differences};
 use crate::prediction::{Hypothesis, Refinement, Sigma};
 use crate::refine::{self, Refined, Refiner};
 
-/// Share of its edges that the images show of an object that is seen well.
-const SEEN_WELL: f64 = 0.87;
+/// Share of its edges that the images show of an object that is seen well, and how well colors tell it
+/// from what is next to it.
+const SEEN_WELL: [f64; 2] = [0.9, 0.85];
 /// How far the poses are turned that are looked at around one that is not, degrees.
 const AROUND_DEG: f64 = 10.0;
 /// So many of these are refined, at most.
@@ -55,7 +56,8 @@ pub fn on_images(
         };
         let mut all = seen.refined(&pose.hypotheses, Refiner::refine);
         let (first, refinement) = *best(&all)?;
-        let badly = refinement.supported < SEEN_WELL;
+        let shown = [refinement.supported, refinement.overlap];
+        let badly = shown[0] < SEEN_WELL[0] || shown[1] < SEEN_WELL[1];
         // One view alone leaves too much open for images to choose by.
         if badly && pose.support.is_none() && seen.views.len() > 1 {
             let probability = pose.hypotheses.iter().map(|one| one.probability);
