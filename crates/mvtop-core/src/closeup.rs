@@ -40,13 +40,6 @@ impl CloseUp {
     ///
     /// `None` where the lens gives no rays for the box, or it spans half the view around.
     pub fn new(camera: &Camera, bbox: BBox, size: u32) -> Option<Self> {
-        Self::sampled(camera, bbox, size, 1.0)
-    }
-
-    /// The same with other samples.
-    ///
-    /// - `apart`: how far from each other they are at most, px of the real camera's image
-    pub fn sampled(camera: &Camera, bbox: BBox, size: u32, apart: f64) -> Option<Self> {
         let BBox { x0, y0, x1, y1 } = bbox;
         let (xc, yc) = (bbox.center().x, bbox.center().y);
         let ray = |u, v| camera.intrinsics().unproject(&Point2::new(u, v));
@@ -62,7 +55,7 @@ impl CloseUp {
         let reach = (-left).max(right).max(-top).max(bottom);
         let side = f64::from(size);
         let (focal, middle) = (FILL * side / 2.0 / reach, (side - 1.0) / 2.0);
-        let taps = (bbox.width().max(bbox.height()) / (FILL * side * apart)).ceil();
+        let taps = (bbox.width().max(bbox.height()) / (FILL * side)).ceil();
         let cam_from_close = close_from_cam.inverse();
         let intrinsics = Intrinsics::new(focal, focal, middle, middle, Projection::Pinhole).ok()?;
         let world_from_close = camera.world_from_cam()

@@ -231,4 +231,60 @@ mod tests {
             assert_eq!(rows[3], shown, "{z}");
         }
     }
+
+    #[test]
+    fn backs_of_closed_surfaces_are_not_drawn_and_the_picture_is_the_same() {
+        let corner = |i: usize| [i & 1, i >> 1 & 1, i >> 2].map(|x| x as f64 - 0.5);
+        let corners: Vec<Point3<f64>> = (0..8).map(|i| corner(i).into()).collect();
+        // Counterclockwise as seen from outside, two for each side.
+        let sides = [
+            [0, 2, 3, 1],
+            [4, 5, 7, 6],
+            [0, 1, 5, 4],
+            [2, 6, 7, 3],
+            [0, 4, 6, 2],
+            [1, 3, 7, 5],
+        ];
+        let cube: Vec<[u32; 3]> = sides
+            .iter()
+            .flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]])
+            .collect();
+        let part = |triangles: &[[u32; 3]]| {
+            let colors = (0..8)
+                .map(|i| [0, 100, 200][i % 3])
+                .map(|x| [x; 3])
+                .collect();
+            Part::new(&Mesh::new(corners.clone(), colors, triangles.to_vec()).unwrap())
+        };
+        let closed = part(&cube);
+        assert!(closed.closed);
+        assert!(!part(&cube[1..]).closed, "with a hole");
+        let inwards: Vec<[u32; 3]> = cube.iter().map(|[a, b, c]| [*a, *c, *b]).collect();
+        assert!(!part(&inwards).closed, "inside out");
+        let mut one = cube.clone();
+        one[5] = inwards[5];
+        assert!(!part(&one).closed, "one is turned");
+
+        let open = Part {
+            closed: false,
+            ..part(&cube)
+        };
+        let pinhole = Intrinsics::new(60.0, 60.0, 31.5, 31.5, Projection::Pinhole).unwrap();
+        for turn in 0..40 {
+            let turn = f64::from(turn);
+            let axis = nalgebra::Vector3::new(turn.sin(), (2.0 * turn).cos(), 0.3) * turn;
+            let pose = Isometry3::new(nalgebra::Vector3::new(0.1, -0.2, 2.5), axis);
+            let drawn = |part: &Part| {
+                let mut raster = Raster::default();
+                assert!(raster.draw(part, &pose, &pinhole, 64));
+                raster
+            };
+            let (one, other) = (drawn(&closed), drawn(&open));
+            let differ = one.labels.iter().zip(&other.labels).filter(|(a, b)| a != b);
+            // Where an edge runs through the middle of a pixel, either side may be shown.
+            assert!(differ.count() <= 3);
+            let shown = one.labels.iter().filter(|label| **label != BACKGROUND);
+            assert!(shown.count() > 300);
+        }
+    }
 }

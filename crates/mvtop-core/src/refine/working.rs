@@ -24,8 +24,6 @@ pub const FINE: Detail = Detail {
     largest: 320.0,
     filled: 0.8,
 };
-/// Between samples of the image, px: closer ones are more work and tell edges no better.
-const APART: f64 = 1.0;
 /// Least side of a close-up, px.
 const SMALLEST: f64 = 96.0;
 
@@ -70,8 +68,7 @@ impl Working {
         let size = bbox.width().max(bbox.height());
         let side = detail.enlarged * size / detail.filled;
         let side = side.clamp(SMALLEST, detail.largest) as u32;
-        let shown = bbox.scaled(FILL / detail.filled);
-        let closeup = CloseUp::sampled(camera, shown, side, APART)?;
+        let closeup = CloseUp::new(camera, bbox.scaled(FILL / detail.filled), side)?;
         let pixels = closeup.pixels(camera, view.image);
         Some(Self {
             index,
