@@ -29,18 +29,20 @@ fn of_row(job: &Job<'_>, v: usize, pixels: &mut [Option<[f32; 3]>]) {
         let u = u as f64;
         *pixel = None;
         if let Some(middle) = on_image(job.real, &job.directions.of(u, v)) {
-            let [r, g, b, _] = match job.taps {
-                1 => job.image.of(middle),
+            let shown = match job.taps {
+                1 => Some(job.image.of(middle)),
                 _ => mean(job, u, v),
             };
-            *pixel = Some([r, g, b]);
+            if let Some([r, g, b, _]) = shown {
+                *pixel = Some([r, g, b]);
+            }
         }
     }
 }
 
-/// Of the samples of a pixel whose center is on the image.
+/// Of the samples of a pixel; `None` where the lens images none of them.
 #[inline(always)]
-fn mean(job: &Job<'_>, u: f64, v: f64) -> [f32; 4] {
+fn mean(job: &Job<'_>, u: f64, v: f64) -> Option<[f32; 4]> {
     let (mut sum, mut count) = ([0.0_f32; 4], 0.0);
     for row in 0..job.taps {
         for column in 0..job.taps {
@@ -55,10 +57,13 @@ fn mean(job: &Job<'_>, u: f64, v: f64) -> [f32; 4] {
             }
         }
     }
+    if count == 0.0 {
+        return None;
+    }
     for sum in &mut sum {
         *sum /= count;
     }
-    sum
+    Some(sum)
 }
 
 /// Of a sample from the middle of its pixel.

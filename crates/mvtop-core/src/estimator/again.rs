@@ -46,10 +46,9 @@ impl Estimator {
     ) -> Result<Vec<(Sighting, DecodedPose)>> {
         let least = self.bundle.detector.support_threshold;
         let support = |pose: &DecodedPose| pose.support.unwrap_or(f64::INFINITY);
+        let hardly = |pose: &DecodedPose| support(pose) < WELL * least;
         let doubtful = |(object, pose): &(Sighting, DecodedPose)| {
-            self.refiners[object.class].is_some()
-                && object.views() > 1
-                && support(pose) < WELL * least
+            self.refiners[object.class].is_some() && object.views() > 1 && hardly(pose)
         };
         let mut looked: Vec<Looked> = (0..found.len())
             .filter(|&index| doubtful(&found[index]))
@@ -70,9 +69,12 @@ impl Estimator {
                     found[one.index] = one.last.clone();
                 }
             }
+            if look == LOOKS {
+                break;
+            }
             let (mut places, mut objects) = (Vec::new(), Vec::new());
             for (place, (one, (object, pose))) in looked.iter().zip(&refined).enumerate() {
-                if look == LOOKS || support(&found[one.index].1) >= WELL * least {
+                if !hardly(&found[one.index].1) {
                     continue;
                 }
                 let class = &self.bundle.classes[object.class];
