@@ -10,12 +10,13 @@ mod pixels;
 
 use image::RgbImage;
 use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};
-use ndarray::{Array2, Array3, Axis};
+use ndarray::{Array2, Array3, ArrayViewMut2, ArrayViewMut3, Axis};
 use rayon::prelude::*;
 
 use crate::BBox;
 use crate::camera::{Camera, Intrinsics, Projection};
 use crate::image::Letterbox;
+use crate::parallel;
 use crate::rays::camera_rays;
 
 /// What the longer side of the box takes of the picture; the rest shows what is around it.
@@ -90,10 +91,34 @@ impl CloseUp {
         std: [f32; 3],
     ) -> Array3<f32> {
         let size = self.camera.width() as usize;
-        let pixels = self.pixels(real, image);
-        Array3::from_shape_fn((3, size, size), |(c, v, u)| {
-            pixels[v * size + u].map_or(0.0, |rgb| (rgb[c] / 255.0 - mean[c]) / std[c])
-        })
+        let mut picture = Array3::zeros((3, size, size));
+        self.fill(picture.view_mut(), real, image, mean, std);
+        picture
+    }
+
+    /// [`CloseUp::picture`] into zeros.
+    ///
+    /// - `picture`: `[3, size, size]`
+    pub(crate) fn fill(
+        &self,
+        mut picture: ArrayViewMut3<f32>,
+        real: &Camera,
+        image: &RgbImage,
+        mean: [f32; 3],
+        std: [f32; 3],
+    ) {
+        let job = self.job(real, image);
+        let size = self.camera.width() as usize;
+        let rows = picture.axis_iter_mut(Axis(1)).enumerate().collect();
+        parallel::each(rows, |(v, mut row): (usize, ArrayViewMut2<f32>)| {
+            let mut pixels = vec![None; size];
+            pixels::row(&job, v, &mut pixels);
+            for (c, mut channel) in row.outer_iter_mut().enumerate() {
+                for (out, pixel) in channel.iter_mut().zip(&pixels) {
+                    *out = pixel.map_or(0.0, |rgb| (rgb[c] / 255.0 - mean[c]) / std[c]);
+                }
+            }
+        });
     }
 
     /// R, G and B, 0 to 255, of its pixels, row by row, from the `image` of the real camera.
@@ -101,16 +126,20 @@ impl CloseUp {
     /// A pixel is the mean of some bilinear samples; `None` where its center is off the image.
     pub fn pixels(&self, real: &Camera, image: &RgbImage) -> Vec<Option<[f32; 3]>> {
         let size = self.camera.width() as usize;
-        let job = pixels::Job {
-            directions: self.directions(),
-            taps: self.taps,
-            real,
-            image: pixels::Between::new(image),
-        };
+        let job = self.job(real, image);
         let mut pixels = vec![None; size * size];
         let rows = pixels.par_chunks_mut(size).enumerate();
         rows.for_each(|(v, row)| pixels::row(&job, v, row));
         pixels
+    }
+
+    fn job<'a>(&self, real: &'a Camera, image: &'a RgbImage) -> pixels::Job<'a> {
+        pixels::Job {
+            directions: self.directions(),
+            taps: self.taps,
+            real,
+            image: pixels::Between::new(image),
+        }
     }
 
     /// Direction in which each feature cell looks, in the close-up's frame; 0 for cells whose center

@@ -5,7 +5,7 @@ mod load;
 
 use fast_image_resize as fir;
 use image::RgbImage;
-use ndarray::{Array3, s};
+use ndarray::{Array3, ArrayViewMut3};
 
 use crate::{BBox, Error, Result};
 pub use load::{load, size};
@@ -118,25 +118,39 @@ pub fn to_tensor(
     mean: [f32; 3],
     std: [f32; 3],
 ) -> Result<Array3<f32>> {
+    let [rows, columns] = [letterbox.net_height, letterbox.net_width].map(|n| n as usize);
+    let mut tensor = Array3::zeros((3, rows, columns));
+    fill(tensor.view_mut(), image, letterbox, mean, std)?;
+    Ok(tensor)
+}
+
+/// [`to_tensor`] into zeros.
+///
+/// - `tensor`: `[3, net_height, net_width]`
+pub(crate) fn fill(
+    mut tensor: ArrayViewMut3<f32>,
+    image: &RgbImage,
+    letterbox: &Letterbox,
+    mean: [f32; 3],
+    std: [f32; 3],
+) -> Result<()> {
     let Letterbox { width, height, .. } = letterbox;
     let resized = resize(image, letterbox).map_err(|()| Error::Shape {
         name: "image",
         expected: format!("{width}x{height} px, the letterbox's"),
         got: vec![image.width() as usize, image.height() as usize],
     })?;
-    let [width, height] = [letterbox.resized_width, letterbox.resized_height].map(|n| n as usize);
-    let [columns, rows] = [letterbox.net_width, letterbox.net_height].map(|n| n as usize);
-    let mut tensor = Array3::zeros((3, rows, columns));
-    for channel in 0..3 {
+    let width = letterbox.resized_width as usize;
+    for (channel, mut plane) in tensor.outer_iter_mut().enumerate() {
         let normalised: [f32; 256] =
             std::array::from_fn(|x| (x as f32 / 255.0 - mean[channel]) / std[channel]);
-        tensor
-            .slice_mut(s![channel, ..height, ..width])
-            .iter_mut()
-            .zip(resized.iter().skip(channel).step_by(3))
-            .for_each(|(out, &x)| *out = normalised[usize::from(x)]);
+        for (mut out, row) in plane.outer_iter_mut().zip(resized.chunks_exact(3 * width)) {
+            for (out, pixel) in out.iter_mut().zip(row.chunks_exact(3)) {
+                *out = normalised[usize::from(pixel[channel])];
+            }
+        }
     }
-    Ok(tensor)
+    Ok(())
 }
 
 /// RGB bytes of the image at its size within the letterbox; unchanged where that is its own size.

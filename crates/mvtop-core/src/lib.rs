@@ -23,6 +23,8 @@ mod bbox;
 
 mod dispatch;
 
+mod parallel;
+
 /// Images, from file to the network's input.
 pub mod image;
 

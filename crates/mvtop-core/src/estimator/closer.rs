@@ -15,7 +15,7 @@ use super::view::View;
 use crate::associate::LineOfSight;
 use crate::bundle::Bundle;
 use crate::detect::{Detection, merged};
-use crate::image::{Letterbox, to_tensor};
+use crate::image::{Letterbox, fill};
 use crate::network::Network;
 use crate::{BBox, Result};
 
@@ -145,11 +145,11 @@ fn add(
     let input = &bundle.input;
     let shape = (parts.len(), 3, input.height as usize, input.width as usize);
     let mut tensor = Array4::zeros(shape);
-    for (part, mut shown) in parts.iter().zip(tensor.axis_iter_mut(Axis(0))) {
+    for (part, shown) in parts.iter().zip(tensor.axis_iter_mut(Axis(0))) {
         let Letterbox { width, height, .. } = part.letterbox;
         let image = crop_imm(views[part.view].image, part.left, part.top, width, height);
         let image = image.to_image();
-        shown.assign(&to_tensor(&image, &part.letterbox, input.mean, input.std)?);
+        fill(shown, &image, &part.letterbox, input.mean, input.std)?;
     }
     let maps = network.detect(tensor.view())?;
     maps.check(

@@ -150,8 +150,8 @@ pub fn in_closeups(
     let (mut memory, mut coordinates) = (Vec::new(), Vec::new());
     for (taken, list) in taken.chunks(AT_ONCE).zip(list.chunks(AT_ONCE)) {
         let mut tensor = Array4::zeros((taken.len(), 3, side, side));
-        for ((view, closeup), mut picture) in taken.iter().zip(tensor.outer_iter_mut()) {
-            picture.assign(&closeup.picture(view.camera, view.image, mean, std));
+        for ((view, closeup), picture) in taken.iter().zip(tensor.outer_iter_mut()) {
+            closeup.fill(picture, view.camera, view.image, mean, std);
         }
         let encoded = network.encode(tensor.view(), rays(list).view())?;
         memory.push(checked(encoded.memory, list.len())?);

@@ -5,9 +5,9 @@ use ndarray::Array4;
 
 use crate::bundle::{Bundle, Input};
 use crate::camera::Camera;
-use crate::image::{Letterbox, ViewImage, is_one_color, to_tensor};
+use crate::image::{Letterbox, ViewImage, fill, is_one_color};
 use crate::prediction::{Warning, WarningCode};
-use crate::{BBox, Error, Result, Rig};
+use crate::{BBox, Error, Result, Rig, parallel};
 
 /// A camera that gave an image.
 pub struct View<'a> {
@@ -78,16 +78,14 @@ pub fn warnings(views: &[View]) -> Vec<Warning> {
 ///
 /// - returns: `[V, 3, Hn, Wn]`
 pub fn tensor(views: &[View], input: &Input) -> Result<Array4<f32>> {
+    let Input { mean, std, .. } = *input;
     let shape = (views.len(), 3, input.height as usize, input.width as usize);
     let mut tensor = Array4::zeros(shape);
-    for (view, mut image) in views.iter().zip(tensor.outer_iter_mut()) {
-        image.assign(&to_tensor(
-            view.image,
-            &view.letterbox,
-            input.mean,
-            input.std,
-        )?);
-    }
+    let images = tensor.outer_iter_mut().zip(views).collect();
+    let filled = parallel::each(images, |(image, view)| {
+        fill(image, view.image, &view.letterbox, mean, std)
+    });
+    filled.into_iter().collect::<Result<()>>()?;
     Ok(tensor)
 }
 
