@@ -32,7 +32,7 @@ from mvtop_train.export import bundle, reference
 from mvtop_train.network import config as configs
 from mvtop_train.network.model import Mvtop
 from mvtop_train.training.checkpoint import load_weights
-from peers_worker import ANCHORS, CONTESTANTS
+from peers_worker import ANCHORS, CONTESTANTS, LIBRARY
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLE = ROOT / "examples/mvball"
@@ -282,6 +282,10 @@ def main():
         "--without", nargs="+", default=[], choices=CONTESTANTS, metavar="CONTESTANT"
     )
     parser.add_argument("--out", type=Path, default=ROOT / "out/peers")
+    parser.add_argument(
+        "--openvino-library", type=Path, metavar="FILE",
+        help="libonnxruntime.so of the package onnxruntime-openvino, for mvtop on OpenVINO",
+    )  # fmt: skip
     args = parser.parse_args()
     if args.rounds < 2 or min(args.views) < 1:
         raise UserError("--rounds, --views: expected two rounds and one view or more")
@@ -289,6 +293,11 @@ def main():
     if importlib.util.find_spec("openvino") is None:
         fix = "not installed: .venv/bin/python -m pip install openvino"
         missing = {name: fix for name in names if name.startswith("OpenVINO")}
+        names = [name for name in names if name not in missing]
+    if args.openvino_library:
+        os.environ[LIBRARY] = str(args.openvino_library.resolve())
+    else:
+        missing |= {n: "no --openvino-library" for n in names if n.startswith("mvtop OpenVINO")}
         names = [name for name in names if name not in missing]
     views, about, results = sorted(set(args.views)), machine(), {}
     for name in args.network:

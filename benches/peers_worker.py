@@ -8,12 +8,14 @@ imported but what the contestant needs.
 """
 
 import json
+import os
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
 
+LIBRARY = "MVTOP_PEERS_LIBRARY"  # ONNX Runtime with OpenVINO, which must not be beside the other
 ANCHORS = 4  # mvtop decodes an object in each of the first four views that show it
 
 
@@ -190,12 +192,13 @@ class Mvtop:
     """All of it, from arrays of the whole images to the pose, boxes given."""
 
     bundle = "bundle"
+    options: dict = {}
 
     def __init__(self, work: Path):
         import mvtop
 
         self.mvtop = mvtop
-        self.estimator = mvtop.Estimator.load(work / self.bundle)
+        self.estimator = mvtop.Estimator.load(work / self.bundle, **self.options)
         self.rig = mvtop.Rig.load(work / "rig.json")
         self.boxes = json.loads((work / "boxes.json").read_text())
         with np.load(work / "images.npz") as file:
@@ -221,9 +224,16 @@ class MvtopIntegers(Mvtop):
     bundle = "integers"
 
 
+class MvtopOpenVino(MvtopIntegers):
+    """The same on OpenVINO through ONNX Runtime, of the library that `peers.py` was given."""
+
+    options = {"provider": "openvino-bf16", "ort_lib": os.environ.get(LIBRARY)}
+
+
 CONTESTANTS = {
     "mvtop": Mvtop,
     "mvtop int8": MvtopIntegers,
+    "mvtop OpenVINO int8": MvtopOpenVino,
     "ONNX Runtime, portable": OnnxRuntime,
     "OpenVINO f32": OpenVino,
     "OpenVINO bf16": OpenVinoBf16,
