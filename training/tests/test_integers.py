@@ -54,3 +54,19 @@ def test_what_a_network_in_integers_answers_is_of_its_graphs(closeups, tmp_path)
     for name, values in answer.items():
         np.testing.assert_allclose(values, told[name], rtol=1e-4, atol=1e-6, err_msg=name)
     assert told["det_boxes"] != self_test.outputs(self_test.OfModel(closeups))["det_boxes"]
+
+
+def test_what_our_operator_gives_has_a_known_rank(closeups, tmp_path):
+    """Else OpenVINO refuses the graph: it does not ask the operator."""
+    side = closeups.config.closeup
+    pictures = {
+        "features": self_test.numbers(2, 3, closeups.config.height, closeups.config.width).numpy(),
+        "closeup": self_test.numbers(2, 3, side, side).numpy(),
+    }
+    bundle.write_bundle(closeups, tmp_path, {}, pictures=pictures)
+    for name in ("closeup", "decoder"):
+        graph = onnx.load(tmp_path / f"{name}.onnx").graph
+        ranks = {x.name: len(x.type.tensor_type.shape.dim) for x in graph.value_info}
+        given = [out for node in graph.node if node.domain == "mvtop" for out in node.output]
+        assert given
+        assert {ranks.get(out) for out in given} == {3}, name

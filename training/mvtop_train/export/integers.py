@@ -78,10 +78,14 @@ def in_integers(graph: onnx.ModelProto, pictures: np.ndarray) -> onnx.ModelProto
     taken = {name for node in rest for name in node.input} | {x.name for x in out.graph.output}
     done = _quantized(_part(out, sorted(made & taken)), pictures)
     kept = [x for x in out.graph.initializer if x.name in taken]
+    # Shapes of what mvtop's operator gives, without which OpenVINO refuses a graph.
+    known = {name for node in rest for name in node.output}
+    shapes = [x for x in out.graph.value_info if x.name in known]
     for field in (out.graph.node, out.graph.initializer, out.graph.value_info):
         del field[:]
     out.graph.node.extend([*done.graph.node, *rest])
     out.graph.initializer.extend([*done.graph.initializer, *kept])
+    out.graph.value_info.extend(shapes)
     return out
 
 

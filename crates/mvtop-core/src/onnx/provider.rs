@@ -82,8 +82,8 @@ impl Provider {
     pub(super) fn takes(self) -> Option<&'static str> {
         match self {
             Self::Openvino | Self::OpenvinoBf16 => Some(
-                "OpenVINO takes bundles in floats, as `export` without `--integers` writes them; \
-                 use such a one, or `cpu`",
+                "OpenVINO wants graphs that state the shape of what mvtop's operator gives, which bundles \
+                 in integers did not before 25 November 2026; export it again, or use `cpu`",
             ),
             _ => None,
         }
@@ -106,7 +106,8 @@ impl Provider {
 }
 
 fn openvino(precision: &str, threads: usize) -> ep::ExecutionProviderDispatch {
-    let mut settings = serde_json::json!({ "INFERENCE_PRECISION_HINT": precision });
+    let mut settings =
+        serde_json::json!({ "INFERENCE_PRECISION_HINT": precision, "ENABLE_CPU_PINNING": "NO" });
     if threads > 0 {
         settings["INFERENCE_NUM_THREADS"] = threads.to_string().into();
     }
