@@ -198,7 +198,11 @@ impl Directions {
 #[inline]
 fn on_image(camera: &Camera, direction: &Point3<f64>) -> Option<Point2<f64>> {
     let at = camera.intrinsics().project(direction)?;
-    let inside = (-0.5..=f64::from(camera.width()) - 0.5).contains(&at.x)
-        && (-0.5..=f64::from(camera.height()) - 0.5).contains(&at.y);
-    inside.then_some(at)
+    is_on_image(camera, &at).then_some(at)
+}
+
+#[inline]
+fn is_on_image(camera: &Camera, at: &Point2<f64>) -> bool {
+    (-0.5..=f64::from(camera.width()) - 0.5).contains(&at.x)
+        && (-0.5..=f64::from(camera.height()) - 0.5).contains(&at.y)
 }

@@ -184,6 +184,16 @@ impl Intrinsics {
         finite(Point2::new(u, self.fy * image.y + self.cy))
     }
 
+    /// Itself as an ideal lens, if it is one.
+    pub(crate) fn as_ideal(&self) -> Option<Ideal> {
+        let ideal = self.is_pinhole() && self.max_angle.is_none();
+        ideal.then_some(Ideal {
+            focal: [self.fx, self.fy],
+            principal: [self.cx, self.cy],
+            skew: self.skew,
+        })
+    }
+
     /// Direction, in the camera frame, of the ray that is imaged at a pixel.
     ///
     /// The exact inverse of [`Intrinsics::project`], by Newton's method run until it settles; `None`
@@ -220,6 +230,26 @@ impl Intrinsics {
             }
         }
         Ok(())
+    }
+}
+
+/// A pinhole without limits, which projects many points at once: without branches, so that compilers
+/// make vectors of them.
+#[derive(Clone, Copy)]
+pub(crate) struct Ideal {
+    focal: [f64; 2],
+    principal: [f64; 2],
+    skew: f64,
+}
+
+impl Ideal {
+    /// [`Intrinsics::project`], not finite where that is `None`.
+    #[inline(always)]
+    pub fn project(&self, point: &Point3<f64>) -> [f64; 2] {
+        let z = if point.z > 0.0 { point.z } else { f64::NAN };
+        let [x, y] = [point.x / z, point.y / z];
+        let u = self.focal[0] * x + self.skew * y + self.principal[0];
+        [u, self.focal[1] * y + self.principal[1]]
     }
 }
 

@@ -1,11 +1,19 @@
-//! What a close-up shows of the real camera's image: its inner loop, compiled for AVX2 as well.
+//! What a close-up shows of the real camera's image: its inner loop, in lanes of a few pixels that
+//! compilers turn into vectors, compiled for AVX2 as well.
+
+use std::borrow::Cow;
 
 use image::RgbImage;
 use nalgebra::Point2;
 
-use super::{Directions, on_image};
+use super::{Directions, is_on_image};
 use crate::camera::Camera;
 use crate::dispatch;
+
+/// Pixels of a row that are computed side by side.
+const LANES: usize = 8;
+/// Bytes that are read at once: two pixels, and two bytes more.
+const READ: usize = 8;
 
 /// What rows of a close-up are made of.
 pub(super) struct Job<'a> {
@@ -25,45 +33,52 @@ pub(super) fn row(job: &Job<'_>, v: usize, pixels: &mut [Option<[f32; 3]>]) {
 #[inline(always)]
 fn of_row(job: &Job<'_>, v: usize, pixels: &mut [Option<[f32; 3]>]) {
     let v = v as f64;
-    for (u, pixel) in pixels.iter_mut().enumerate() {
-        let u = u as f64;
-        *pixel = None;
-        if let Some(middle) = on_image(job.real, &job.directions.of(u, v)) {
-            let shown = match job.taps {
-                1 => Some(job.image.of(middle)),
-                _ => mean(job, u, v),
-            };
-            if let Some([r, g, b, _]) = shown {
-                *pixel = Some([r, g, b]);
-            }
+    for (block, pixels) in pixels.chunks_mut(LANES).enumerate() {
+        let u = (block * LANES) as f64;
+        let middle = Places::of(job, u, v);
+        let shown = middle.are_on_image(job.real);
+        if shown == [false; LANES] {
+            pixels.fill(None);
+            continue;
+        }
+        let colors = match job.taps {
+            1 => job.image.of(&middle),
+            _ => mean(job, u, v),
+        };
+        for (lane, pixel) in pixels.iter_mut().enumerate() {
+            let color = colors.map(|channel| channel[lane]);
+            // NaN where the lens images none of the samples.
+            *pixel = (shown[lane] && !color[0].is_nan()).then_some(color);
         }
     }
 }
 
-/// Of the samples of a pixel; `None` where the lens images none of them.
+/// Of the samples of each pixel that the lens images.
 #[inline(always)]
-fn mean(job: &Job<'_>, u: f64, v: f64) -> Option<[f32; 4]> {
-    let (mut sum, mut count) = ([0.0_f32; 4], 0.0);
+fn mean(job: &Job<'_>, u: f64, v: f64) -> [[f32; LANES]; 3] {
+    let (mut sum, mut count) = ([[0.0_f32; LANES]; 3], [0.0_f32; LANES]);
     for row in 0..job.taps {
         for column in 0..job.taps {
             let [right, below] = [offset(job, column), offset(job, row)];
-            let direction = job.directions.of(u + right, v + below);
-            if let Some(at) = job.real.intrinsics().project(&direction) {
-                let rgb = job.image.of(at);
-                for i in 0..4 {
-                    sum[i] += rgb[i];
+            let places = Places::of(job, u + right, v + below);
+            let colors = job.image.of(&places);
+            let imaged = places.are_imaged();
+            for (sum, color) in sum.iter_mut().zip(&colors) {
+                for lane in 0..LANES {
+                    sum[lane] += if imaged[lane] { color[lane] } else { 0.0 };
                 }
-                count += 1.0;
+            }
+            for lane in 0..LANES {
+                count[lane] += if imaged[lane] { 1.0 } else { 0.0 };
             }
         }
     }
-    if count == 0.0 {
-        return None;
-    }
     for sum in &mut sum {
-        *sum /= count;
+        for lane in 0..LANES {
+            sum[lane] /= count[lane];
+        }
     }
-    Some(sum)
+    sum
 }
 
 /// Of a sample from the middle of its pixel.
@@ -72,71 +87,250 @@ fn offset(job: &Job<'_>, tap: u32) -> f64 {
     (f64::from(tap) + 0.5) / f64::from(job.taps) - 0.5
 }
 
+/// Where the image shows what some neighbors in a row look at; not finite where the lens images
+/// nothing.
+struct Places {
+    x: [f64; LANES],
+    y: [f64; LANES],
+}
+
+impl Places {
+    /// Of the samples at (u, v), (u + 1, v) and so on.
+    #[inline(always)]
+    fn of(job: &Job<'_>, u: f64, v: f64) -> Self {
+        let lens = job.real.intrinsics();
+        let (mut x, mut y) = ([f64::NAN; LANES], [f64::NAN; LANES]);
+        if let Some(lens) = lens.as_ideal() {
+            for lane in 0..LANES {
+                let direction = job.directions.of(u + lane as f64, v);
+                [x[lane], y[lane]] = lens.project(&direction);
+            }
+        } else {
+            for lane in 0..LANES {
+                let direction = job.directions.of(u + lane as f64, v);
+                if let Some(at) = lens.project(&direction) {
+                    [x[lane], y[lane]] = [at.x, at.y];
+                }
+            }
+        }
+        Self { x, y }
+    }
+
+    #[inline(always)]
+    fn are_imaged(&self) -> [bool; LANES] {
+        std::array::from_fn(|lane| self.x[lane].is_finite() && self.y[lane].is_finite())
+    }
+
+    #[inline(always)]
+    fn are_on_image(&self, camera: &Camera) -> [bool; LANES] {
+        std::array::from_fn(|lane| is_on_image(camera, &Point2::new(self.x[lane], self.y[lane])))
+    }
+}
+
+/// A place along an axis, moved to 0 to `last`, as a whole number and the rest; 0 of NaN. (Processors
+/// before AVX-512 have no instruction that makes integers of several doubles as Rust's cast does.)
+#[inline(always)]
+fn split(x: f64, last: f64) -> (u32, f64) {
+    /// The doubles from here on are whole numbers, the lower half of whose bits are theirs.
+    const WHOLE: f64 = (1_u64 << 52) as f64;
+    let x = if x > 0.0 { x } else { 0.0 };
+    let x = if x < last { x } else { last };
+    let nearest = (x + WHOLE) - WHOLE;
+    let whole = nearest - if nearest > x { 1.0 } else { 0.0 };
+    ((whole + WHOLE).to_bits() as u32, x - whole)
+}
+
 /// An image, read between its pixels.
 pub(super) struct Between<'a> {
-    bytes: &'a [u8],
+    /// Of its pixels, and zeros where these are fewer than are read at once.
+    bytes: Cow<'a, [u8]>,
     /// Bytes of a row.
     row: usize,
+    /// The first byte of the last row.
+    last_row: usize,
     /// The last column and row.
     last: [f64; 2],
 }
 
 impl<'a> Between<'a> {
     pub fn new(image: &'a RgbImage) -> Self {
+        let mut bytes = Cow::Borrowed(image.as_raw().as_slice());
+        let row = 3 * image.width() as usize;
+        let last_row = bytes.len() - row;
+        if bytes.len() < READ {
+            bytes.to_mut().resize(READ, 0);
+        }
         Self {
-            bytes: image.as_raw(),
-            row: 3 * image.width() as usize,
+            bytes,
+            row,
+            last_row,
             last: [image.width(), image.height()].map(|side| f64::from(side) - 1.0),
         }
     }
 
-    /// R, G and B, 0 to 255, between the four pixels around `at`, and a fourth number without meaning
-    /// (processors take four at once); beyond the image its outermost pixels go on.
+    /// R, G and B, 0 to 255, of each place between the four pixels around it; beyond the image its
+    /// outermost pixels go on.
     #[inline(always)]
-    fn of(&self, at: Point2<f64>) -> [f32; 4] {
-        let x = at.x.clamp(0.0, self.last[0]);
-        let y = at.y.clamp(0.0, self.last[1]);
-        let (column, row) = (x as i32, y as i32);
-        let right = (x - f64::from(column)) as f32;
-        let below = (y - f64::from(row)) as f32;
-        let first = row as usize * self.row + 3 * column as usize;
-        // What comes after the last column, or the last row, has no weight.
-        let second = match first + self.row < self.bytes.len() {
-            true => first + self.row,
-            false => first,
-        };
-        let (a, b) = self.pair(first);
-        let (c, d) = self.pair(second);
-        let mut between = [0.0; 4];
-        for i in 0..4 {
-            let above = a[i] + right * (b[i] - a[i]);
-            let under = c[i] + right * (d[i] - c[i]);
-            between[i] = above + below * (under - above);
+    fn of(&self, places: &Places) -> [[f32; LANES]; 3] {
+        let (mut columns, mut rows) = ([0_u32; LANES], [0_u32; LANES]);
+        let (mut right, mut below) = ([0.0; LANES], [0.0; LANES]);
+        for lane in 0..LANES {
+            let (column, from_column) = split(places.x[lane], self.last[0]);
+            let (row, from_row) = split(places.y[lane], self.last[1]);
+            (columns[lane], rows[lane]) = (column, row);
+            (right[lane], below[lane]) = (from_column as f32, from_row as f32);
         }
-        between
+        // The pixel above and left of each place, the one right of it, and those below.
+        let mut corners = [[0; LANES]; 4];
+        for lane in 0..LANES {
+            let start = rows[lane] as usize * self.row;
+            let first = start + 3 * columns[lane] as usize;
+            // What comes after the last column, or the last row, has no weight.
+            let second = first + if start < self.last_row { self.row } else { 0 };
+            let [above, under] = [first, second].map(|start| self.read(start));
+            let words = [above, above >> 24, under, under >> 24];
+            for (corner, word) in corners.iter_mut().zip(words) {
+                corner[lane] = word as u32;
+            }
+        }
+        let mut colors = [[0.0; LANES]; 3];
+        for (channel, color) in colors.iter_mut().enumerate() {
+            for lane in 0..LANES {
+                let [a, b, c, d] = corners.map(|corner| {
+                    let byte = corner[lane] >> (8 * channel) & 0xff;
+                    byte as i32 as f32 // as processors convert it
+                });
+                let above = a + right[lane] * (b - a);
+                let under = c + right[lane] * (d - c);
+                color[lane] = above + below[lane] * (under - above);
+            }
+        }
+        colors
     }
 
-    /// The pixel that starts at a byte and the next one, with a byte after each.
+    /// The bytes from `start` on, the first one lowest; zeros after the image.
     #[inline(always)]
-    fn pair(&self, start: usize) -> ([f32; 4], [f32; 4]) {
-        let bytes = match self.bytes[start..].first_chunk::<7>() {
-            Some(bytes) => *bytes,
-            None => self.last_bytes(start),
-        };
-        let (mut one, mut next) = ([0.0; 4], [0.0; 4]);
-        for i in 0..4 {
-            one[i] = f32::from(bytes[i]);
-            next[i] = f32::from(bytes[i + 3]);
+    fn read(&self, start: usize) -> u64 {
+        let from = start.min(self.bytes.len() - READ);
+        let bytes = self.bytes[from..]
+            .first_chunk()
+            .expect("not so near the end");
+        u64::from_le_bytes(*bytes) >> (8 * (start - from))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use image::{Rgb, RgbImage};
+    use nalgebra::Isometry3;
+
+    use super::super::CloseUp;
+    use crate::camera::{Camera, Intrinsics, Projection};
+
+    /// R, G and B of one sample, from the definition of a bilinear one.
+    fn sample(image: &RgbImage, x: f64, y: f64) -> [f64; 3] {
+        let [right, bottom] = [image.width(), image.height()].map(|side| side - 1);
+        let (x, y) = (
+            x.clamp(0.0, f64::from(right)),
+            y.clamp(0.0, f64::from(bottom)),
+        );
+        let mut sum = [0.0; 3];
+        for (column, row) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+            let (u, v) = (x as u32 + column, y as u32 + row);
+            let weight = (1.0 - (x - f64::from(u)).abs()) * (1.0 - (y - f64::from(v)).abs());
+            let Rgb(color) = image.get_pixel(u.min(right), v.min(bottom));
+            for (sum, color) in sum.iter_mut().zip(color) {
+                *sum += weight * f64::from(*color);
+            }
         }
-        (one, next)
+        sum
     }
 
-    /// Those from `start` to the end of the image, and zeros.
-    #[cold]
-    fn last_bytes(&self, start: usize) -> [u8; 7] {
-        let mut bytes = [0; 7];
-        let rest = &self.bytes[start..];
-        bytes[..rest.len()].copy_from_slice(rest);
-        bytes
+    /// Pixel (u, v) of a close-up, from the definition.
+    fn pixel(
+        closeup: &CloseUp,
+        real: &Camera,
+        image: &RgbImage,
+        u: f64,
+        v: f64,
+    ) -> Option<[f64; 3]> {
+        let directions = closeup.directions();
+        super::super::on_image(real, &directions.of(u, v))?;
+        let (mut sum, mut count) = ([0.0; 3], 0.0);
+        let taps = f64::from(closeup.taps);
+        for tap in 0..closeup.taps.pow(2) {
+            let [column, row] = [tap % closeup.taps, tap / closeup.taps]
+                .map(|tap| (f64::from(tap) + 0.5) / taps - 0.5);
+            let direction = directions.of(u + column, v + row);
+            if let Some(at) = real.intrinsics().project(&direction) {
+                let color = sample(image, at.x, at.y);
+                sum.iter_mut()
+                    .zip(color)
+                    .for_each(|(sum, color)| *sum += color);
+                count += 1.0;
+            }
+        }
+        Some(sum.map(|sum| sum / count))
+    }
+
+    #[test]
+    fn pixels_are_the_means_of_bilinear_samples_for_every_lens_and_image() {
+        let lens = |family, params: &[f64]| {
+            let projection = Projection::from_params(family, None, params).unwrap();
+            Intrinsics::new(90.0, 95.0, 45.3, 38.1, projection).unwrap()
+        };
+        let pinhole = lens("pinhole", &[]);
+        let lenses = [
+            pinhole.clone(),
+            pinhole.clone().with_skew(3.0).unwrap(),
+            pinhole.with_max_angle(25.0).unwrap(),
+            lens("pinhole", &[-0.3, 0.1, 0.01, -0.01, 0.0]),
+            lens("fisheye", &[-0.006, 0.016, -0.024, 0.0155]),
+        ];
+        // Boxes within the image, across its corner, and so wide that a pixel is several samples.
+        let boxes = [
+            [30.0, 20.0, 50.0, 44.0],
+            [60.0, 50.0, 120.0, 90.0],
+            [-4.0, -4.0, 88.0, 76.0],
+        ];
+        for lens in lenses {
+            for [width, height] in [[90_u32, 76], [1, 1], [2, 1]] {
+                let shrunk = f64::from(width) / 90.0;
+                let [cx, cy] = [lens.cx(), lens.cy()].map(|c| c * shrunk);
+                let [fx, fy] = [lens.fx(), lens.fy()].map(|f| f * shrunk);
+                let lens = match width {
+                    90 => lens.clone(),
+                    _ => Intrinsics::new(fx, fy, cx, cy, lens.projection().clone()).unwrap(),
+                };
+                let real =
+                    Camera::new("real", [width, height], lens, Isometry3::identity()).unwrap();
+                let image = RgbImage::from_fn(width, height, |u, v| {
+                    Rgb([u * 77 + v * 131, u * 13 + v * 7, u ^ v].map(|x| (x % 256) as u8))
+                });
+                for bbox in boxes.map(|bbox| bbox.map(|side| side * shrunk)) {
+                    // Not a multiple of what is computed side by side.
+                    let Some(closeup) = CloseUp::new(&real, bbox.into(), 21) else {
+                        continue;
+                    };
+                    let pixels = closeup.pixels(&real, &image);
+                    for (n, got) in pixels.into_iter().enumerate() {
+                        let (u, v) = ((n % 21) as f64, (n / 21) as f64);
+                        let expected = pixel(&closeup, &real, &image, u, v);
+                        assert_eq!(
+                            got.is_some(),
+                            expected.is_some(),
+                            "{real:?} {bbox:?} {u} {v}"
+                        );
+                        for (got, expected) in got.iter().flatten().zip(expected.iter().flatten()) {
+                            let off = (f64::from(*got) - expected).abs();
+                            assert!(
+                                off < 1e-4,
+                                "{got}, not {expected}: {real:?} {bbox:?} {u} {v}"
+                            );
+                        }
+                    }
+                }
+            }
+        }
     }
 }
