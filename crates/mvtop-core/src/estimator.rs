@@ -36,7 +36,6 @@ use crate::prediction::{CameraPose, ObjectPose, Prediction, Timings};
 use crate::refine::{self, Edge, Refiner};
 use crate::{Error, Result, Rig, onnx};
 
-pub(crate) use self::decode::MAX_ANCHORS;
 pub use self::tracker::Tracker;
 
 /// How to run the network.

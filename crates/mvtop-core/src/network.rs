@@ -1,14 +1,10 @@
 //! The network's parts as the estimator sees them: images to boxes, pictures to memory, queries to
 //! poses.
 
-use std::path::Path;
-use std::thread;
-
 use ndarray::{Array1, Array2, Array3, Array4, ArrayView3, ArrayView4};
 
 use crate::bundle::{Bundle, PoseInput};
-use crate::estimator::MAX_ANCHORS;
-use crate::onnx::{Outputs, Port, Provider, Runtime, Session, SessionOptions};
+use crate::onnx::{Outputs, Port, Runtime, Session, SessionOptions};
 use crate::{Error, Result};
 
 /// What runs the network. [`crate::Estimator`] needs no more of it than this.
@@ -201,29 +197,6 @@ fn expect(name: &'static str, got: &[usize], expected: &[usize]) -> Result<()> {
     })
 }
 
-/// The decoder's graph. On processors, its layers are too small to be shared by threads: two take as
-/// long as one. So it runs on one, for several anchors at once.
-fn decoder(runtime: &Runtime, graph: &Path, options: &SessionOptions) -> Result<Session> {
-    let provider = options.provider.of_decoder();
-    if provider != Provider::Cpu {
-        let options = SessionOptions {
-            provider,
-            ..options.clone()
-        };
-        return runtime.session(graph, &options);
-    }
-    let cores = || thread::available_parallelism().map_or(1, usize::from);
-    let threads = match options.threads {
-        0 => cores(),
-        threads => threads,
-    };
-    let options = SessionOptions {
-        provider,
-        threads: 1,
-    };
-    runtime.session_for(threads.clamp(1, MAX_ANCHORS), graph, &options)
-}
-
 /// The graphs of a bundle in ONNX Runtime.
 pub(crate) struct OnnxNetwork {
     /// On whole images; gives memory as well where there is no `closeup`.
@@ -241,7 +214,11 @@ impl OnnxNetwork {
     /// # Errors
     /// Those of [`Runtime::session`], and [`Error::Network`] where a graph does not fit the bundle.
     pub fn load(runtime: &Runtime, bundle: &Bundle, options: &SessionOptions) -> Result<Self> {
-        let decoder = decoder(runtime, &bundle.decoder, options)?;
+        let of_decoder = SessionOptions {
+            provider: options.provider.of_decoder(),
+            ..options.clone()
+        };
+        let decoder = runtime.session(&bundle.decoder, &of_decoder)?;
         let network = Self {
             features: runtime.session(&bundle.features, options)?,
             closeup: match &bundle.poses {

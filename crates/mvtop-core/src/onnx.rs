@@ -10,7 +10,7 @@ use ort::value::TensorRef;
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Condvar, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 mod locate;
 mod operator;
@@ -83,72 +83,20 @@ pub struct Session {
     path: PathBuf,
     inputs: Vec<String>,
     outputs: Vec<String>,
-    copies: Copies,
-}
-
-/// Equal sessions, of which each caller takes one while it runs: ONNX Runtime's `Run` is thread-safe
-/// but `ort` asks for `&mut`. Nothing runs on rayon while one is taken, so a rayon task may wait for it.
-#[derive(Debug)]
-struct Copies {
-    idle: Mutex<Vec<ort::session::Session>>,
-    returned: Condvar,
-}
-
-/// One of [`Copies`], given back when dropped.
-struct Taken<'a> {
-    copies: &'a Copies,
-    session: Option<ort::session::Session>,
-}
-
-impl Copies {
-    fn take(&self) -> Taken<'_> {
-        let mut idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner);
-        let session = loop {
-            if let Some(session) = idle.pop() {
-                break Some(session);
-            }
-            let waited = self.returned.wait(idle);
-            idle = waited.unwrap_or_else(PoisonError::into_inner);
-        };
-        Taken {
-            copies: self,
-            session,
-        }
-    }
-}
-
-impl Taken<'_> {
-    fn session(&mut self) -> &mut ort::session::Session {
-        self.session.as_mut().expect("taken until dropped")
-    }
-}
-
-impl Drop for Taken<'_> {
-    fn drop(&mut self) {
-        let mut idle = self
-            .copies
-            .idle
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
-        idle.extend(self.session.take());
-        self.copies.returned.notify_one();
-    }
+    // ONNX Runtime's `Run` is thread-safe but `ort` asks for `&mut`. Nothing runs on rayon while
+    // this is held, so a rayon task may wait for it.
+    session: Mutex<ort::session::Session>,
 }
 
 impl Session {
-    /// - `copies`: at least one
-    fn new(path: &Path, copies: Vec<ort::session::Session>) -> Self {
-        let session = copies.first().expect("at least one");
+    fn new(path: &Path, session: ort::session::Session) -> Self {
         let names =
             |outlets: &[ort::value::Outlet]| outlets.iter().map(|o| o.name().to_owned()).collect();
         Self {
             path: path.to_owned(),
             inputs: names(session.inputs()),
             outputs: names(session.outputs()),
-            copies: Copies {
-                idle: Mutex::new(copies),
-                returned: Condvar::new(),
-            },
+            session: Mutex::new(session),
         }
     }
 
@@ -171,8 +119,7 @@ impl Session {
     /// # Errors
     /// [`Error::Network`].
     pub(crate) fn check(&self, inputs: &[Port], outputs: &[Port]) -> Result<()> {
-        let mut taken = self.copies.take();
-        let session = taken.session();
+        let session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
         for outlet in session.inputs() {
             let Some(port) = inputs.iter().find(|port| port.name == outlet.name()) else {
                 let known: Vec<&str> = inputs.iter().map(|port| port.name).collect();
@@ -229,7 +176,7 @@ impl Session {
         )))
     }
 
-    /// Runs the graph; of concurrent calls, as many at once as there are copies of it.
+    /// Runs the graph; concurrent calls run one after the other.
     ///
     /// Tensors whose name the graph does not declare are left out, so that one caller can feed
     /// graphs that use fewer inputs.
@@ -249,11 +196,8 @@ impl Session {
             values.push((Cow::Borrowed(*name), value));
         }
 
-        let mut taken = self.copies.take();
-        let values = taken
-            .session()
-            .run(values)
-            .map_err(|e| self.error(e.to_string()))?;
+        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        let values = session.run(values).map_err(|e| self.error(e.to_string()))?;
         let mut arrays = HashMap::new();
         for (name, value) in values.iter() {
             let array = value

@@ -7,11 +7,11 @@ use ndarray::{Array2, Array3, Axis};
 use super::hypotheses;
 use super::picture::{Group, Picture, Pictures, Query};
 use super::pose::DecodedPose;
+use crate::Result;
 use crate::bundle::Bundle;
 use crate::network::{Network, Queries};
 use crate::prediction::Hypothesis;
 use crate::rays::{BoxRays, LosEncoding, encode};
-use crate::{Result, parallel};
 
 /// Pictures of an object that are anchors in turn, at most: more cost time and gain little.
 pub const MAX_ANCHORS: usize = 4;
@@ -27,22 +27,40 @@ pub fn poses(
     pictures: &Pictures,
     groups: &[Group],
 ) -> Result<Vec<DecodedPose>> {
+    let encoding = bundle.los_encoding;
     let objects = groups.iter().map(|group| group.objects.len()).sum();
     let mut classes = vec![0; objects];
     for query in groups.iter().flat_map(|group| &group.objects) {
         classes[query.object] = query.class;
     }
-    let anchors = groups.iter().flat_map(|group| {
-        let anchors = group.pictures.clone();
-        anchors.map(move |anchor| (group, anchor))
-    });
-    let decoded = parallel::each(anchors.collect(), |(group, anchor)| {
-        anchored_in(network, bundle.los_encoding, pictures, group, anchor)
-    });
     let mut anchored: Vec<Vec<Hypothesis>> = iter::repeat_with(Vec::new).take(objects).collect();
-    for decoded in decoded {
-        for (object, poses) in decoded? {
-            anchored[object].extend(poses);
+    for Group {
+        pictures: range,
+        objects,
+    } in groups
+    {
+        for anchor in range.clone() {
+            let queries: Vec<&Query> = objects
+                .iter()
+                .filter(|query| query.is_anchored_in(anchor - range.start))
+                .collect();
+            if queries.is_empty() {
+                continue;
+            }
+            let others = range.clone().filter(|&picture| picture != anchor);
+            let order: Vec<usize> = iter::once(anchor).chain(others).collect();
+            let memory = pictures.memory.select(Axis(0), &order);
+            let shown: Vec<(&Picture, usize)> = order
+                .iter()
+                .map(|&picture| (&pictures.list[picture], picture - range.start))
+                .collect();
+            let decoded = network.decode(memory.view(), &inputs(&shown, &queries, encoding))?;
+            decoded.check(queries.len())?;
+            let world_from_anchor = &pictures.list[anchor].camera.world_from_cam();
+            for (q, query) in queries.iter().enumerate() {
+                let found = Hypothesis::of_query(world_from_anchor, &decoded, q)?;
+                anchored[query.object].extend(found);
+            }
         }
     }
     let of_class = |(poses, class): (_, usize)| {
@@ -50,37 +68,6 @@ pub fn poses(
         hypotheses::combined(poses, &class.symmetry, class.diameter_m)
     };
     Ok(anchored.into_iter().zip(classes).map(of_class).collect())
-}
-
-/// The poses of a group's objects that are anchored in one of its pictures, with the objects' indices.
-fn anchored_in(
-    network: &dyn Network,
-    encoding: LosEncoding,
-    pictures: &Pictures,
-    group: &Group,
-    anchor: usize,
-) -> Result<Vec<(usize, Vec<Hypothesis>)>> {
-    let range = &group.pictures;
-    let anchored = |query: &&Query| query.is_anchored_in(anchor - range.start);
-    let queries: Vec<&Query> = group.objects.iter().filter(anchored).collect();
-    if queries.is_empty() {
-        return Ok(Vec::new());
-    }
-    let others = range.clone().filter(|&picture| picture != anchor);
-    let order: Vec<usize> = iter::once(anchor).chain(others).collect();
-    let memory = pictures.memory.select(Axis(0), &order);
-    let shown: Vec<(&Picture, usize)> = order
-        .iter()
-        .map(|&picture| (&pictures.list[picture], picture - range.start))
-        .collect();
-    let decoded = network.decode(memory.view(), &inputs(&shown, &queries, encoding))?;
-    decoded.check(queries.len())?;
-    let world_from_anchor = &pictures.list[anchor].camera.world_from_cam();
-    let of_query = |(q, query): (usize, &&Query)| {
-        let found = Hypothesis::of_query(world_from_anchor, &decoded, q)?;
-        Ok((query.object, found))
-    };
-    queries.iter().enumerate().map(of_query).collect()
 }
 
 impl Query {

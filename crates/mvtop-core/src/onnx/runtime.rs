@@ -124,21 +124,6 @@ impl Runtime {
     /// [`Error::Provider`] when the library lacks the provider or it does not start;
     /// [`Error::Network`] when the file is missing or is no graph that can be run.
     pub fn session(&self, path: &Path, options: &SessionOptions) -> Result<Session> {
-        self.session_for(1, path, options)
-    }
-
-    /// [`Runtime::session`] that as many callers can run at once, each with a copy of the graph.
-    pub(crate) fn session_for(
-        &self,
-        callers: usize,
-        path: &Path,
-        options: &SessionOptions,
-    ) -> Result<Session> {
-        let copies: Result<Vec<_>> = (0..callers).map(|_| self.graph(path, options)).collect();
-        Ok(Session::new(path, copies?))
-    }
-
-    fn graph(&self, path: &Path, options: &SessionOptions) -> Result<ort::session::Session> {
         let provider = options.provider;
         if options.threads > MOST_THREADS {
             return Err(Error::Input(format!(
@@ -181,15 +166,15 @@ impl Runtime {
         if !path.is_file() {
             return Err(network_error(&"no such file"));
         }
-        builder
-            .commit_from_file(path)
-            .map_err(|e| match provider.takes() {
-                Some(taken) => Error::Provider {
-                    provider: provider.to_string(),
-                    problem: format!("{} cannot be run; {taken}: {}", path.display(), end_of(&e)),
-                },
-                None => network_error(&e),
-            })
+        let session = builder.commit_from_file(path);
+        let session = session.map_err(|e| match provider.takes() {
+            Some(taken) => Error::Provider {
+                provider: provider.to_string(),
+                problem: format!("{} cannot be run; {taken}: {}", path.display(), end_of(&e)),
+            },
+            None => network_error(&e),
+        });
+        Ok(Session::new(path, session?))
     }
 }
 
