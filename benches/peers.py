@@ -293,12 +293,11 @@ def main():
     if importlib.util.find_spec("openvino") is None:
         fix = "not installed: .venv/bin/python -m pip install openvino"
         missing = {name: fix for name in names if name.startswith("OpenVINO")}
-        names = [name for name in names if name not in missing]
     if args.openvino_library:
         os.environ[LIBRARY] = str(args.openvino_library.resolve())
     else:
         missing |= {n: "no --openvino-library" for n in names if n.startswith("mvtop OpenVINO")}
-        names = [name for name in names if name not in missing]
+    names = [name for name in names if name not in missing]
     views, about, results = sorted(set(args.views)), machine(), {}
     for name in args.network:
         title = Path(name).name.split(".")[0]

@@ -180,18 +180,19 @@ impl Intrinsics {
     pub fn project(&self, point: &Point3<f64>) -> Option<Point2<f64>> {
         let point = Some(point).filter(|point| self.reaches(&point.coords))?;
         let image = self.projection.project(point)?;
-        let u = self.fx * image.x + self.skew * image.y + self.cx;
-        finite(Point2::new(u, self.fy * image.y + self.cy))
+        finite(self.pixel(image.x, image.y).into())
+    }
+
+    /// Pixel of a place on the image plane of unit focal length.
+    #[inline(always)]
+    fn pixel(&self, x: f64, y: f64) -> [f64; 2] {
+        [self.fx * x + self.skew * y + self.cx, self.fy * y + self.cy]
     }
 
     /// Itself as an ideal lens, if it is one.
-    pub(crate) fn as_ideal(&self) -> Option<Ideal> {
+    pub(crate) fn as_ideal(&self) -> Option<Ideal<'_>> {
         let ideal = self.is_pinhole() && self.max_angle.is_none();
-        ideal.then_some(Ideal {
-            focal: [self.fx, self.fy],
-            principal: [self.cx, self.cy],
-            skew: self.skew,
-        })
+        ideal.then_some(Ideal(self))
     }
 
     /// Direction, in the camera frame, of the ray that is imaged at a pixel.
@@ -235,21 +236,14 @@ impl Intrinsics {
 
 /// A pinhole without limits, which projects many points at once: without branches, so that compilers
 /// make vectors of them.
-#[derive(Clone, Copy)]
-pub(crate) struct Ideal {
-    focal: [f64; 2],
-    principal: [f64; 2],
-    skew: f64,
-}
+pub(crate) struct Ideal<'a>(&'a Intrinsics);
 
-impl Ideal {
+impl Ideal<'_> {
     /// [`Intrinsics::project`], not finite where that is `None`.
     #[inline(always)]
     pub fn project(&self, point: &Point3<f64>) -> [f64; 2] {
         let z = if point.z > 0.0 { point.z } else { f64::NAN };
-        let [x, y] = [point.x / z, point.y / z];
-        let u = self.focal[0] * x + self.skew * y + self.principal[0];
-        [u, self.focal[1] * y + self.principal[1]]
+        self.0.pixel(point.x / z, point.y / z)
     }
 }
 
