@@ -34,14 +34,18 @@ class DeformableAttention(nn.Module):
         value = self.value(tokens).float().reshape(views, n, heads, -1)
         # Offsets are in cells of their level. The scale goes into the linear layer's parameters:
         # on the offsets themselves it would cost as much as the sampling.
-        cell = torch.tensor([[1 / w, 1 / h] for h, w in level_shapes], device=query.device)
-        cell = cell[:, None].expand(heads, levels, points, 2).reshape(-1)
+        cell = self.cells(level_shapes).to(query.device)
         offsets = F.linear(query, self.offsets.weight * cell[:, None], self.offsets.bias * cell)
         locations = offsets.float() + centers.repeat(1, heads * levels * points)
         locations = locations.reshape(views, n, heads, levels, points, 2)
         logits = self.weights(query).float().reshape(views, n, heads, levels * points)
         weights = logits.softmax(-1).reshape(views, n, heads, levels, points)
         return self.output(deformable_sampling(value, locations, weights, level_shapes))
+
+    def cells(self, level_shapes):
+        """Size of a cell, as a share of its level, by what `offsets` gives."""
+        size = torch.tensor([[1 / w, 1 / h] for h, w in level_shapes])
+        return size[:, None].expand(*self.shape, 2).reshape(-1)
 
 
 class EncoderLayer(nn.Module):

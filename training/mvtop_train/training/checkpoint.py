@@ -89,20 +89,27 @@ class TrainingState:
                 a.copy_(b)
 
     def save(self):
-        average = {AVERAGE + name: x for name, x in self.average.state_dict().items()}
-        average["n_averaged"] = torch.tensor(self.updates)
-        config = json.dumps(configs.to_dict(self.config))
-        state = {
-            "config": config,
+        state = _described(self.average, self.updates, self.step) | {
             "model": self.model.state_dict(),
-            "average": average,
             "optimizer": self.optimizer.state_dict(),
-            "step": self.step,
             "elapsed_s": self.elapsed,
         }
         _write(state, self.path)
-        half = {k: x.half() if x.is_floating_point() else x for k, x in average.items()}
-        _write({"config": config, "average": half, "step": self.step}, self.folder / "weights.pt")
+        save_weights(self.average, self.updates, self.step, self.folder / "weights.pt")
+
+
+def save_weights(average: Mvtop, updates: int, step: int, path: Path):
+    """Write a network in half precision, for export and to start runs from."""
+    state = _described(average, updates, step)
+    half = {k: x.half() if x.is_floating_point() else x for k, x in state["average"].items()}
+    _write(state | {"average": half}, path)
+
+
+def _described(average: Mvtop, updates: int, step: int) -> dict:
+    """What every file holds: the moving average, of as many updates, and what network it is of."""
+    tensors = {AVERAGE + name: x for name, x in average.state_dict().items()}
+    tensors["n_averaged"] = torch.tensor(updates)
+    return {"config": json.dumps(configs.to_dict(average.config)), "average": tensors, "step": step}
 
 
 def _optimizer(model: Mvtop) -> torch.optim.Optimizer:

@@ -1,0 +1,218 @@
+"""Weights of a run from a bundle, to train on from what is shipped: `init` of a run's config.
+
+    python -m mvtop_train.export.restore --bundle models/ycbv4 --data data/ycbv4 \\
+        --out runs/ycbv4-shipped/weights.pt
+
+They are as good as the bundle stores them. What it does not store is put in anew: normalisation
+that was folded into convolutions has the statistics of the pretrained network, or of pictures of
+--data; pose heads of earlier decoder layers, which only training has, are copies of the last.
+"""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import onnx
+import torch
+from onnx.reference import ReferenceEvaluator
+from torch import nn
+
+from ..data import objects
+from ..errors import UserError, argument_parser, command
+from ..network import config as configs
+from ..network.encoder import DeformableAttention
+from ..network.lite import load_pretrained
+from ..network.model import Mvtop
+from ..training.checkpoint import save_weights
+from . import integers, self_test
+
+RESTORING = ("Cast", "Mul", "DequantizeLinear")  # make weights of what is stored in fewer bits
+LEAST_SCALE = (
+    1e-2  # of a normalisation: channels that the pretrained network does not use have none
+)
+
+
+def of_bundle(bundle: Path, known: tuple[objects.Object, ...], data: Path) -> Mvtop:
+    """The network of a bundle, in eval mode, checked by the bundle's self-test.
+
+    data  data set of the objects; normalisation is measured on its training split
+    """
+    about = _read(bundle / "model.json")
+    names, wanted = [c["name"] for c in about["classes"]], [obj.name for obj in known]
+    if names != wanted:
+        raise UserError(
+            f"{bundle} knows {names}, expected {wanted}; "
+            "fix: --data must name the data set that it was trained on"
+        )
+    classes = objects.classes_of(*known)
+    config = configs.preset(about["preset"], classes)
+    if config.backbone != "lite":
+        raise UserError(
+            f"{bundle}: expected a network on the pretrained backbone, got preset "
+            f"{config.preset!r}; fix: train it from its config"
+        )
+    given = {}
+    for file in about["graphs"].values():
+        given |= weights_of(onnx.load(bundle / file))
+    model = Mvtop(config)
+    load_pretrained(model.features)
+    put(given, model)
+    pictures = integers.pictures_of(config, known, data)
+    measure_normalisation(model, {name: torch.from_numpy(x) for name, x in pictures.items()})
+    _check(model.eval(), about["self_test"], bundle)
+    return model
+
+
+def _read(path: Path) -> dict:
+    try:
+        return json.loads(path.read_text())
+    except OSError as error:
+        raise UserError(
+            f"{path}: expected a bundle's description, got {error.strerror}; "
+            "fix: --bundle must name a bundle's folder"
+        ) from None
+
+
+def weights_of(graph: onnx.ModelProto) -> dict[str, torch.Tensor]:
+    """Weights of an exported graph by their names in `Mvtop`, in full precision; those of
+    convolutions with the normalisation that is folded in."""
+    constants = _constants(graph)
+    found = {_plain(name): values for name, values in constants.items()}
+    for node in graph.graph.node:
+        own = [name for name in node.input if name in constants and name.startswith("onnx::")]
+        if own and node.op_type == "MatMul":
+            found[f"{_module_of(node.name)}.weight"] = constants[own[0]].T
+        elif own and node.op_type == "Add":
+            found[f"{_module_of(node.name)}.bias"] = constants[own[0]]
+    return {name: torch.from_numpy(np.array(values)) for name, values in found.items()}
+
+
+def _constants(graph: onnx.ModelProto) -> dict[str, np.ndarray]:
+    """Initializers, and what is made of these alone."""
+    found = {x.name: onnx.numpy_helper.to_array(x) for x in graph.graph.initializer}
+    for node in graph.graph.node:
+        given = [name for name in node.input if name]
+        if node.op_type in RESTORING and all(name in found for name in given):
+            inputs = {name: found[name] for name in given}
+            found[node.output[0]] = ReferenceEvaluator(node).run(None, inputs)[0]
+    return found
+
+
+def _plain(name: str) -> str:
+    """The name that a tensor had before `integers`."""
+    return re.sub(r"^first\.|_DequantizeLinear_Output$", "", name)
+
+
+def _module_of(node: str) -> str:
+    """Of a linear layer: "/encoder/layers.0/ffn/ffn.2/Add" is features.encoder.layers.0.ffn.2"""
+    path = node.strip("/").split("/")[:-1]
+    inner = [a for a, b in zip(path, [*path[1:], ""], strict=True) if not b.startswith(f"{a}.")]
+    return ".".join(["features", *inner] if inner[0] == "encoder" else inner)
+
+
+@torch.no_grad()
+def put(given: dict[str, torch.Tensor], model: Mvtop):
+    """Put a bundle's weights into a network with pretrained ones; its trunk is never trained and
+    stays."""
+    wanted = [
+        name for name, _ in model.named_parameters() if not name.startswith("features.trunk.")
+    ]
+    try:
+        of_run = _as_trained(given, model)
+        model.load_state_dict({name: of_run[name] for name in wanted}, strict=False)
+    except (KeyError, RuntimeError) as error:
+        raise UserError(
+            "the bundle's graphs: expected weights of this network, got others "
+            f"({str(error).splitlines()[-1].strip()}); fix: a bundle that this version wrote"
+        ) from None
+
+
+def _as_trained(given: dict[str, torch.Tensor], model: Mvtop) -> dict[str, torch.Tensor]:
+    """A bundle's weights as they were before the export."""
+    config, given = model.config, dict(given)
+    last = config.decoder_layers - 1
+    for name in [name for name in given if name.startswith(f"decoder.heads.{last}.")]:
+        for layer in range(last):
+            given[name.replace(f".{last}.", f".{layer}.", 1)] = given[name]
+    for name, module in model.named_modules():
+        if isinstance(module, DeformableAttention):
+            cells = module.cells(config.decoder_shapes())
+            given[f"{name}.offsets.weight"] = given[f"{name}.weight"] / cells[:, None]
+            given[f"{name}.offsets.bias"] = given[f"{name}.bias"] / cells
+        elif isinstance(module, nn.Sequential):
+            for i in range(len(module) - 1):
+                if isinstance(module[i + 1], nn.BatchNorm2d):
+                    _unfold(f"{name}.{i}", f"{name}.{i + 1}", module[i + 1], given)
+    return given
+
+
+def _unfold(conv: str, norm: str, module: nn.BatchNorm2d, given: dict[str, torch.Tensor]):
+    """Weights of a convolution and of its normalisation, which keeps statistics and scale, from
+    those of what they became together."""
+    small = module.weight.abs() < LEAST_SCALE
+    scale = torch.where(small, LEAST_SCALE, module.weight)
+    step = scale / (module.running_var + module.eps).sqrt()
+    bias = given.pop(f"{conv}.bias") + module.running_mean * step
+    weight = given[f"{conv}.weight"] / step[:, None, None, None]
+    given |= {f"{conv}.weight": weight, f"{norm}.weight": scale, f"{norm}.bias": bias}
+
+
+@torch.no_grad()
+def measure_normalisation(model: Mvtop, pictures: dict[str, torch.Tensor]):
+    """Let normalisation that training measures anew begin with the statistics of pictures.
+
+    What the network answers in eval mode does not change.
+
+    pictures  of `integers.pictures_of`
+    """
+    model.train()
+    measured = [x for x in model.modules() if isinstance(x, nn.BatchNorm2d) and x.training]
+    model.eval()
+    seen = {}
+    hooks = [x.register_forward_hook(lambda m, i, _: seen.update({m: i[0]})) for x in measured]
+    model.features.detect(pictures["features"])
+    model.features.describe(pictures["closeup"])
+    for hook in hooks:
+        hook.remove()
+    for module, x in seen.items():
+        mean, variance = x.mean((0, 2, 3)), x.var((0, 2, 3))
+        step = module.weight / (module.running_var + module.eps).sqrt()
+        module.bias += (mean - module.running_mean) * step
+        module.weight.copy_(step * (variance + module.eps).sqrt())
+        module.running_mean.copy_(mean)
+        module.running_var.copy_(variance)
+
+
+def _check(model: Mvtop, told: dict, bundle: Path):
+    """Against what the bundle says that it answers to a fixed input."""
+    answers = self_test.outputs(self_test.OfModel(model))
+    del answers["det_scores"]  # of noise: all but zero, which steps of 8 bits are as well
+    for name, values in answers.items():
+        expected = np.array(told["outputs"][name])
+        off = np.abs(np.array(values) - expected).max() / np.abs(expected).max()
+        if off > told["tolerance"]:
+            raise UserError(
+                f"{bundle}: expected {name} {expected.tolist()}, got {values}; "
+                "fix: a bundle that this version of mvtop_train wrote"
+            )
+
+
+@command
+def main():
+    parser = argument_parser(__doc__)
+    parser.add_argument("--bundle", type=Path, required=True, help="folder with a model.json")
+    parser.add_argument("--data", type=Path, required=True, help="data set that it was trained on")
+    parser.add_argument("--out", type=Path, required=True, help="weights.pt to write")
+    args = parser.parse_args()
+    if args.out.exists():
+        raise UserError(f"{args.out}: expected no such file, got one; fix: another --out")
+    model = of_bundle(args.bundle, objects.read_all(args.data), args.data)
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    steps = _read(args.bundle / "model.json")["provenance"]["trained_steps"]
+    save_weights(model, steps, steps, args.out)
+    print(f"{args.out}: {model.config.preset}, {steps} steps")
+
+
+if __name__ == "__main__":
+    main()
