@@ -5,9 +5,11 @@
 
 They are as good as the bundle stores them. What it does not store is put in anew: normalisation
 that was folded into convolutions has the statistics of the pretrained network, or of pictures of
---data; pose heads of earlier decoder layers, which only training has, are copies of the last.
+--data; pose heads of earlier decoder layers, which only training has, are copies of the last, and
+layers for object coordinates, where only training has them, are random.
 """
 
+import dataclasses
 import json
 import re
 from pathlib import Path
@@ -45,20 +47,12 @@ def of_bundle(bundle: Path, known: tuple[objects.Object, ...], data: Path) -> Mv
             f"{bundle} knows {names}, expected {wanted}; "
             "fix: --data must name the data set that it was trained on"
         )
-    classes = objects.classes_of(*known)
-    config = configs.preset(about["preset"], classes)
-    if config.backbone != "lite":
-        raise UserError(
-            f"{bundle}: expected a network on the pretrained backbone, got preset "
-            f"{config.preset!r}; fix: train it from its config"
-        )
     given = {}
     for file in about["graphs"].values():
         given |= weights_of(onnx.load(bundle / file))
-    model = Mvtop(config)
-    load_pretrained(model.features)
+    model = fresh(about["preset"], objects.classes_of(*known), given)
     put(given, model)
-    pictures = integers.pictures_of(config, known, data)
+    pictures = integers.pictures_of(model.config, known, data)
     measure_normalisation(model, {name: torch.from_numpy(x) for name, x in pictures.items()})
     _check(model.eval(), about["self_test"], bundle)
     return model
@@ -111,16 +105,26 @@ def _module_of(node: str) -> str:
     return ".".join(["features", *inner] if inner[0] == "encoder" else inner)
 
 
+def fresh(preset: str, classes: tuple[configs.ObjectClass, ...], given: dict) -> Mvtop:
+    """A network of the shape of these weights that was not trained on the objects."""
+    config = configs.preset(preset, classes)
+    head = given[f"decoder.heads.{config.decoder_layers - 1}.rotation.4.bias"]
+    model = Mvtop(dataclasses.replace(config, hypotheses=len(head) // (6 * len(classes))))
+    if config.backbone == "lite":
+        load_pretrained(model.features)
+    return model
+
+
 @torch.no_grad()
 def put(given: dict[str, torch.Tensor], model: Mvtop):
-    """Put a bundle's weights into a network with pretrained ones; its trunk is never trained and
-    stays."""
-    wanted = [
-        name for name, _ in model.named_parameters() if not name.startswith("features.trunk.")
-    ]
+    """Put a bundle's weights into a network; what is never trained (`lite.Trunk`) stays."""
+    absent = ("features.trunk.",)
+    if not model.config.gives_coordinates:
+        absent += ("features.coordinates.",)
+    trained = [name for name, _ in model.named_parameters() if not name.startswith(absent)]
     try:
-        of_run = _as_trained(given, model)
-        model.load_state_dict({name: of_run[name] for name in wanted}, strict=False)
+        before = _as_trained(given, model)
+        model.load_state_dict({name: before[name] for name in trained}, strict=False)
     except (KeyError, RuntimeError) as error:
         raise UserError(
             "the bundle's graphs: expected weights of this network, got others "
@@ -169,14 +173,17 @@ def measure_normalisation(model: Mvtop, pictures: dict[str, torch.Tensor]):
     model.train()
     measured = [x for x in model.modules() if isinstance(x, nn.BatchNorm2d) and x.training]
     model.eval()
-    seen = {}
-    hooks = [x.register_forward_hook(lambda m, i, _: seen.update({m: i[0]})) for x in measured]
-    model.features.detect(pictures["features"])
-    model.features.describe(pictures["closeup"])
+    seen = {x: [] for x in measured}
+    hooks = [x.register_forward_hook(lambda m, i, _: seen[m].append(i[0])) for x in measured]
+    features = model.features
+    describe = features.describe if model.config.gives_coordinates else features.pose_levels
+    features.detect(pictures["features"])
+    describe(pictures["closeup"])
     for hook in hooks:
         hook.remove()
-    for module, x in seen.items():
-        mean, variance = x.mean((0, 2, 3)), x.var((0, 2, 3))
+    for module, maps in seen.items():
+        mean = torch.stack([x.mean((0, 2, 3)) for x in maps]).mean(0)
+        variance = torch.stack([x.var((0, 2, 3)) for x in maps]).mean(0)
         step = module.weight / (module.running_var + module.eps).sqrt()
         module.bias += (mean - module.running_mean) * step
         module.weight.copy_(step * (variance + module.eps).sqrt())
