@@ -11,31 +11,53 @@ from mvtop_train.training import confidence
 from mvtop_train.training.confidence import Judged
 
 
-def poses(count: int, seed: int = 0) -> list[Judged]:
-    """Right with the odds exp(2 - 3 a), whatever b is; c is always the same."""
+def poses(count: int, seed: int = 0, views: int = 2, slope: float = -3.0) -> list[Judged]:
+    """Right with the odds exp(2 + slope a + d^2 / 2), whatever b is; c is always the same."""
     rng = np.random.default_rng(seed)
-    a, b = rng.normal(size=(2, count))
-    right = rng.random(count) < 1 / (1 + np.exp(3 * a - 2))
+    a, b, d = rng.uniform(-2, 2, size=(3, count))
+    right = rng.random(count) < 1 / (1 + np.exp(-slope * a - d**2 / 2 - 2))
     return [
-        Judged({"a": x, "b": y, "c": 7.0}, bool(z), None, 2, False)
-        for x, y, z in zip(a, b, right, strict=True)
+        Judged(
+            {"a": w, "b": x, "c": 7.0, "d": y, "views": np.log(views)}, bool(z), None, views, False
+        )
+        for w, x, y, z in zip(a, b, d, right, strict=True)
     ]
 
 
+def said(odds: dict, evidence: dict[str, float]) -> float:
+    """As `mvtop-core/src/confidence.rs`."""
+    total = odds["bias"]
+    for name, value in evidence.items():
+        value = np.clip(value, *odds["limits"].get(name, (value, value)))
+        total += odds["weights"].get(name, 0) * value + odds["squares"].get(name, 0) * value**2
+    return 1 / (1 + np.exp(-total))
+
+
 def test_odds_are_found_again():
-    fitted = confidence.fit(poses(20_000))
-    assert fitted["weights"]["a"] == pytest.approx(-3, abs=0.1)
-    assert fitted["weights"].get("b", 0) == pytest.approx(0, abs=0.1)
+    fitted = confidence.fit(poses(40_000))
+    assert fitted["weights"]["a"] == pytest.approx(-3, abs=0.15)
+    assert fitted["squares"]["d"] == pytest.approx(0.5, abs=0.1)
+    for kind, name in (("weights", "b"), ("weights", "d"), ("squares", "a"), ("squares", "b")):
+        assert fitted[kind][name] == pytest.approx(0, abs=0.1)
     assert "c" not in fitted["weights"]
-    assert fitted["bias"] == pytest.approx(2, abs=0.1)
+    assert fitted["bias"] == pytest.approx(2, abs=0.2)
     assert (fitted["within_deg"], fitted["within_m"]) == (5, 0.005)
+    assert fitted["limits"]["a"] == pytest.approx([-1.96, 1.96], abs=0.03)
+
+
+def test_what_one_view_shows_has_its_own_odds():
+    found = [*poses(20_000), *poses(20_000, 1, views=1, slope=1.0)]
+    fitted = confidence.fit(found)
+    assert fitted["weights"]["a"] == pytest.approx(-3, abs=0.2)
+    assert fitted["one_view"]["weights"]["a"] == pytest.approx(1, abs=0.1)
+    # Too few of these: one fit of all.
+    assert "one_view" not in confidence.fit([*poses(1000), *poses(99, 1, views=1)])
 
 
 def test_what_is_said_comes_true_on_others():
     fitted, others = confidence.fit(poses(500)), poses(20_000, 1)
-    odds = [fitted["bias"] + fitted["weights"]["a"] * one.evidence["a"] for one in others]
-    said = 1 / (1 + np.exp(-np.array(odds)))
-    rows, error = confidence.reliability(said, np.array([one.right for one in others]))
+    told = np.array([said(fitted, one.evidence) for one in others])
+    rows, error = confidence.reliability(told, np.array([one.right for one in others]))
     assert rows[:, 0].sum() == 20_000 and (np.diff(rows[:, 1]) > 0).all()
     assert error < 0.05
 

@@ -1,8 +1,9 @@
 //! The probability that a pose is right, from all that is known of it.
 //!
-//! A logistic regression over a few numbers, the [`evidence`]. Which weights they have is found on
-//! scenes that the network was not trained on (`training/mvtop_train/training/confidence.py`), and
-//! stands in the bundle: another network, other parts and other images err otherwise.
+//! A logistic regression over a few numbers, the [`evidence`], and their squares; of a pose that one
+//! view alone shows, another one. Which weights they have is found on scenes that the network was not
+//! trained on (`training/mvtop_train/training/confidence.py`), and stands in the bundle: another
+//! network, other parts and other images err otherwise.
 
 use std::collections::BTreeMap;
 
@@ -38,43 +39,93 @@ pub struct Confidence {
     pub within_deg: f64,
     /// Largest distance to the true position, metres.
     pub within_m: f64,
-    /// Logarithm of the odds where all evidence is 0.
+    /// Of poses that several views show, and of others where `one_view` is left out.
+    #[serde(flatten)]
+    pub odds: Odds,
+    /// Of poses that one view alone shows.
+    pub one_view: Option<Odds>,
+}
+
+/// How the odds that a pose is right follow from the [`EVIDENCE`].
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+pub struct Odds {
+    /// Their logarithm where all evidence is 0.
     pub bias: f64,
-    /// What each piece of [`EVIDENCE`] adds to them for each of its units, by name; none where it is
-    /// left out.
+    /// What each piece of evidence adds to that for each of its units, by name; none where it is left
+    /// out.
     pub weights: BTreeMap<String, f64>,
+    /// The same for its square.
+    #[serde(default)]
+    pub squares: BTreeMap<String, f64>,
+    /// Between what evidence was when the weights were found, by name; beyond, it says no more.
+    #[serde(default)]
+    pub limits: BTreeMap<String, [f64; 2]>,
+}
+
+impl Odds {
+    /// Their logarithm.
+    fn of(&self, evidence: &[f64; EVIDENCE.len()]) -> f64 {
+        let weight = |weights: &BTreeMap<String, f64>, name| weights.get(name).copied();
+        let each = EVIDENCE.iter().zip(evidence).map(|(&name, &value)| {
+            let [least, most] = self.limits.get(name).copied().unwrap_or([value; 2]);
+            let value = value.max(least).min(most);
+            let by = weight(&self.weights, name).unwrap_or(0.0);
+            let by_square = weight(&self.squares, name).unwrap_or(0.0);
+            (by + by_square * value) * value
+        });
+        self.bias + each.sum::<f64>()
+    }
+
+    /// The text is the problem.
+    fn check(&self) -> Result<(), String> {
+        let names = [&self.weights, &self.squares].map(|weights| weights.keys());
+        let mut names = names.into_iter().flatten().chain(self.limits.keys());
+        if let Some(name) = names.find(|name| !EVIDENCE.contains(&name.as_str())) {
+            return Err(format!(
+                "confidence has a weight for {name:?}, expected some of {EVIDENCE:?}"
+            ));
+        }
+        let weights = [&self.weights, &self.squares].map(|weights| weights.values());
+        let mut weights = weights.into_iter().flatten().chain([&self.bias]);
+        let bounded = weights.all(|weight| weight.abs() <= MOST_WEIGHT);
+        let mut limits = self.limits.values();
+        if bounded && limits.all(|[least, most]| least <= most) {
+            return Ok(());
+        }
+        Err(format!(
+            "confidence has {self:?}, expected weights of {MOST_WEIGHT:e} at most, and limits in order"
+        ))
+    }
 }
 
 impl Confidence {
     /// The probability that a pose is within the bounds; `None` of one that was not refined.
     pub fn of(&self, object: &ObjectPose, rig: Option<&RigConsistency>) -> Option<f64> {
-        let weight = |name: &str| self.weights.get(name).copied().unwrap_or(0.0);
-        let each = EVIDENCE.iter().zip(evidence(object, rig)?);
-        let odds = self.bias + each.map(|(name, value)| weight(name) * value).sum::<f64>();
+        let evidence = evidence(object, rig)?;
+        let one_view = self.one_view.as_ref().filter(|_| shown_by(object) < 2);
+        let odds = one_view.unwrap_or(&self.odds).of(&evidence);
         Some(1.0 / (1.0 + (-odds).exp()))
     }
 
     /// The text is the problem.
     pub(crate) fn check(&self) -> Result<(), String> {
-        if let Some(name) = self
-            .weights
-            .keys()
-            .find(|n| !EVIDENCE.contains(&n.as_str()))
-        {
-            return Err(format!(
-                "confidence has a weight for {name:?}, expected some of {EVIDENCE:?}"
-            ));
-        }
+        self.odds.check()?;
+        self.one_view.as_ref().map_or(Ok(()), Odds::check)?;
         let above_zero = |x: f64| x.is_finite() && x > 0.0;
-        let mut weights = self.weights.values().chain([&self.bias]);
-        let bounded = weights.all(|weight| weight.abs() <= MOST_WEIGHT);
-        if bounded && above_zero(self.within_deg) && above_zero(self.within_m) {
+        if above_zero(self.within_deg) && above_zero(self.within_m) {
             return Ok(());
         }
+        let bounds = [self.within_deg, self.within_m];
         Err(format!(
-            "confidence has {self:?}, expected weights of {MOST_WEIGHT:e} at most, and bounds above 0"
+            "confidence is of poses within {bounds:?}, expected bounds above 0"
         ))
     }
+}
+
+/// The number of views that have a box of the object.
+fn shown_by(object: &ObjectPose) -> usize {
+    let seen = object.cameras.iter().filter(|seen| seen.bbox.is_some());
+    seen.count()
 }
 
 /// What speaks for and against a pose, in the order of [`EVIDENCE`]: logarithms of the expected errors
@@ -86,14 +137,13 @@ pub fn evidence(
     rig: Option<&RigConsistency>,
 ) -> Option<[f64; EVIDENCE.len()]> {
     let refinement = object.refinement?;
-    let views = object.cameras.iter().filter(|seen| seen.bbox.is_some());
     let first = object.hypotheses.first();
     let deviation = rig.map_or(0.0, |rig| rig.deviation.min(MOST_DEVIATION));
     Some([
         object.sigma.rot_deg.max(1e-3).ln(),
         (1e3 * object.sigma.t_m).max(1e-3).ln(),
         first.map_or(1.0, |hypothesis| hypothesis.probability),
-        (views.count().max(1) as f64).ln(),
+        (shown_by(object).max(1) as f64).ln(),
         refinement.supported,
         refinement.residual_px,
         refinement.overlap,
@@ -125,10 +175,9 @@ impl Verdict {
         if object.confidence.unwrap_or(0.0) >= least {
             return Self::Accept;
         }
-        let views = object.cameras.iter().filter(|seen| seen.bbox.is_some());
         let first = object.hypotheses.first();
         let open = first.is_some_and(|hypothesis| hypothesis.probability < SETTLED);
-        match open || views.count() < 2 {
+        match open || shown_by(object) < 2 {
             true => Self::NeedAnotherView,
             false => Self::Reject,
         }
@@ -183,13 +232,21 @@ mod tests {
         }
     }
 
-    fn confidence(weights: &[(&str, f64)]) -> Confidence {
+    fn odds(weights: &[(&str, f64)]) -> Odds {
         let weights = weights.iter().map(|(name, x)| ((*name).to_owned(), *x));
+        Odds {
+            bias: 1.0,
+            weights: weights.collect(),
+            ..Odds::default()
+        }
+    }
+
+    fn confidence(weights: &[(&str, f64)]) -> Confidence {
         Confidence {
             within_deg: 5.0,
             within_m: 0.005,
-            bias: 1.0,
-            weights: weights.collect(),
+            odds: odds(weights),
+            one_view: None,
         }
     }
 
@@ -209,6 +266,31 @@ mod tests {
         let by_rig = confidence(&[("deviation", -1.0)]);
         let least = by_rig.of(&object(2, 1.0, 0.0), Some(&doubted)).unwrap();
         assert!((least - 1.0 / (1.0 + 51.0 / 1f64.exp())).abs() < 1e-12);
+    }
+
+    #[test]
+    fn squares_count_within_limits() {
+        // 0.5 supported, residual of 2 px: 1 + 4 * 0.5^2 - 2 = 0.
+        let mut bent = confidence(&[("residual_px", -1.0)]);
+        bent.odds.squares.insert("supported".to_owned(), 4.0);
+        let even = bent.of(&object(2, 1.0, 0.0), None).unwrap();
+        assert!((even - 0.5).abs() < 1e-12);
+        // As if the residual were 1 px, and 0.75 supported: 1 + 4 * 0.75^2 - 1.
+        let limits = [("residual_px", [0.0, 1.0]), ("supported", [0.75, 1.0])];
+        bent.odds.limits = limits.map(|(name, x)| (name.to_owned(), x)).into();
+        let limited = bent.of(&object(2, 1.0, 0.0), None).unwrap();
+        assert!((limited - 1.0 / (1.0 + (-2.25_f64).exp())).abs() < 1e-12);
+    }
+
+    #[test]
+    fn one_view_has_its_own_odds() {
+        let mut both = confidence(&[]);
+        both.one_view = Some(odds(&[("residual_px", -0.5)]));
+        let said = |views| both.of(&object(views, 1.0, 0.0), None).unwrap();
+        assert!((said(1) - 0.5).abs() < 1e-12);
+        for views in [2, 3] {
+            assert!((said(views) - 1.0 / (1.0 + (-1.0_f64).exp())).abs() < 1e-12);
+        }
     }
 
     #[test]
@@ -240,5 +322,14 @@ mod tests {
             ..confidence(&[])
         };
         assert!(no_bound.check().is_err());
+        let mut of_one_view = confidence(&[]);
+        of_one_view.one_view = Some(odds(&[("weather", 1.0)]));
+        assert!(of_one_view.check().is_err());
+        let mut squared = confidence(&[]);
+        squared.odds.squares.insert("views".to_owned(), f64::NAN);
+        assert!(squared.check().is_err());
+        let mut limited = confidence(&[]);
+        limited.odds.limits.insert("views".to_owned(), [1.0, 0.0]);
+        assert!(limited.check().is_err());
     }
 }

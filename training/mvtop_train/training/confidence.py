@@ -3,7 +3,8 @@
     python -m mvtop_train.training.confidence --bundle models/mine --data data/mine
 
 writes `confidence` into a bundle's `model.json`, by which `mvtop` judges its poses: the weights of
-a logistic regression over what is known of each (`mvtop-core/src/confidence.rs`). Takes the
+a logistic regression over what is known of each and its squares (`mvtop-core/src/confidence.rs`),
+where there is enough of them another one for poses that one view alone shows. Takes the
 held-out scenes of the training split in groups of one, two and three views, a share of them with
 cameras that are not quite where the rig has them. With `--split test` it says how reliable the
 confidences of another split are.
@@ -30,6 +31,7 @@ DISTURBED = 0.2  # of the groups have cameras that are off
 MOST_OFF = 2.0, 0.02  # degrees and metres, of these
 RIDGE = 1.0  # on weights of evidence of unit spread
 LEAST = 100  # poses, right and wrong ones among them
+LIMITS = 0.01, 0.99  # shares of the poses by which evidence is bounded
 BINS = 10  # as `mvtop-cli eval` has it
 
 
@@ -121,31 +123,56 @@ def is_right(one, truth: list[tuple[int, np.ndarray]], obj: Object) -> bool:
 
 def fit(found: list[Judged]) -> dict | None:
     """As it stands in `model.json`; None where there is too little to tell right from wrong."""
+    bounds = {"within_deg": WITHIN_DEG, "within_m": WITHIN_M}
+    alone = _odds([one for one in found if one.evidence["views"] == 0])
+    several = _odds([one for one in found if one.evidence["views"] != 0])
+    if alone and several:
+        return bounds | several | {"one_view": alone}
+    all_alike = _odds(found)
+    return all_alike and bounds | all_alike
+
+
+def _odds(found: list[Judged]) -> dict | None:
+    """How the odds of being right follow from evidence, bounded by what it is of these poses."""
     right = np.array([one.right for one in found], float)
     if len(found) < LEAST or not LEAST / 10 <= right.sum() <= len(found) - LEAST / 10:
         return None
     names = sorted(found[0].evidence)
     x = np.array([[one.evidence[name] for name in names] for one in found])
+    limits = np.quantile(x, LIMITS, axis=0).round(6)
+    x = x.clip(*limits)
     mean, spread = x.mean(0), x.std(0)
     varies = spread > 1e-6
     spread = np.where(varies, spread, 1.0)
-    x = np.concatenate([np.ones((len(x), 1)), (x - mean) / spread * varies], 1)
-    ridge = np.diag([0.0, *[RIDGE] * len(names)])
+    unit = (x - mean) / spread * varies
+    weights = _regression(np.concatenate([unit, unit**2], 1), right)
+    by, by_square = weights[1:].reshape(2, -1) * varies / (spread, spread**2)
+
+    def named(values):
+        each = zip(names, values, varies, strict=True)
+        return {name: np.round(value, 6).tolist() for name, value, used in each if used}
+
+    return {
+        "bias": round(float(weights[0] - by @ mean + by_square @ mean**2), 6),
+        "weights": named(by - 2 * by_square * mean),
+        "squares": named(by_square),
+        "limits": named(limits.T),
+    }
+
+
+def _regression(x: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Weights [1 + n] of a constant and of x [poses, n], by Newton's method; the cost is convex."""
+    x = np.concatenate([np.ones((len(x), 1)), x], 1)
+    ridge = np.diag([0.0, *[RIDGE] * (x.shape[1] - 1)])
     weights = np.zeros(x.shape[1])
-    for _ in range(50):  # Newton's method; the cost is convex
+    for _ in range(50):
         p = 1 / (1 + np.exp(-x @ weights))
         slope = x.T @ (p - right) + ridge @ weights
         step = np.linalg.solve((x * (p * (1 - p))[:, None]).T @ x + ridge, slope)
         weights -= step
         if np.abs(step).max() < 1e-9:
             break
-    raw = weights[1:] / spread * varies
-    return {
-        "within_deg": WITHIN_DEG,
-        "within_m": WITHIN_M,
-        "bias": round(float(weights[0] - raw @ mean), 6),
-        "weights": {name: round(float(w), 6) for name, w in zip(names, raw, strict=True) if w},
-    }
+    return weights
 
 
 def add(bundle: Path, fitted: dict):

@@ -35,7 +35,9 @@ fn answered<T>(answer: mvtop_core::Result<T>) -> Option<T> {
 
 /// As bundles have it.
 const CONFIDENCE: &str = r#""confidence": {"within_deg": 5.0, "within_m": 0.005, "bias": 6.05,
- "weights": {"deviation": -1.17, "expected_rotation": -1.83, "views": 2.07, "overlap": 4.58}}"#;
+ "weights": {"deviation": -1.17, "expected_rotation": -1.83, "views": 2.07, "overlap": 4.58},
+ "one_view": {"bias": -1.5, "weights": {"supported": 2.0}, "squares": {"supported": -0.5},
+ "limits": {"supported": [0.1, 0.95]}}}"#;
 
 /// A copy of the fixture's bundle.
 fn whole() -> tempfile::TempDir {
@@ -56,7 +58,9 @@ fn confidences_are_read_where_they_are_good() {
     let manifest = manifest.replacen('{', &format!("{{{CONFIDENCE}, "), 1);
     std::fs::write(folder.path().join("model.json"), manifest).unwrap();
     let bundle = Bundle::load(folder.path()).unwrap();
-    assert_eq!(bundle.confidence.unwrap().weights.len(), 4);
+    let found = bundle.confidence.unwrap();
+    assert_eq!(found.odds.weights.len(), 4);
+    assert_eq!(found.one_view.unwrap().limits["supported"], [0.1, 0.95]);
 }
 
 proptest! {
@@ -104,8 +108,11 @@ proptest! {
         std::fs::write(folder.path().join("model.json"), manifest).unwrap();
         if let Some(found) = answered(Bundle::load(folder.path())).and_then(|b| b.confidence) {
             // The odds of any evidence are a number.
-            let mut weights = found.weights.values().chain([&found.bias]);
-            prop_assert!(weights.all(|weight| weight.abs() < 1e9));
+            for odds in [Some(&found.odds), found.one_view.as_ref()].into_iter().flatten() {
+                let weights = odds.weights.values().chain(odds.squares.values());
+                prop_assert!(weights.chain([&odds.bias]).all(|weight| weight.abs() < 1e9));
+                prop_assert!(odds.limits.values().all(|[least, most]| least <= most));
+            }
             prop_assert!(found.within_deg > 0.0 && found.within_m > 0.0);
         }
     }
