@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from mvtop_train.data import objects
+from mvtop_train.errors import UserError
+from mvtop_train.study import reliability
 from mvtop_train.training import confidence
 from mvtop_train.training.confidence import Judged
 
@@ -103,3 +105,18 @@ def test_stands_in_the_bundle_after_the_detector(tmp_path):
     written = json.loads((tmp_path / "model.json").read_text())
     assert list(written) == ["format", "detector", "confidence", "graphs"]
     assert written["confidence"] == {"bias": 2.0}
+
+
+def test_results_are_judged_by_both_bounds(tmp_path):
+    row = {"rot_deg": 4.9, "trans_m": 0.0049, "confidence": 0.75, "views": 2}
+    rows = [row, row | {"rot_deg": 5.1}, row | {"trans_m": 0.0051}, row | {"confidence": None}]
+    path = tmp_path / "results.jsonl"
+    path.write_text("\n".join(map(json.dumps, rows)))
+    found = reliability.read(path)
+    assert [one.right for one in found] == [True, False, False]
+    assert {one.confidence for one in found} == {0.75}
+    path.write_text("{}")
+    assert reliability.read(path) == []  # nothing was found
+    path.write_text("poses")
+    with pytest.raises(UserError, match="eval samples --out"):
+        reliability.read(path)

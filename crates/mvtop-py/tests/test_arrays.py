@@ -1,4 +1,4 @@
-"""Cameras, rays, sampling and rotations as functions of arrays."""
+"""Cameras, rays and rotations as functions of arrays."""
 
 import copy
 import pickle
@@ -6,28 +6,18 @@ import pickle
 import cv2
 import numpy as np
 import pytest
+from poses import pose
 
 import mvtop
 
 K = np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]])
 BROWN = [0.09, -0.22, 0.001, -0.002, 0.05]
 KANNALA = [-0.006, 0.016, -0.024, 0.0155]
-
-
-def turn(rng, *shape):
-    """Random rotations, from QR of random matrices."""
-    q, r = np.linalg.qr(rng.normal(size=(*shape, 3, 3)))
-    q = q * np.sign(np.diagonal(r, axis1=-2, axis2=-1))[..., None, :]
-    q[..., 0] *= np.linalg.det(q)[..., None]
-    return q
-
-
-def pose(rng, *shape):
-    matrix = np.zeros((*shape, 4, 4))
-    matrix[..., :3, :3] = turn(rng, *shape)
-    matrix[..., :3, 3] = rng.normal(size=(*shape, 3))
-    matrix[..., 3, 3] = 1
-    return matrix
+EYE = np.eye(4)
+SKEW = np.array([[0, 1.0, 0], [0, 0, 0], [0, 0, 0]])
+MIRRORED = np.diag([1, 1, -1, 1.0])
+MILLIMETRES = np.stack([EYE, EYE])
+MILLIMETRES[1, 0, 3] = 800
 
 
 def test_pinhole_projects_by_hand():
@@ -183,13 +173,6 @@ def test_axes_of_an_image_may_be_askew():
     np.testing.assert_allclose(fisheye.project(point), by_opencv[0, 0], atol=1e-9)
 
 
-EYE = np.eye(4)
-SKEW = np.array([[0, 1.0, 0], [0, 0, 0], [0, 0, 0]])
-MIRRORED = np.diag([1, 1, -1, 1.0])
-MILLIMETRES = np.stack([EYE, EYE])
-MILLIMETRES[1, 0, 3] = 800
-
-
 @pytest.mark.parametrize(
     "mistake, sentence",
     [
@@ -291,104 +274,6 @@ def test_box_rays_are_those_of_its_middle_and_sides(rng):
     np.testing.assert_allclose(rays, np.concatenate(expected), atol=1e-5)
 
 
-def test_sampling_is_a_weighted_sum_of_bilinear_reads(rng):
-    levels = [(4, 6), (2, 3)]
-    value = rng.normal(size=(2, 30, 3, 5))
-    locations = rng.uniform(-0.2, 1.2, size=(2, 7, 3, 2, 4, 2))
-    weights = rng.uniform(size=(2, 7, 3, 2, 4))
-    expected = np.zeros((2, 7, 3, 5))
-    first = 0
-    for level, (height, width) in enumerate(levels):
-        cells = value[:, first : first + height * width].reshape(2, height, width, 3, 5)
-        first += height * width
-        x = locations[:, :, :, level, :, 0] * width - 0.5
-        y = locations[:, :, :, level, :, 1] * height - 0.5
-        for b, q, h, k in np.ndindex(2, 7, 3, 4):
-            for row in range(height):
-                for column in range(width):
-                    share = max(0, 1 - abs(x[b, q, h, k] - column))
-                    share *= max(0, 1 - abs(y[b, q, h, k] - row))
-                    weight = weights[b, q, h, level, k] * share
-                    expected[b, q, h] += weight * cells[b, row, column, h]
-    sampled = mvtop.deformable_sampling(value, locations, weights, levels)
-    np.testing.assert_allclose(sampled, expected.reshape(2, 7, 15), atol=1e-5)
-    with pytest.raises(ValueError, match="value: expected"):
-        mvtop.deformable_sampling(value[:, 1:], locations, weights, levels)
-
-
-LEVELS = [(4, 6), (2, 3)]
-
-
-def sampling_inputs(rng):
-    """Value, locations and weights, float32; locations well between the centers of cells."""
-    cells = rng.integers(-1, 3, size=(2, 7, 3, 2, 4, 2)) + rng.uniform(0.1, 0.9, (2, 7, 3, 2, 4, 2))
-    sizes = np.array(LEVELS)[:, None, ::-1]  # width, height
-    inputs = (
-        rng.normal(size=(2, 30, 3, 5)),
-        (cells + 0.5) / sizes,
-        rng.uniform(size=(2, 7, 3, 2, 4)),
-    )
-    return [array.astype(np.float32) for array in inputs]
-
-
-def test_sampling_writes_into_the_arrays_that_it_is_given(rng):
-    inputs = sampling_inputs(rng)
-    expected = mvtop.deformable_sampling(*inputs, LEVELS)
-    out = np.full_like(expected, np.nan)
-    for threads in (1, 3, 0):
-        mvtop.set_num_threads(threads)
-        out[:] = np.nan
-        mvtop.deformable_sampling_forward(*inputs, LEVELS, out)
-        np.testing.assert_array_equal(out, expected)
-
-
-def test_gradients_of_sampling_are_slopes(rng):
-    """The steepest of each input's, against a central difference."""
-    inputs = sampling_inputs(rng)
-    grad_out = rng.normal(size=(2, 7, 15)).astype(np.float32)
-    grads = [np.full_like(array, np.nan) for array in inputs]
-    mvtop.deformable_sampling_backward(*inputs, LEVELS, grad_out, *grads)
-    for which, grad in enumerate(grads):
-        index = np.unravel_index(np.abs(grad).argmax(), grad.shape)
-        sums = []
-        for step in (1e-3, -1e-3):
-            moved = [array.copy() for array in inputs]
-            moved[which][index] += step
-            out = mvtop.deformable_sampling(*moved, LEVELS)
-            sums.append((out.astype(float) * grad_out).sum())
-        assert grad[index] == pytest.approx((sums[0] - sums[1]) / 2e-3, rel=0.01)
-
-
-IN_PLACE = "expected a C-contiguous array of float32 with"
-
-
-@pytest.mark.parametrize(
-    "change, sentence",
-    [
-        (lambda a: a.update(value=a["value"].astype(float)), f"value: {IN_PLACE} 4 axes, got fl"),
-        (lambda a: a.update(value=a["value"].tolist()), f"value: {IN_PLACE} 4 axes, got <class"),
-        (lambda a: a.update(locations=a["locations"][..., ::-1]), f"locations: {IN_PLACE} 6"),
-        (lambda a: a.update(weights=a["weights"][..., 0]), f"weights: {IN_PLACE} 5 axes"),
-        (lambda a: a.update(weights=a["weights"][:1].copy()), "weights: expected"),
-        (lambda a: a.update(levels=[(4, 6)]), "value: expected"),
-        (lambda a: a.update(levels=[(4, 0), (2, 3)]), "level: expected"),
-        (lambda a: a.update(out=a["out"].reshape(2, 15, 7)), "out: expected shape [2, 7, 15], got"),
-        (lambda a: a["out"].setflags(write=False), "out: "),
-        (lambda a: a.update(out=a["value"].reshape(-1)[:210].reshape(2, 7, 15)), "out: "),
-    ],
-)
-def test_sampling_in_place_refuses_what_it_would_have_to_copy(change, sentence, rng):
-    names = ("value", "locations", "weights")
-    arguments = dict(zip(names, sampling_inputs(rng), strict=True))
-    arguments |= {"levels": LEVELS, "out": np.zeros((2, 7, 15), np.float32)}
-    mvtop.deformable_sampling_forward(**arguments)
-    change(arguments)
-    with pytest.raises(ValueError) as refusal:
-        mvtop.deformable_sampling_forward(**arguments)
-    assert sentence in str(refusal.value)
-    assert "\n" not in str(refusal.value)
-
-
 def test_six_numbers_give_the_rotation_of_the_conventions(rng):
     six = rng.normal(size=(3, 8, 6))
     rotations = mvtop.rotation_from_6d(six)
@@ -396,114 +281,3 @@ def test_six_numbers_give_the_rotation_of_the_conventions(rng):
     z = np.cross(x, six[..., 3:])
     z /= np.linalg.norm(z, axis=-1, keepdims=True)
     np.testing.assert_allclose(rotations, np.stack([x, np.cross(z, x), z], axis=-1), atol=1e-12)
-
-
-def test_errors_of_poses_by_hand(rng):
-    quarter = EYE.copy()
-    quarter[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
-    moved = EYE.copy()
-    moved[:3, 3] = [0.3, 0, 0.4]
-    half = quarter @ quarter
-    both = np.stack([quarter, moved])
-    np.testing.assert_allclose(mvtop.metrics.rotation_error_deg(EYE, both), [90, 0], atol=1e-6)
-    np.testing.assert_allclose(mvtop.metrics.translation_error(both, EYE), [0, 0.5], atol=1e-12)
-    # A quarter turn about z moves (1, 0, 0) by sqrt(2) and leaves (0, 0, 1) where it is.
-    points = [[1, 0, 0], [0, 0, 1]]
-    surface = mvtop.metrics.Surface(points)
-    np.testing.assert_allclose(surface.add(EYE, both), [np.sqrt(0.5), 0.5])
-    np.testing.assert_allclose(surface.mssd(EYE, both), [np.sqrt(2), 0.5])
-    np.testing.assert_allclose(surface.add_or_add_s(EYE, both, False), surface.add(EYE, both))
-    about_z = mvtop.metrics.Symmetries(continuous=[([0, 0, 1], [0, 0, 0])])
-    assert len(about_z) == 315  # ceil(pi / 0.01)
-    assert mvtop.metrics.rotation_error_deg(EYE, quarter, about_z) < 0.6
-    np.testing.assert_allclose(mvtop.metrics.Surface([[1, 0, 0], [-1, 0, 0]]).add_s(EYE, half), 0)
-    # A pixel is 2 mm wide at 1 m: 10 mm to the side are 5 px.
-    beside = EYE.copy()
-    beside[0, 3] = 0.01
-    camera = mvtop.Camera(K, (640, 480))
-    ahead = EYE.copy()
-    ahead[2, 3] = 1
-    np.testing.assert_allclose(
-        mvtop.metrics.Surface([[0, 0, 0]]).mspd(ahead, beside @ ahead, camera), 5
-    )
-    assert mvtop.metrics.rotation_error_deg(turn(rng, 2, 3), np.eye(3)).shape == (2, 3)
-    with pytest.raises(ValueError, match=r"estimate: expected numbers of shape \(.*4, 4\)"):
-        mvtop.metrics.Surface([[1, 0, 0]]).add(EYE, np.eye(3))  # no pose: nothing says where
-
-
-def test_depth_images_and_what_differs_between_them():
-    # A square of 0.2 m at 1 m: 100 px wide, around the principal point.
-    corners = [[-0.1, -0.1, 0], [0.1, -0.1, 0], [0.1, 0.1, 0], [-0.1, 0.1, 0]]
-    square = mvtop.metrics.Mesh(corners, [[0, 1, 2], [0, 2, 3]])
-    camera = mvtop.Camera([[500, 0, 319.5], [0, 500, 239.5], [0, 0, 1]], (640, 480))
-    ahead = EYE.copy()
-    ahead[2, 3] = 1
-    truth = square.depth(ahead, camera)
-    assert truth.shape == (480, 640) and truth.dtype == np.float32
-    assert (truth > 0).sum() == 100 * 100 and truth[240, 320] == 1
-    # Moved by a quarter of its width, it shares three of five quarters with where it was.
-    ahead[0, 3] = 0.05
-    estimate = square.depth(ahead, camera)
-    (off,) = mvtop.metrics.vsd(
-        estimate, truth, np.zeros_like(truth), camera, delta=0.015, taus=[0.1]
-    )
-    assert off == pytest.approx(2 / 5)
-
-
-def test_recalls_by_hand():
-    errors = [0.01, 0.03, 0.05, np.inf]
-    assert mvtop.metrics.recall(errors, 0.05) == 0.5
-    assert mvtop.metrics.average_recall(errors, [0.02, 0.1]) == 0.5
-    assert mvtop.metrics.auc_exact(errors, 0.1) == pytest.approx((0.9 + 0.7 + 0.5) / 4)
-    assert mvtop.metrics.recall([], 1) is None
-
-
-ERRORS = np.array([0.01, 0.03])
-
-
-@pytest.mark.parametrize(
-    "errors, sentence",
-    [
-        ([0.1, np.nan], "errors: expected 0 or more, infinity for what was not found, got NaN"),
-        ([0.1, -0.1], "errors: expected 0 or more, infinity for what was not found, got -0.1"),
-        ([-np.inf], "errors: expected 0 or more"),
-        (ERRORS + 1j, "errors: expected numbers of shape (any), got complex128"),
-        (ERRORS.astype("timedelta64[s]"), "got timedelta64"),
-        (np.ma.masked_array(ERRORS, [True, False]), "got a masked array of float64"),
-        (ERRORS[None], "errors: expected numbers of shape (any), got shape [1, 2]"),
-    ],
-)
-def test_errors_that_are_none_are_refused_by_every_summary(errors, sentence):
-    metrics = mvtop.metrics
-    summaries = [metrics.recall, metrics.auc_exact, metrics.auc_posecnn, metrics.auc_poet]
-    summaries.append(lambda errors, limit: metrics.average_recall(errors, [limit]))
-    for summary in summaries:
-        with pytest.raises(ValueError) as refused:
-            summary(errors, 0.1)
-        assert sentence in str(refused.value)
-        for limit in (0, -1, np.nan, np.inf):
-            with pytest.raises(ValueError, match="expected a number above 0"):
-                summary(ERRORS, limit)
-
-
-def test_vsd_refuses_tolerances_and_diameters_that_are_none():
-    depth, camera = np.ones((480, 640)), mvtop.Camera(K, (640, 480))
-    for wrong in ({"diameter": -1.0}, {"taus": [0.0]}, {"delta": -1.0}, {"delta": np.nan}):
-        with pytest.raises(ValueError, match="delta of 0 or more, taus and diameter above 0"):
-            mvtop.metrics.vsd(depth, depth, depth, camera, **{"delta": 0.015, **wrong})
-
-
-def test_statistics_by_hand():
-    scores, labels = np.array([1.0, 3.0, 2.0, 3.0]), np.array([False, False, True, True])
-    # Pairs of one with and one without the label: in order, not, in order, equal.
-    assert mvtop.statistics.auroc(scores, labels) == 2.5 / 4
-    assert mvtop.statistics.auroc(scores, [True] * 4) is None
-    curve = mvtop.statistics.roc_curve(scores, labels)
-    np.testing.assert_array_equal(curve, [[0, 0], [0.5, 0.5], [0.5, 1], [1, 1]])
-    assert mvtop.statistics.correlation([1, 2, 3], [4, 2, 0]) == pytest.approx(-1)
-    assert mvtop.statistics.correlation([1, 1], [2, 3]) is None
-    bins = mvtop.statistics.calibration([3, 1, 2, 4], [30, 10, 30, 60], bins=2)
-    np.testing.assert_array_equal(bins, [[1.5, 20], [3.5, 45]])
-    assert mvtop.statistics.calibration(np.arange(9), np.arange(9)).shape == (5, 2)
-    with pytest.raises(ValueError, match="labels: expected 4 numbers, as many as of scores, got 3"):
-        mvtop.statistics.auroc(scores, labels[1:])

@@ -5,8 +5,9 @@
 
 They are as good as the bundle stores them. What it does not store is put in anew: normalisation
 that was folded into convolutions has the statistics of the pretrained network, or of pictures of
---data; pose heads of earlier decoder layers, which only training has, are copies of the last, and
-layers for object coordinates, where only training has them, are random.
+--data; pose heads of earlier decoder layers, which only training has, are copies of the last with
+output weights of zero, so that they do not pull on what is learnt before they know anything; layers
+for object coordinates, where only training has them, are random.
 """
 
 import dataclasses
@@ -125,6 +126,9 @@ def put(given: dict[str, torch.Tensor], model: Mvtop):
     try:
         before = _as_trained(given, model)
         model.load_state_dict({name: before[name] for name in trained}, strict=False)
+        for heads in model.decoder.heads[:-1]:
+            for mlp in heads.children():
+                mlp[-1].weight.zero_()
     except (KeyError, RuntimeError) as error:
         raise UserError(
             "the bundle's graphs: expected weights of this network, got others "
