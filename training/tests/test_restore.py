@@ -100,7 +100,12 @@ def test_normalisation_begins_with_the_statistics_of_pictures(trained, pictures)
     assert changed_by_training() > 0.2
 
 
-def test_other_weights_are_refused(trained):
-    given = restore.weights_of(bundle.graphs_of(bundle.fold_batch_norm(trained))["decoder"])
-    with pytest.raises(UserError, match="expected weights of this network, got others"):
-        restore.put(given, fresh(trained.config.preset))
+def test_other_weights_are_refused(trained, tmp_path):
+    bundle.write_bundle(trained, tmp_path, {"trained_steps": 1}, known=(ball(),))
+    (tmp_path / "closeup.onnx").write_bytes((tmp_path / "decoder.onnx").read_bytes())
+    with pytest.raises(UserError, match="expected weights of preset '(lite|tiny)', got 'features"):
+        restore.of_bundle(tmp_path, (ball(),), tmp_path)
+    with pytest.raises(UserError, match=r"knows \['mvball'\], expected \[\]; fix: --data"):
+        restore.of_bundle(tmp_path, (), tmp_path)
+    with pytest.raises(UserError, match="fix: --bundle must name a bundle's folder"):
+        restore.of_bundle(tmp_path / "none", (ball(),), tmp_path)

@@ -31,9 +31,8 @@ from ..training.checkpoint import save_weights
 from . import integers, self_test
 
 RESTORING = ("Cast", "Mul", "DequantizeLinear")  # make weights of what is stored in fewer bits
-LEAST_SCALE = (
-    1e-2  # of a normalisation: channels that the pretrained network does not use have none
-)
+# Of a normalisation, by which convolutions are divided: unused channels have next to none.
+LEAST_SCALE = 1e-2
 
 
 def of_bundle(bundle: Path, known: tuple[objects.Object, ...], data: Path) -> Mvtop:
@@ -51,8 +50,13 @@ def of_bundle(bundle: Path, known: tuple[objects.Object, ...], data: Path) -> Mv
     given = {}
     for file in about["graphs"].values():
         given |= weights_of(onnx.load(bundle / file))
-    model = fresh(about["preset"], objects.classes_of(*known), given)
-    put(given, model)
+    try:
+        model = fresh(about["preset"], objects.classes_of(*known), given)
+        put(given, model)
+    except (KeyError, RuntimeError) as error:
+        raise _other_than_expected(
+            bundle, f"weights of preset {about['preset']!r}", error
+        ) from None
     pictures = integers.pictures_of(model.config, known, data)
     measure_normalisation(model, {name: torch.from_numpy(x) for name, x in pictures.items()})
     _check(model.eval(), about["self_test"], bundle)
@@ -118,22 +122,19 @@ def fresh(preset: str, classes: tuple[configs.ObjectClass, ...], given: dict) ->
 
 @torch.no_grad()
 def put(given: dict[str, torch.Tensor], model: Mvtop):
-    """Put a bundle's weights into a network; what is never trained (`lite.Trunk`) stays."""
+    """Put a bundle's weights into a network; what is never trained (`lite.Trunk`) stays.
+
+    KeyError or RuntimeError if they are of another network
+    """
     absent = ("features.trunk.",)
     if not model.config.gives_coordinates:
         absent += ("features.coordinates.",)
     trained = [name for name, _ in model.named_parameters() if not name.startswith(absent)]
-    try:
-        before = _as_trained(given, model)
-        model.load_state_dict({name: before[name] for name in trained}, strict=False)
-        for heads in model.decoder.heads[:-1]:
-            for mlp in heads.children():
-                mlp[-1].weight.zero_()
-    except (KeyError, RuntimeError) as error:
-        raise UserError(
-            "the bundle's graphs: expected weights of this network, got others "
-            f"({str(error).splitlines()[-1].strip()}); fix: a bundle that this version wrote"
-        ) from None
+    before = _as_trained(given, model)
+    model.load_state_dict({name: before[name] for name in trained}, strict=False)
+    for heads in model.decoder.heads[:-1]:
+        for mlp in heads.children():
+            mlp[-1].weight.zero_()
 
 
 def _as_trained(given: dict[str, torch.Tensor], model: Mvtop) -> dict[str, torch.Tensor]:
@@ -203,10 +204,14 @@ def _check(model: Mvtop, told: dict, bundle: Path):
         expected = np.array(told["outputs"][name])
         off = np.abs(np.array(values) - expected).max() / np.abs(expected).max()
         if off > told["tolerance"]:
-            raise UserError(
-                f"{bundle}: expected {name} {expected.tolist()}, got {values}; "
-                "fix: a bundle that this version of mvtop_train wrote"
-            )
+            raise _other_than_expected(bundle, f"{name} {expected.tolist()}", values)
+
+
+def _other_than_expected(bundle: Path, expected: str, got) -> UserError:
+    return UserError(
+        f"{bundle}: expected {expected}, got {str(got).splitlines()[-1].strip()}; "
+        "fix: a bundle that this version of mvtop_train wrote"
+    )
 
 
 @command
