@@ -7,7 +7,7 @@ use std::path::Path;
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::{matrix, mvtop, off, refusal, root, sample, stdout};
+use crate::{matrix, mvtop, refusal, root, sample, stdout};
 
 const IDS: [&str; 4] = ["cam0", "cam1", "cam2", "cam3"];
 

@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use serde_json::Value;
+use tempfile::TempDir;
 
-use crate::{matrix, mvtop, off, root, stdout};
+use crate::{mvtop, off, root, stdout};
 
 #[test]
 fn shipped_model_finds_the_ball_of_the_example_and_how_it_is_turned() {
