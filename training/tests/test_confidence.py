@@ -37,12 +37,12 @@ def said(odds: dict, evidence: dict[str, float]) -> float:
 
 def test_odds_are_found_again():
     fitted = confidence.fit(poses(40_000))
-    assert fitted["weights"]["a"] == pytest.approx(-3, abs=0.15)
+    assert fitted["weights"]["a"] == pytest.approx(-3, abs=0.1)
     assert fitted["squares"]["d"] == pytest.approx(0.5, abs=0.1)
     for kind, name in (("weights", "b"), ("weights", "d"), ("squares", "a"), ("squares", "b")):
         assert fitted[kind][name] == pytest.approx(0, abs=0.1)
     assert "c" not in fitted["weights"]
-    assert fitted["bias"] == pytest.approx(2, abs=0.2)
+    assert fitted["bias"] == pytest.approx(2, abs=0.1)
     assert (fitted["within_deg"], fitted["within_m"]) == (5, 0.005)
     assert fitted["limits"]["a"] == pytest.approx([-1.96, 1.96], abs=0.03)
 

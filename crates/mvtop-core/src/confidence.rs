@@ -65,13 +65,11 @@ pub struct Odds {
 impl Odds {
     /// Their logarithm.
     fn of(&self, evidence: &[f64; EVIDENCE.len()]) -> f64 {
-        let weight = |weights: &BTreeMap<String, f64>, name| weights.get(name).copied();
         let each = EVIDENCE.iter().zip(evidence).map(|(&name, &value)| {
+            let weight = |of: &BTreeMap<String, f64>| of.get(name).copied().unwrap_or(0.0);
             let [least, most] = self.limits.get(name).copied().unwrap_or([value; 2]);
             let value = value.max(least).min(most);
-            let by = weight(&self.weights, name).unwrap_or(0.0);
-            let by_square = weight(&self.squares, name).unwrap_or(0.0);
-            (by + by_square * value) * value
+            (weight(&self.weights) + weight(&self.squares) * value) * value
         });
         self.bias + each.sum::<f64>()
     }

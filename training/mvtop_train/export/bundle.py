@@ -239,14 +239,33 @@ def _store(graph: onnx.ModelProto, kind, restored):
 def fold_batch_norm(model: Mvtop) -> Mvtop:
     """A copy in which each batch normalisation is part of the convolution before it."""
     model = copy.deepcopy(model).eval()
-    for module in model.modules():
+    for _, module, i in list(normalised_convolutions(model)):
+        module[i] = nn.utils.fuse_conv_bn_eval(module[i], module[i + 1])
+        module[i + 1] = nn.Identity()
+    return model
+
+
+def normalised_convolutions(model: Mvtop):
+    """(name, sequence, index) of each convolution that batch normalisation follows, in a sequence
+    of this name."""
+    for name, module in model.named_modules():
         if isinstance(module, nn.Sequential):
             for i in range(len(module) - 1):
-                pair = module[i], module[i + 1]
-                if isinstance(pair[0], nn.Conv2d) and isinstance(pair[1], nn.BatchNorm2d):
-                    module[i] = nn.utils.fuse_conv_bn_eval(*pair)
-                    module[i + 1] = nn.Identity()
-    return model
+                if isinstance(module[i], nn.Conv2d) and isinstance(module[i + 1], nn.BatchNorm2d):
+                    yield name, module, i
+
+
+def check_objects(who: str, names: list[str], known: tuple[objects.Object, ...]):
+    """UserError where a network that knows `names` is not one of these objects.
+
+    who  "weights know", or what else does
+    """
+    wanted = [obj.name for obj in known]
+    if names != wanted:
+        raise UserError(
+            f"{who} {names}, expected {wanted}; "
+            "fix: --data must name the data set that they were trained on"
+        )
 
 
 def _entry(path: Path) -> dict:
@@ -275,12 +294,7 @@ def write_bundle(
     """
     config = model.config
     known = known or (objects.ball(),)
-    names, wanted = [c.name for c in config.classes], [obj.name for obj in known]
-    if names != wanted:
-        raise UserError(
-            f"weights know {names}, expected {wanted}; "
-            "fix: --data must name the data set that they were trained on"
-        )
+    check_objects("weights know", [c.name for c in config.classes], known)
     out.mkdir(parents=True, exist_ok=True)
     model = fold_batch_norm(model)
     with sampling.standard_operators() if portable else contextlib.nullcontext():

@@ -11,7 +11,6 @@ for object coordinates, where only training has them, are random.
 """
 
 import dataclasses
-import json
 import re
 from pathlib import Path
 
@@ -23,30 +22,28 @@ from torch import nn
 
 from ..data import objects
 from ..errors import UserError, argument_parser, command
+from ..files import read_json
 from ..network import config as configs
 from ..network.encoder import DeformableAttention
 from ..network.lite import load_pretrained
 from ..network.model import Mvtop
 from ..training.checkpoint import save_weights
 from . import integers, self_test
+from .bundle import check_objects, normalised_convolutions
 
 RESTORING = ("Cast", "Mul", "DequantizeLinear")  # make weights of what is stored in fewer bits
 # Of a normalisation, by which convolutions are divided: unused channels have next to none.
 LEAST_SCALE = 1e-2
 
 
-def of_bundle(bundle: Path, known: tuple[objects.Object, ...], data: Path) -> Mvtop:
-    """The network of a bundle, in eval mode, checked by the bundle's self-test.
+def of_bundle(bundle: Path, known: tuple[objects.Object, ...], data: Path) -> tuple[Mvtop, int]:
+    """The network of a bundle, in eval mode, checked by the bundle's self-test, and the steps that
+    it was trained for.
 
     data  data set of the objects; normalisation is measured on its training split
     """
-    about = _read(bundle / "model.json")
-    names, wanted = [c["name"] for c in about["classes"]], [obj.name for obj in known]
-    if names != wanted:
-        raise UserError(
-            f"{bundle} knows {names}, expected {wanted}; "
-            "fix: --data must name the data set that it was trained on"
-        )
+    about = read_json(bundle / "model.json", "--bundle must name a bundle's folder")
+    check_objects(f"{bundle} knows", [c["name"] for c in about["classes"]], known)
     given = {}
     for file in about["graphs"].values():
         given |= weights_of(onnx.load(bundle / file))
@@ -60,17 +57,7 @@ def of_bundle(bundle: Path, known: tuple[objects.Object, ...], data: Path) -> Mv
     pictures = integers.pictures_of(model.config, known, data)
     measure_normalisation(model, {name: torch.from_numpy(x) for name, x in pictures.items()})
     _check(model.eval(), about["self_test"], bundle)
-    return model
-
-
-def _read(path: Path) -> dict:
-    try:
-        return json.loads(path.read_text())
-    except OSError as error:
-        raise UserError(
-            f"{path}: expected a bundle's description, got {error.strerror}; "
-            "fix: --bundle must name a bundle's folder"
-        ) from None
+    return model, about["provenance"]["trained_steps"]
 
 
 def weights_of(graph: onnx.ModelProto) -> dict[str, torch.Tensor]:
@@ -149,10 +136,8 @@ def _as_trained(given: dict[str, torch.Tensor], model: Mvtop) -> dict[str, torch
             cells = module.cells(config.decoder_shapes())
             given[f"{name}.offsets.weight"] = given[f"{name}.weight"] / cells[:, None]
             given[f"{name}.offsets.bias"] = given[f"{name}.bias"] / cells
-        elif isinstance(module, nn.Sequential):
-            for i in range(len(module) - 1):
-                if isinstance(module[i + 1], nn.BatchNorm2d):
-                    _unfold(f"{name}.{i}", f"{name}.{i + 1}", module[i + 1], given)
+    for name, module, i in normalised_convolutions(model):
+        _unfold(f"{name}.{i}", f"{name}.{i + 1}", module[i + 1], given)
     return given
 
 
@@ -223,9 +208,8 @@ def main():
     args = parser.parse_args()
     if args.out.exists():
         raise UserError(f"{args.out}: expected no such file, got one; fix: another --out")
-    model = of_bundle(args.bundle, objects.read_all(args.data), args.data)
+    model, steps = of_bundle(args.bundle, objects.read_all(args.data), args.data)
     args.out.parent.mkdir(parents=True, exist_ok=True)
-    steps = _read(args.bundle / "model.json")["provenance"]["trained_steps"]
     save_weights(model, steps, steps, args.out)
     print(f"{args.out}: {model.config.preset}, {steps} steps")
 

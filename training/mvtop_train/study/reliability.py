@@ -11,13 +11,16 @@ import json
 from pathlib import Path
 
 from ..errors import UserError, argument_parser, command
+from ..files import read_text
 from ..training.confidence import WITHIN_DEG, WITHIN_M, Judged, tell
 
 
 def read(path: Path) -> list[Judged]:
     """The poses of a file that have a confidence, as they were judged."""
+    fix = "give what `mvtop-cli eval samples --out` writes"
+    text = read_text(path, fix)
     try:
-        rows = [json.loads(line) for line in path.read_text().splitlines()]
+        rows = [json.loads(line) for line in text.splitlines()]
         return [
             Judged(
                 {}, row["rot_deg"] <= WITHIN_DEG and row["trans_m"] <= WITHIN_M,
@@ -26,10 +29,10 @@ def read(path: Path) -> list[Judged]:
             for row in rows
             if row.get("confidence") is not None
         ]  # fmt: skip
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise UserError(
-            f"{path}: expected what `mvtop-cli eval samples --out` writes, got "
-            f"{type(error).__name__} ({error}); fix: run that first"
+            f"{path}: expected a line of results for each object, got {type(error).__name__} "
+            f"({error}); fix: {fix}"
         ) from None
 
 

@@ -50,11 +50,7 @@ fn errors(mesh: &Mesh, axis: Option<Axis>, draws: usize) -> Vec<[f64; 2]> {
             .iter()
             .map(|camera| seen(mesh, camera, &truth, &mut draw))
             .collect();
-        let views: Vec<View> = cameras
-            .iter()
-            .zip(&images)
-            .map(|(camera, image)| View { camera, image })
-            .collect();
+        let views = views_of(&cameras, &images);
         let turn = draw.rotation(15_f64.to_radians()) * truth.rotation;
         let shift = truth.translation.vector + draw.direction() * 0.015;
         let start = Isometry3::from_parts(shift.into(), turn);
@@ -169,11 +165,7 @@ fn turn_that_no_image_tells_stays_as_it_was() {
             .iter()
             .map(|camera| seen(&mesh, camera, &truth, &mut draw))
             .collect();
-        let views: Vec<View> = cameras
-            .iter()
-            .zip(&images)
-            .map(|(camera, image)| View { camera, image })
-            .collect();
+        let views = views_of(&cameras, &images);
         // Off by a tilt, which is seen, and by a turn about the axis, which is not.
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.2);
         let tilt = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.1);
@@ -201,11 +193,7 @@ fn result_does_not_depend_on_the_number_of_threads() {
     let mut draw = Draw(9);
     let truth = Isometry3::from_parts(Translation3::identity(), draw.rotation(1.0));
     let images = [0, 1, 2].map(|view| seen(&mesh, &cameras[view], &truth, &mut draw));
-    let views: Vec<View> = cameras
-        .iter()
-        .zip(&images)
-        .map(|(camera, image)| View { camera, image })
-        .collect();
+    let views = views_of(&cameras, &images);
     let start = Isometry3::new(Vector3::new(0.003, 0.0, 0.002), Vector3::zeros()) * truth;
     let sigma = Sigma {
         rot_deg: 5.0,

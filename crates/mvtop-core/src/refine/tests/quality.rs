@@ -55,11 +55,7 @@ fn right_pose_explains_most_also_where_a_view_is_half_hidden() {
                     }
                 }
             }
-            let views: Vec<View> = cameras
-                .iter()
-                .zip(&images)
-                .map(|(camera, image)| View { camera, image })
-                .collect();
+            let views = views_of(&cameras, &images);
             let explained = |degrees: f64| {
                 let turn = UnitQuaternion::from_axis_angle(&axis, degrees.to_radians());
                 let pose = Isometry3::from_parts(truth.translation, turn * truth.rotation);
@@ -119,11 +115,7 @@ fn quality_says_which_view_does_not_show_the_object() {
     let truth = Isometry3::from_parts(Translation3::identity(), draw.rotation(1.0));
     let mut images = [0, 1, 2].map(|view| seen(&mesh, &cameras[view], &truth, &mut draw));
     images[2] = background(&mut draw);
-    let views: Vec<View> = cameras
-        .iter()
-        .zip(&images)
-        .map(|(camera, image)| View { camera, image })
-        .collect();
+    let views = views_of(&cameras, &images);
     let quality = refiner.quality(&views, &truth).unwrap();
     let [first, second, hidden] = quality.views[..] else {
         panic!("{quality:?}")

@@ -5,6 +5,7 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::camera::Intrinsics;
 use crate::mesh::Mesh;
+use crate::refine::View;
 use crate::refine::part::Part;
 use crate::refine::raster::Raster;
 use crate::{Camera, Projection};
@@ -197,4 +198,12 @@ pub(crate) fn seen(
         pixel.0 = sum.map(|x| (x / (FINER * FINER) as f64 + noise).clamp(0.0, 255.0) as u8);
     }
     image
+}
+
+/// Each camera with its image.
+pub(crate) fn views_of<'a>(cameras: &'a [Camera], images: &'a [RgbImage]) -> Vec<View<'a>> {
+    let pairs = cameras.iter().zip(images);
+    pairs
+        .map(|(camera, image)| View { camera, image })
+        .collect()
 }
