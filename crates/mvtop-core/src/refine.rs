@@ -16,6 +16,7 @@ mod explained;
 mod fit;
 pub(crate) mod lines;
 mod part;
+mod picture;
 mod print;
 mod quality;
 mod raster;

@@ -5,8 +5,9 @@ use nalgebra::Vector3;
 
 use super::contour::EdgePoint;
 use super::part::BACKGROUND;
+use super::picture::{BINS, LEVELS, Picture, UNKNOWN};
 use super::raster::Raster;
-use super::region::{AROUND, BINS, Colors, LEVELS, Picture, UNKNOWN};
+use super::region::{AROUND, Colors};
 
 /// Colors are counted in half as many levels as for single edges.
 const COARSE: usize = LEVELS / 2;

@@ -5,12 +5,9 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Unit, UnitQuaternion, Vector3};
 
-use super::region::DARK;
+use super::picture::{Look, look};
 use super::working::Working;
 use crate::bundle::SurfacePoint;
-
-/// Logarithm of a color's brightness, and the shares of R and G in it.
-pub type Look = [f32; 3];
 
 /// Least standard deviation of each number over the part for it to say something.
 const CONTRAST: Look = [0.15, 0.02, 0.02];
@@ -260,12 +257,6 @@ impl Axis {
         let turn = UnitQuaternion::from_axis_angle(&self.along, angle);
         Isometry3::rotation_wrt_point(turn, self.through)
     }
-}
-
-/// How a color looks; `None` where it is too dark to tell.
-pub fn look(rgb: [f32; 3]) -> Option<Look> {
-    let sum: f32 = rgb.iter().sum();
-    (sum >= DARK).then(|| [sum.ln(), rgb[0] / sum, rgb[1] / sum])
 }
 
 fn mean<'a>(looks: impl Iterator<Item = &'a Look>) -> Look {

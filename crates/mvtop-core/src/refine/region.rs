@@ -1,23 +1,16 @@
 //! How likely a pixel's color is in each part of the picture, and where along a line one part ends.
 
-use std::sync::{LazyLock, OnceLock};
+use std::sync::LazyLock;
 
-use nalgebra::{Point2, Vector3};
+use nalgebra::Vector3;
 
 use super::contour::EdgePoint;
 use super::part::BACKGROUND;
-use super::print::{self, Look};
+use super::picture::{BINS, LEVELS, Picture, UNKNOWN};
 use super::raster::Raster;
 
-/// Levels of each channel that colors are counted in.
-pub const LEVELS: usize = 16;
-pub const BINS: usize = LEVELS * LEVELS * LEVELS;
-/// Bin of a pixel that is off the image.
-pub const UNKNOWN: u16 = u16::MAX;
 /// How far from the outline the background is looked at, px.
 pub const AROUND: usize = 24;
-/// Sum of R, G and B below which a pixel's tint is not known.
-pub const DARK: f32 = 30.0;
 /// How far, in shares of the brightness, a tint is from another part's where either is as likely.
 const TINTED: f32 = 0.06;
 /// Greatest odds by the tint, as a logarithm.
@@ -44,17 +37,6 @@ static INNER: LazyLock<[f64; 2 * (REACH + SEARCHED) as usize + 1]> = LazyLock::n
     std::array::from_fn(|i| 0.5 + SURE * (i as f64 - f64::from(REACH + SEARCHED)).tanh())
 });
 
-/// What the real image shows in a close-up.
-pub struct Picture {
-    size: usize,
-    /// Of each pixel: R, G and B, 0 to 255; `None` where it is off the image.
-    pixels: Vec<Option<[f32; 3]>>,
-    /// Of each pixel: its color, in levels of each channel.
-    pub bins: Vec<u16>,
-    /// Of each pixel: shares of R, G and B in its brightness; 0 where nothing is known, or it is too dark.
-    tints: OnceLock<Vec<Vector3<f32>>>,
-}
-
 /// What is found along a line across an edge.
 #[derive(Debug, Clone, Copy)]
 pub struct Found {
@@ -74,77 +56,6 @@ pub struct Colors {
     /// By label: mean tint of what shows it, and of how many pixels.
     pub tints: Vec<(Vector3<f32>, f32)>,
     scratch: Vec<f32>,
-}
-
-impl Picture {
-    /// - `pixels`: R, G and B, 0 to 255, row by row
-    pub fn new(size: usize, pixels: Vec<Option<[f32; 3]>>) -> Self {
-        let bin = |rgb: &Option<[f32; 3]>| {
-            rgb.map_or(UNKNOWN, |rgb| {
-                let [r, g, b] = rgb.map(|x| x as i32 * LEVELS as i32 / 256);
-                ((r * LEVELS as i32 + g) * LEVELS as i32 + b) as u16
-            })
-        };
-        Self {
-            size,
-            bins: pixels.iter().map(bin).collect(),
-            pixels,
-            tints: OnceLock::new(),
-        }
-    }
-
-    fn tints(&self) -> &[Vector3<f32>] {
-        let tint = |rgb: &Option<[f32; 3]>| {
-            let rgb = Vector3::from(rgb.unwrap_or_default());
-            let sum = rgb.sum();
-            if sum >= DARK {
-                rgb / sum
-            } else {
-                Vector3::zeros()
-            }
-        };
-        self.tints
-            .get_or_init(|| self.pixels.iter().map(tint).collect())
-    }
-
-    /// Of every so many pixels along each axis; not finite where nothing is known, or where it is too
-    /// dark.
-    pub fn looks(&self, every: usize) -> Vec<Look> {
-        let look = |rgb: &Option<[f32; 3]>| rgb.and_then(print::look).unwrap_or([f32::NAN; 3]);
-        let rows = self.pixels.chunks(self.size).step_by(every);
-        rows.flat_map(|row| row.iter().step_by(every))
-            .map(look)
-            .collect()
-    }
-
-    /// At the places of an edge along a line: the square of the change of color, of 1, from half a step
-    /// before to as far behind it, mean over R, G and B; 0 where it is not known.
-    fn changes(&self, point: &EdgePoint, step: f64) -> [f64; PLACES] {
-        let between: [_; PLACES + 1] = std::array::from_fn(|i| {
-            let place = (i as f64 - PLACES as f64 / 2.0) * step;
-            self.between(point.pixel + point.normal * place)
-        });
-        std::array::from_fn(|i| {
-            let change = between[i + 1].zip(between[i]).map(|(a, b)| a - b);
-            change.map_or(0.0, |change| {
-                f64::from(change.norm_squared()) / (3.0 * 255.0 * 255.0)
-            })
-        })
-    }
-
-    /// R, G and B, 0 to 255, between four pixels.
-    fn between(&self, at: Point2<f64>) -> Option<Vector3<f32>> {
-        let last = self.size as f64 - 1.0;
-        if !(at.x >= 0.0 && at.y >= 0.0 && at.x < last && at.y < last) {
-            return None;
-        }
-        let (u, v) = (at.x as usize, at.y as usize);
-        let (right, below) = ((at.x - u as f64) as f32, (at.y - v as f64) as f32);
-        let pixel = |index: usize| self.pixels[index].map(Vector3::from);
-        let row = |first: usize| Some(pixel(first)?.lerp(&pixel(first + 1)?, right));
-        let first = v * self.size + u;
-        Some(row(first)?.lerp(&row(first + self.size)?, below))
-    }
 }
 
 impl Colors {
@@ -296,13 +207,12 @@ pub fn find(
     tints: &[Vector3<f32>],
 ) -> Option<Found> {
     debug_assert_eq!(picture.size, raster.size);
-    let mut weights =
-        picture
-            .changes(point, step)
-            .map(|change| match point.parts_regions() && step > SHORT {
-                true => (change + FLAT_LONG).sqrt(),
-                false => change + FLAT,
-            });
+    let mut weights = picture
+        .changes::<PLACES>(point.pixel, point.normal, step)
+        .map(|change| match point.parts_regions() && step > SHORT {
+            true => (change + FLAT_LONG).sqrt(),
+            false => change + FLAT,
+        });
     if point.parts_regions() {
         let within = line(picture, colors, raster, point, step, tints)?;
         let inner = &*INNER;

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3};
 
 use super::contour::{self, EdgePoint};
+use super::picture::Picture;
 use super::raster::Raster;
-use super::region::{self, Colors, Found, Picture};
+use super::region::{self, Colors, Found};
 use super::solve::{self, Row};
 use super::{Refiner, View};
 use crate::closeup::{CloseUp, FILL};
