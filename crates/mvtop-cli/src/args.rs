@@ -1,16 +1,12 @@
 //! The arguments of each command.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
-use mvtop_core::bundle::Bundle;
-use mvtop_core::onnx::{Provider, SessionOptions};
-use mvtop_core::{Estimator, Options};
 
 use crate::audit::args::Audit;
 use crate::eval::args::Eval;
-use crate::failure::{Failure, Result};
-use crate::model_dir;
+use crate::options::{Detection, NetworkArgs, Refinement, probability};
 use crate::rig::args::Rig;
 
 /// 6-DoF poses of objects seen by several calibrated cameras.
@@ -107,104 +103,4 @@ pub struct Infer {
 
     #[command(flatten)]
     pub network: NetworkArgs,
-}
-
-#[derive(Args)]
-pub struct Detection {
-    /// Leave out objects that are detected in fewer images: 2 spares nearly all false ones, and
-    /// costs those that only one image shows
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
-    pub min_views: u32,
-}
-
-#[derive(Args)]
-pub struct Refinement {
-    /// Refine poses on the images; an error where the model has no mesh [default: where it has]
-    #[arg(long, overrides_with = "no_refine")]
-    refine: bool,
-
-    /// Give poses as the network finds them
-    #[arg(long, overrides_with = "refine")]
-    no_refine: bool,
-}
-
-impl Refinement {
-    /// What was asked for, if anything.
-    pub fn wanted(&self) -> Option<bool> {
-        match (self.refine, self.no_refine) {
-            (true, _) => Some(true),
-            (_, true) => Some(false),
-            _ => None,
-        }
-    }
-}
-
-#[derive(Args)]
-#[command(next_help_heading = "Network")]
-pub struct NetworkArgs {
-    /// Model bundle [default: $MVTOP_MODEL, else models/mvball here or above the executable, else the
-    /// wheel's]
-    #[arg(long, value_name = "DIR")]
-    pub model: Option<PathBuf>,
-
-    /// ONNX Runtime's library [default: searched for, see `doctor`]
-    #[arg(long, value_name = "PATH")]
-    pub ort_lib: Option<PathBuf>,
-
-    /// What executes the network
-    #[arg(long, value_name = "NAME", default_value_t)]
-    pub provider: Provider,
-
-    /// Threads inside one operation of the network; 0: one per physical core
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub threads: usize,
-}
-
-impl NetworkArgs {
-    /// The model bundle's folder.
-    pub fn bundle(&self) -> Result<PathBuf> {
-        Ok(model_dir::find(self.model.as_deref())?.folder)
-    }
-
-    pub fn load(&self, bundle: &Path) -> Result<Estimator> {
-        let session = SessionOptions {
-            provider: self.provider,
-            threads: self.threads,
-        };
-        let ort_lib = self.ort_lib.clone();
-        Ok(Estimator::load(bundle, &Options { ort_lib, session })?)
-    }
-}
-
-/// Refuses `--min-confidence` of a model that does not say how sure it is.
-pub fn knows_confidence(bundle: &Bundle) -> Result<()> {
-    match bundle.confidence {
-        Some(_) => Ok(()),
-        None => Err(Failure(format!(
-            "--min-confidence: expected a model bundle that says how sure it is, got {} without; \
-             add it with `python -m mvtop_train.training.confidence`",
-            bundle.dir.display()
-        ))),
-    }
-}
-
-pub fn not_negative(text: &str) -> std::result::Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(number) if number.is_finite() && number >= 0.0 => Ok(number),
-        _ => Err("expected a number of 0 or more".into()),
-    }
-}
-
-pub fn probability(text: &str) -> std::result::Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(number) if (0.0..=1.0).contains(&number) => Ok(number),
-        _ => Err("expected a probability from 0 to 1".into()),
-    }
-}
-
-pub fn positive(text: &str) -> std::result::Result<f64, String> {
-    match not_negative(text) {
-        Ok(number) if number > 0.0 => Ok(number),
-        _ => Err("expected a number above 0".into()),
-    }
 }

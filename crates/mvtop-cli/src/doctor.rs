@@ -6,9 +6,9 @@ use mvtop_core::Error;
 use mvtop_core::bundle::Bundle;
 use mvtop_core::onnx::{Provider, Runtime};
 
-use crate::args::NetworkArgs;
 use crate::failure::{Failure, Result};
 use crate::model_dir::{self, Found};
+use crate::options::NetworkArgs;
 use crate::write::print;
 
 pub fn run(args: &NetworkArgs) -> Result<()> {

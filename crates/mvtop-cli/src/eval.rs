@@ -2,6 +2,7 @@
 
 pub mod args;
 mod bop;
+mod bounds;
 mod noise;
 mod outcome;
 mod sample;

@@ -11,9 +11,10 @@ use mvtop_core::confidence::Verdict;
 use mvtop_core::report::Report;
 use mvtop_core::{PredictOptions, Rig, ViewImage, annotations, overlay};
 
-use crate::args::{Infer, knows_confidence};
+use crate::args::Infer;
 use crate::failure::{Failure, Result};
 use crate::model_dir;
+use crate::options::knows_confidence;
 use crate::write::{may_write, pretty_json, print};
 use crate::{table, write};
 

@@ -11,6 +11,7 @@ mod infer;
 mod matching;
 mod model_dir;
 mod old_spelling;
+mod options;
 mod plot;
 mod progress;
 mod rig;

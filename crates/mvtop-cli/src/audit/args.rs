@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
-use crate::args::positive;
+use crate::options::positive;
 
 #[derive(Subcommand)]
 pub enum Audit {

@@ -6,12 +6,12 @@ use clap::{ArgGroup, Args, Subcommand};
 use mvtop_core::Estimator;
 use mvtop_eval::bop::Grouping;
 
+use super::bounds::Bounds;
 use super::noise::Noise;
-use super::summary::Bounds;
-use crate::args::{
+use crate::failure::Result;
+use crate::options::{
     Detection, NetworkArgs, Refinement, knows_confidence, not_negative, probability,
 };
-use crate::failure::Result;
 
 #[derive(Subcommand)]
 pub enum Eval {

@@ -10,6 +10,7 @@ mod provenance;
 mod results;
 mod score;
 mod tally;
+mod view;
 
 use std::collections::{BTreeSet, HashSet};
 use std::path::Path;
@@ -29,8 +30,9 @@ use self::plan::{Plan, name};
 use self::predictions::Predictions;
 use self::provenance::{about, folder_name};
 use self::results::{Results, side_by_side};
-use self::score::{Scored, View};
+use self::score::Scored;
 use self::tally::Tally;
+use self::view::View;
 use super::args::BopArgs;
 use super::outcome::Outcome;
 use super::sample::Sample;

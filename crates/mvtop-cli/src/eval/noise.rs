@@ -13,7 +13,7 @@ use rand::rngs::ChaCha20Rng;
 use rand_distr::{Distribution, StandardNormal, UnitSphere};
 use sha2::{Digest, Sha256};
 
-use crate::args::not_negative;
+use crate::options::not_negative;
 
 // A plain comment, as clap would take it for the command's own: how much is added, and which draw.
 #[derive(Debug, Clone, Copy, Default, Args)]

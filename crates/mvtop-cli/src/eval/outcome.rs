@@ -5,6 +5,7 @@ use mvtop_core::prediction::{ObjectPose, Sigma, Timings};
 use mvtop_core::report::rows;
 use serde::{Deserialize, Serialize};
 
+use super::bounds::Bounds;
 use super::sample::Sample;
 
 /// One object of a sample's truth. What is predicted is null where it was not found.
@@ -38,6 +39,13 @@ pub struct Errors {
     pub trans_m: f64,
     /// `None` where the object has no points.
     pub add_m: Option<f64>,
+}
+
+impl Errors {
+    /// Whether the pose counts as right.
+    pub fn within(&self, bounds: &Bounds) -> bool {
+        self.rot_deg <= bounds.right_deg && self.trans_m * 1e3 <= bounds.right_mm
+    }
 }
 
 impl Outcome {

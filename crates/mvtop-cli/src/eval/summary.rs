@@ -6,6 +6,7 @@ use mvtop_eval::statistics::{
 };
 use serde::Serialize;
 
+use super::bounds::Bounds;
 use super::outcome::{Errors, Outcome};
 
 /// A rotation that is off by more is taken for a wrong one rather than an inexact one.
@@ -13,22 +14,6 @@ const WRONG_DEG: f64 = 30.0;
 
 /// The fewest poses in a bin of the calibration whose means say something.
 const LEAST_IN_BIN: usize = 10;
-
-/// Up to which errors a pose counts as what.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Bounds {
-    /// Largest rotation error of a pose that counts as resolved.
-    pub resolved_deg: f64,
-    /// Largest errors of a pose that counts as right.
-    pub right_deg: f64,
-    pub right_mm: f64,
-}
-
-impl Bounds {
-    fn right(&self, errors: &Errors) -> bool {
-        errors.rot_deg <= self.right_deg && errors.trans_m * 1e3 <= self.right_mm
-    }
-}
 
 /// How many of the poses are right, and how many of the objects have one.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -51,7 +36,7 @@ impl Right {
         let (mut objects, mut right) = (0, 0);
         for outcome in outcomes {
             objects += 1;
-            right += usize::from(outcome.errors().is_some_and(|e| bounds.right(&e)));
+            right += usize::from(outcome.errors().is_some_and(|e| e.within(bounds)));
         }
         let share = |of: usize| (of > 0).then(|| right as f64 / of as f64);
         Self {
@@ -139,7 +124,7 @@ impl Summary {
         let actual: Vec<f64> = of_sure.iter().map(|errors| errors.rot_deg).collect();
         let open: Vec<bool> = actual.iter().map(|&rot| rot > resolved_deg).collect();
         let judged = outcomes.iter().filter_map(|outcome| {
-            let right = bounds.right(&outcome.errors()?);
+            let right = outcome.errors()?.within(&bounds);
             Some((outcome.confidence?, right))
         });
         let (confidences, rights): (Vec<f64>, Vec<bool>) = judged.unzip();

@@ -6,7 +6,7 @@ use clap::{Args, Subcommand};
 use mvtop_core::calibration::Expected;
 use mvtop_import::{Direction, Format, ImageSize, Options, Unit};
 
-use crate::args::{NetworkArgs, positive};
+use crate::options::{NetworkArgs, positive};
 
 #[derive(Subcommand)]
 pub enum Rig {

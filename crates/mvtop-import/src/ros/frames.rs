@@ -1,12 +1,11 @@
 //! Frames and their parents: TF's messages, a URDF's joints, and lists as these are.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::f64::consts::TAU;
 
 use mvtop_core::transform;
-use nalgebra::{Isometry3, UnitQuaternion};
+use nalgebra::Isometry3;
 
-use super::urdf::Joint;
+use super::urdf::{Joint, from_xyz_and_rpy};
 use crate::Checked;
 use crate::node::Node;
 
@@ -195,22 +194,6 @@ fn of_list<'a>(item: &Node<'a>) -> Checked<(&'a str, Isometry3<f64>)> {
     };
     let pose = pose.map_err(|error| format!("{}: {error}", item.place))?;
     Ok((parent, pose))
-}
-
-/// parent_from_child as a URDF has it.
-///
-/// - `rpy`: turns about the parent's x, then y, then z, radians
-pub fn from_xyz_and_rpy(xyz: [f64; 3], rpy: [f64; 3]) -> Checked<Isometry3<f64>> {
-    let [roll, pitch, yaw] = rpy;
-    if rpy.iter().any(|angle| angle.abs() > TAU) {
-        return Err(format!(
-            "`rpy` must be radians, none beyond a full turn, got {rpy:?}"
-        ));
-    }
-    let [x, y, z, w] = UnitQuaternion::from_euler_angles(roll, pitch, yaw)
-        .coords
-        .into();
-    from_quaternion([w, x, y, z], xyz)
 }
 
 fn from_quaternion(wxyz: [f64; 4], t: [f64; 3]) -> Checked<Isometry3<f64>> {

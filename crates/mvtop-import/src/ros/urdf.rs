@@ -2,10 +2,12 @@
 //!
 //! Source: <https://docs.ros.org/en/rolling/Tutorials/Intermediate/URDF/URDF-Main.html>
 
-use nalgebra::Isometry3;
+use std::f64::consts::TAU;
+
+use mvtop_core::transform;
+use nalgebra::{Isometry3, UnitQuaternion};
 use roxmltree::{Document, Node, ParsingOptions};
 
-use super::frames;
 use crate::Checked;
 use crate::source::Source;
 
@@ -85,7 +87,7 @@ fn joint(node: Node) -> Checked<Joint> {
         kind: attribute(node, "type", &place)?,
         parent: link("parent")?,
         child: link("child")?,
-        parent_from_child: frames::from_xyz_and_rpy(three("xyz")?, three("rpy")?)
+        parent_from_child: from_xyz_and_rpy(three("xyz")?, three("rpy")?)
             .map_err(|error| format!("{place}: {error}"))?,
         name,
     })
@@ -94,4 +96,20 @@ fn joint(node: Node) -> Checked<Joint> {
 fn attribute(node: Node, key: &str, place: &str) -> Checked<String> {
     let value = node.attribute(key).map(str::to_owned);
     value.ok_or_else(|| format!("{place}: the attribute `{key}` is missing"))
+}
+
+/// parent_from_child as a URDF has it.
+///
+/// - `rpy`: turns about the parent's x, then y, then z, radians
+pub fn from_xyz_and_rpy(xyz: [f64; 3], rpy: [f64; 3]) -> Checked<Isometry3<f64>> {
+    let [roll, pitch, yaw] = rpy;
+    if rpy.iter().any(|angle| angle.abs() > TAU) {
+        return Err(format!(
+            "`rpy` must be radians, none beyond a full turn, got {rpy:?}"
+        ));
+    }
+    let [x, y, z, w] = UnitQuaternion::from_euler_angles(roll, pitch, yaw)
+        .coords
+        .into();
+    transform::from_quaternion_wxyz([w, x, y, z], xyz).map_err(|error| error.to_string())
 }

@@ -16,7 +16,7 @@ use super::journal::Line;
 use super::plan::Plan;
 use super::results::{COLUMNS, Results};
 use super::score::Scored;
-use crate::eval::summary::Bounds;
+use crate::eval::bounds::Bounds;
 use crate::failure::{Failure, Result};
 use crate::plot::{histogram, recall_curves};
 use crate::write;

@@ -8,8 +8,9 @@ use serde::Serialize;
 use super::journal::Line;
 use super::score::{Scored, Scores};
 use super::tally::Tally;
+use crate::eval::bounds::Bounds;
 use crate::eval::outcome::Outcome;
-use crate::eval::summary::{Bounds, Summary};
+use crate::eval::summary::Summary;
 
 /// What `eval samples` says, and BOP's metrics.
 #[derive(Serialize)]

@@ -1,28 +1,26 @@
 //! What BOP's metrics say of one pose, and of many.
 
-use mvtop_core::Camera;
 use mvtop_core::annotations::TruePose;
 use mvtop_core::prediction::ObjectPose;
 use mvtop_eval::bop::Model;
 use mvtop_eval::metrics::{
-    DepthImage, MatchingCost, PixelCenter, VSD_TAUS, VsdOptions, auc_exact, auc_poet, auc_posecnn,
-    recall, rotation_error_deg, translation_error, vsd,
+    auc_exact, auc_poet, auc_posecnn, recall, rotation_error_deg, translation_error,
 };
 use mvtop_eval::statistics::median;
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 use super::tally::{Recalls, Tally};
+use super::view::View;
+use crate::eval::bounds::Bounds;
 use crate::eval::outcome::{Errors, Outcome};
-use crate::eval::summary::{Bounds, Right};
+use crate::eval::summary::Right;
 use crate::failure::Result;
 
 /// Threshold up to which areas under curves go, as published.
 const AUC_MAX_M: f64 = 0.1;
 /// Share of the diameter that ADD may be off.
 const ADD_SHARE: f64 = 0.1;
-/// Width for which BOP's MSPD thresholds are made, px.
-const MSPD_WIDTH: f64 = 640.0;
 
 /// One object of the truth. Errors are null where it was not found; rotation and translation errors
 /// are the least over the object's symmetries.
@@ -40,16 +38,6 @@ pub struct Scored {
     /// For BOP's ten tolerances, 1 where it was not found; null without a depth image or faces of
     /// the model, or where the lens has distortion.
     pub vsd: Option<Vec<f64>>,
-}
-
-/// What an error is measured against.
-pub struct View<'a> {
-    /// Of the reference image.
-    pub camera: &'a Camera,
-    /// Its depth image, metres.
-    pub depth: Option<&'a DepthImage>,
-    /// See [`VsdOptions::delta`], metres.
-    pub vsd_delta: f64,
 }
 
 /// One kind of error over many objects; objects that were not found count as wrong.
@@ -142,72 +130,6 @@ impl Scored {
     }
 }
 
-impl View<'_> {
-    /// Infinite where a pose is behind the camera.
-    ///
-    /// - `truth`, `estimate`: camera frame
-    pub fn mspd_px640(
-        &self,
-        model: &Model,
-        truth: &Isometry3<f64>,
-        estimate: &Isometry3<f64>,
-    ) -> f64 {
-        let intrinsics = self.camera.intrinsics();
-        let px = model
-            .surface
-            .mspd(truth, estimate, &model.symmetries, intrinsics);
-        px * MSPD_WIDTH / f64::from(self.camera.width())
-    }
-
-    /// VSD by tolerance, then estimate, then truth; `None` where it cannot be measured. Like
-    /// bop_toolkit: its renderers sample pixels half a pixel beside the measured ones.
-    ///
-    /// - `truth`, `estimates`: camera frame
-    pub fn vsd_of_all(
-        &self,
-        model: &Model,
-        truth: &[Isometry3<f64>],
-        estimates: &[Isometry3<f64>],
-    ) -> Result<Option<Vec<Vec<Vec<f64>>>>> {
-        let intrinsics = self.camera.intrinsics();
-        // Models for evaluation may be points alone.
-        let rendered = intrinsics.is_pinhole() && !model.mesh.triangles().is_empty();
-        let Some(measured) = self.depth.filter(|_| rendered) else {
-            return Ok(None);
-        };
-        let size = [self.camera.width(), self.camera.height()];
-        let depths = |poses: &[Isometry3<f64>]| -> Result<Vec<DepthImage>> {
-            let depth = |pose| {
-                mvtop_eval::metrics::depth(&model.mesh, pose, intrinsics, size, PixelCenter::Half)
-            };
-            poses.iter().map(|pose| Ok(depth(pose)?)).collect()
-        };
-        let options = VsdOptions {
-            delta: self.vsd_delta,
-            taus: VSD_TAUS.to_vec(),
-            diameter: Some(model.diameter_m),
-            cost: MatchingCost::Step,
-        };
-        let truth = depths(truth)?;
-        let mut by_tau = vec![Vec::with_capacity(estimates.len()); VSD_TAUS.len()];
-        for estimate in estimates {
-            // One at a time: there may be hundreds.
-            let estimate = &depths(std::slice::from_ref(estimate))?[0];
-            let mut of_estimate = vec![Vec::with_capacity(truth.len()); VSD_TAUS.len()];
-            for truth in &truth {
-                let errors = vsd(estimate, truth, measured, intrinsics, &options)?;
-                for (tau, error) in of_estimate.iter_mut().zip(errors) {
-                    tau.push(error);
-                }
-            }
-            for (tau, errors) in by_tau.iter_mut().zip(of_estimate) {
-                tau.push(errors);
-            }
-        }
-        Ok(Some(by_tau))
-    }
-}
-
 impl Scores {
     /// - `tallies`: of the same objects
     pub fn new(scored: &[&Scored], tallies: &[&Tally], bounds: &Bounds) -> Self {
@@ -255,8 +177,8 @@ mod tests {
     use mvtop_core::annotations::GivenBoxes;
     use mvtop_core::mesh::Mesh;
     use mvtop_core::prediction::Timings;
-    use mvtop_core::{Intrinsics, Projection};
-    use mvtop_eval::metrics::{Surface, Symmetries};
+    use mvtop_core::{Camera, Intrinsics, Projection};
+    use mvtop_eval::metrics::{DepthImage, Surface, Symmetries};
     use nalgebra::Point3;
 
     /// A square plate of 0.2 m that faces the camera 1 m before it: 100 px wide.

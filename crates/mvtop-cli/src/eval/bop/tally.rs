@@ -5,7 +5,7 @@ use mvtop_eval::metrics::{MSPD_THRESHOLDS_PX, MSSD_THRESHOLDS, VSD_TAUS, VSD_THR
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
-use super::score::View;
+use super::view::View;
 use crate::failure::Result;
 
 /// Of one object in one image.
