@@ -3,17 +3,18 @@
 //! The box of what is half hidden often ends where that is hidden, and the close-up of such a box
 //! shows the object where it is not. The poses that come of it, refined on the images, tell other
 //! boxes, one of them a better one, that a better pose. Of all that was looked at, the pose that the
-//! images show best counts.
+//! images show best counts; where not even that one looks like what is printed on the object, it is
+//! another thing.
 
 use nalgebra::Isometry3;
 
 use super::complete::shown;
+use super::pass::{Found, Pass};
 use super::pose::DecodedPose;
 use super::sightings::Sighting;
 use super::view::View;
-use super::{Estimator, refined};
+use super::{Estimator, believed, refined};
 use crate::bundle::{Class, CloseUps};
-use crate::network::Network;
 use crate::{BBox, Result};
 
 /// Looks at an object, at most.
@@ -35,20 +36,21 @@ struct Looked {
     shown: (bool, f64),
 }
 
-impl Estimator {
-    /// The objects, those that are hardly supported with the boxes and poses that the images show best.
-    pub(super) fn looked_at_again(
-        &self,
-        network: &dyn Network,
-        closeups: &CloseUps,
-        views: &[View],
-        mut found: Vec<(Sighting, DecodedPose)>,
-    ) -> Result<Vec<(Sighting, DecodedPose)>> {
-        let least = self.bundle.detector.support_threshold;
+impl Pass<'_> {
+    /// The objects, those that are hardly supported with the boxes and poses that the images show best,
+    /// and without those of these that do not look like their print.
+    pub(super) fn looked_at_again(&self, closeups: &CloseUps, mut found: Found) -> Result<Found> {
+        let (
+            views,
+            Estimator {
+                bundle, refiners, ..
+            },
+        ) = (&self.views, self.estimator);
+        let least = bundle.detector.support_threshold;
         let support = |pose: &DecodedPose| pose.support.unwrap_or(f64::INFINITY);
         let hardly = |pose: &DecodedPose| support(pose) < WELL * least;
         let doubtful = |(object, pose): &(Sighting, DecodedPose)| {
-            self.refiners[object.class].is_some() && object.views() > 1 && hardly(pose)
+            refiners[object.class].is_some() && object.views() > 1 && hardly(pose)
         };
         let mut looked: Vec<Looked> = (0..found.len())
             .filter(|&index| doubtful(&found[index]))
@@ -58,15 +60,17 @@ impl Estimator {
                 shown: (false, f64::NEG_INFINITY),
             })
             .collect();
+        let mut prints = vec![None; found.len()];
         for look in 0..=LOOKS {
             let mut refined: Vec<_> = looked.iter().map(|one| one.last.clone()).collect();
-            let refinements = refined::on_images(&self.refiners, views, &self.bundle, &mut refined);
+            let refinements = refined::on_images(refiners, views, bundle, &mut refined);
             for (one, refinement) in looked.iter_mut().zip(&refinements) {
                 let score = refinement.map_or(f64::NEG_INFINITY, |refinement| refinement.score());
                 let shown = (support(&one.last.1) >= least, score);
                 if shown > one.shown {
                     one.shown = shown;
                     found[one.index] = one.last.clone();
+                    prints[one.index] = refinement.and_then(|refinement| refinement.print);
                 }
             }
             if look == LOOKS {
@@ -77,7 +81,7 @@ impl Estimator {
                 if !hardly(&found[one.index].1) {
                     continue;
                 }
-                let class = &self.bundle.classes[object.class];
+                let class = &bundle.classes[object.class];
                 let likeliest = pose.hypotheses.iter().take(POSES);
                 let moved = likeliest
                     .filter_map(|pose| at_pose(class, views, object, &pose.world_from_obj));
@@ -87,7 +91,7 @@ impl Estimator {
             if objects.is_empty() {
                 break;
             }
-            let poses = self.decoded(network, closeups, views, &objects)?;
+            let poses = self.decoded(closeups, &objects)?;
             let mut best: Vec<Option<(Sighting, DecodedPose)>> = vec![None; looked.len()];
             for (place, new) in places.into_iter().zip(objects.into_iter().zip(poses)) {
                 let better = |best: &(_, DecodedPose)| support(&new.1) > support(&best.1);
@@ -100,7 +104,12 @@ impl Estimator {
                 .filter_map(|(one, best)| Some(Looked { last: best?, ..one }))
                 .collect();
         }
-        Ok(found)
+        let least = bundle.detector.print_threshold;
+        let looks_alike = found.into_iter().zip(prints);
+        Ok(looks_alike
+            .filter(|(_, print)| !believed::differs(*print, least))
+            .map(|(one, _)| one)
+            .collect())
     }
 }
 

@@ -54,10 +54,14 @@ pub fn printed(
     least: Option<f64>,
 ) -> (Vec<(Sighting, DecodedPose)>, Vec<Option<Refinement>>) {
     let print = |refinement: &Option<Refinement>| refinement.and_then(|of| of.print);
-    let differs = |print: f64| least.is_some_and(|least| print < least);
     let both = found.into_iter().zip(refinements);
-    both.filter(|(_, refinement)| !print(refinement).is_some_and(differs))
+    both.filter(|(_, refinement)| !differs(print(refinement), least))
         .unzip()
+}
+
+/// Whether what the views show correlates with a print by less than the least of an object.
+pub fn differs(print: Option<f64>, least: Option<f64>) -> bool {
+    print.zip(least).is_some_and(|(print, least)| print < least)
 }
 
 /// Of objects of a class that refinement has brought to each other's place, the one of which the

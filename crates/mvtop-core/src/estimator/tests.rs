@@ -9,16 +9,17 @@ mod detected;
 mod doubts;
 mod frames;
 
-use super::pose::mean_rotation;
+use super::pose::{DecodedPose, mean_rotation};
+use super::sightings::Sighting;
 use super::*;
-use crate::bundle::{Class, Detector, Input};
+use crate::bundle::{Class, CloseUps, Detector, Input, PoseInput};
 use crate::image::Letterbox;
 use crate::network::{Decoded, DetectorMaps, Encoded, Queries};
 use crate::rays::LosEncoding;
 use crate::symmetry::Symmetry;
-use crate::{BBox, Camera, Intrinsics, Projection};
+use crate::{BBox, Camera, Error, Intrinsics, Projection};
 use image::RgbImage;
-use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use ndarray::{Array2, Array3, Array4, ArrayView2, ArrayView3, ArrayView4, array, s};
 
 const RADIUS: f64 = 0.07;
