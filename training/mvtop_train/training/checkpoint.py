@@ -131,6 +131,7 @@ def _optimizer(model: Mvtop) -> torch.optim.Optimizer:
             *([{"params": pretrained, "weight_decay": 1e-4, "scale": 0.25}] if pretrained else []),
         ],
         lr=1e-3,
+        fused=True,
     )
 
 
