@@ -18,6 +18,13 @@ def test_one_that_is_wrong_is_taken_for_two_that_are_right():
     assert support.choose(found, 3) == pytest.approx(0.4)
 
 
+def test_of_thresholds_that_are_as_good_the_least_is_taken():
+    """What is left out is lost; what is let in too much, print and confidence tell still."""
+    found = [(0.9, True)] * 200 + [(0.5, False)] * 3 + [(0.4, True)]
+    assert support.choose(found, 201) == pytest.approx(0.2)
+    assert support.choose(found[:20] + found[200:], 21) == pytest.approx(0.7)
+
+
 def test_without_objects_none_is_refused():
     assert support.choose([], 3) == support.choose([(0.3, False)], 0) == 0
 

@@ -15,7 +15,7 @@ from ..errors import command
 from . import confidence, heldout
 from .confidence import Judged
 
-LOST = 0.02  # of the poses that are right
+LOST = 0.01  # of the poses that are right: images of other looks reach less than rendered ones
 FEWEST = 50  # of these
 
 
@@ -25,7 +25,7 @@ def likeness(one: Judged) -> float | None:
 
 
 def choose(found: list[Judged]) -> float | None:
-    """What a fiftieth of the right poses do not reach; None where there are too few."""
+    """What a hundredth of the right poses do not reach; None where there are too few."""
     right = sorted(alike for one in found if one.right and (alike := likeness(one)) is not None)
     return round(right[int(LOST * len(right))], 3) if len(right) >= FEWEST else None
 

@@ -11,6 +11,9 @@ from ..data.objects import Object
 
 RIGHT = 0.5  # of the diameter: an object that is nearer to a true one of its class is there
 VIEWS = 3  # of each scene, at most
+# Of F1, what is as good as the best: what little support lets in, print and confidence tell still,
+# but what is left out is lost.
+AS_GOOD = 0.01
 
 
 def rig_of(images: list[bop.Image]):
@@ -63,13 +66,14 @@ def found_in(bundle: Path, scenes: list[list[bop.Image]], known: tuple[Object, .
 
 
 def choose(found: list[tuple[float, bool]], wanted: int) -> float:
-    """The threshold with the best F1 of `found_in`; 0 where nothing is found."""
+    """The least threshold whose F1 of `found_in` is as good as the best; 0 where nothing is."""
     if not found or not wanted:
         return 0.0
     support, right = np.array(sorted(found, reverse=True)).T
     hits = right.cumsum()
     precision, recall = hits / np.arange(1, len(hits) + 1), hits / wanted
-    best = int((2 * precision * recall / np.maximum(precision + recall, 1e-9)).argmax())
+    f1 = 2 * precision * recall / np.maximum(precision + recall, 1e-9)
+    last = int(np.flatnonzero(f1 >= f1.max() - AS_GOOD)[-1])
     # Between the last that is kept and the first that is not.
-    after = support[best + 1] if best + 1 < len(support) else 0.0
-    return round(float(support[best] + after) / 2, 3)
+    after = support[last + 1] if last + 1 < len(support) else 0.0
+    return round(float(support[last] + after) / 2, 3)

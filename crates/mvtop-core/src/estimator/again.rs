@@ -19,7 +19,7 @@ use crate::{BBox, Result};
 
 /// Looks at an object, at most.
 const LOOKS: usize = 5;
-/// Poses of an object whose boxes are tried, at most.
+/// Poses of an object whose boxes are tried, at most, refined and as they were.
 const POSES: usize = 3;
 /// Times the least support of an object: what is supported more is seen well enough.
 const WELL: f64 = 2.5;
@@ -32,8 +32,9 @@ struct Looked {
     index: usize,
     /// As it was looked at last.
     last: (Sighting, DecodedPose),
-    /// Of the one that is shown best so far: whether its pose is supported enough, and its score.
-    shown: (bool, f64),
+    /// Of the one that is shown best so far: whether its pose is supported enough, whether it looks like
+    /// its print, and its score.
+    shown: (bool, bool, f64),
 }
 
 impl Pass<'_> {
@@ -47,6 +48,7 @@ impl Pass<'_> {
             },
         ) = (&self.views, self.estimator);
         let least = bundle.detector.support_threshold;
+        let least_print = bundle.detector.print_threshold;
         let support = |pose: &DecodedPose| pose.support.unwrap_or(f64::INFINITY);
         let hardly = |pose: &DecodedPose| support(pose) < WELL * least;
         let doubtful = |(object, pose): &(Sighting, DecodedPose)| {
@@ -57,7 +59,7 @@ impl Pass<'_> {
             .map(|index| Looked {
                 index,
                 last: found[index].clone(),
-                shown: (false, f64::NEG_INFINITY),
+                shown: (false, false, f64::NEG_INFINITY),
             })
             .collect();
         let mut prints = vec![None; found.len()];
@@ -66,11 +68,13 @@ impl Pass<'_> {
             let refinements = refined::on_images(refiners, views, bundle, &mut refined);
             for (one, refinement) in looked.iter_mut().zip(&refinements) {
                 let score = refinement.map_or(f64::NEG_INFINITY, |refinement| refinement.score());
-                let shown = (support(&one.last.1) >= least, score);
+                let print = refinement.and_then(|refinement| refinement.print);
+                let supported = support(&one.last.1) >= least;
+                let shown = (supported, !believed::differs(print, least_print), score);
                 if shown > one.shown {
                     one.shown = shown;
                     found[one.index] = one.last.clone();
-                    prints[one.index] = refinement.and_then(|refinement| refinement.print);
+                    prints[one.index] = print;
                 }
             }
             if look == LOOKS {
@@ -82,8 +86,9 @@ impl Pass<'_> {
                     continue;
                 }
                 let class = &bundle.classes[object.class];
-                let likeliest = pose.hypotheses.iter().take(POSES);
-                let moved = likeliest
+                // Where little is seen of an object, refinement may lead astray.
+                let likeliest = [pose, &one.last.1].map(|pose| pose.hypotheses.iter().take(POSES));
+                let moved = (likeliest.into_iter().flatten())
                     .filter_map(|pose| at_pose(class, views, object, &pose.world_from_obj));
                 objects.extend(moved);
                 places.resize(objects.len(), place);
@@ -104,10 +109,9 @@ impl Pass<'_> {
                 .filter_map(|(one, best)| Some(Looked { last: best?, ..one }))
                 .collect();
         }
-        let least = bundle.detector.print_threshold;
         let looks_alike = found.into_iter().zip(prints);
         Ok(looks_alike
-            .filter(|(_, print)| !believed::differs(*print, least))
+            .filter(|(_, print)| !believed::differs(*print, least_print))
             .map(|(one, _)| one)
             .collect())
     }
