@@ -41,12 +41,10 @@ impl Pass<'_> {
     /// The objects, those that are hardly supported with the boxes and poses that the images show best,
     /// and without those of these that do not look like their print.
     pub(super) fn looked_at_again(&self, closeups: &CloseUps, mut found: Found) -> Result<Found> {
-        let (
-            views,
-            Estimator {
-                bundle, refiners, ..
-            },
-        ) = (&self.views, self.estimator);
+        let Estimator {
+            bundle, refiners, ..
+        } = self.estimator;
+        let views = &self.views;
         let least = bundle.detector.support_threshold;
         let least_print = bundle.detector.print_threshold;
         let support = |pose: &DecodedPose| pose.support.unwrap_or(f64::INFINITY);
