@@ -132,9 +132,9 @@ fn what_is_hardly_supported_and_unlike_its_print_is_no_object() {
     }
     let about = folder.path().join("model.json");
     let mut manifest: Value = serde_json::from_slice(&std::fs::read(&about).unwrap()).unwrap();
-    // All four are looked at again; nothing correlates with its print by more than 1.
+    // All four are looked at again; nothing correlates wholly with its print.
     manifest["detector"]["support_threshold"] = (0.95 * least).into();
-    for (print, left) in [(None, 4), (Some(1.01), 0)] {
+    for (print, left) in [(None, 4), (Some(1.0), 0)] {
         if let Some(print) = print {
             manifest["detector"]["print_threshold"] = print.into();
         }
