@@ -60,7 +60,7 @@ impl Pass<'_> {
                 shown: (false, false, f64::NEG_INFINITY),
             })
             .collect();
-        let mut prints = vec![None; found.len()];
+        let mut best_shown = vec![None; found.len()];
         for look in 0..=LOOKS {
             let mut refined: Vec<_> = looked.iter().map(|one| one.last.clone()).collect();
             let refinements = refined::on_images(refiners, views, bundle, &mut refined);
@@ -72,7 +72,7 @@ impl Pass<'_> {
                 if shown > one.shown {
                     one.shown = shown;
                     found[one.index] = one.last.clone();
-                    prints[one.index] = print;
+                    best_shown[one.index] = *refinement;
                 }
             }
             if look == LOOKS {
@@ -107,11 +107,7 @@ impl Pass<'_> {
                 .filter_map(|(one, best)| Some(Looked { last: best?, ..one }))
                 .collect();
         }
-        let looks_alike = found.into_iter().zip(prints);
-        Ok(looks_alike
-            .filter(|(_, print)| !believed::differs(*print, least_print))
-            .map(|(one, _)| one)
-            .collect())
+        Ok(believed::printed(found, best_shown, least_print).0)
     }
 }
 
