@@ -1,5 +1,6 @@
 """The pretrained backbone: its weights, what of it is trained; a bundle of several classes."""
 
+import copy
 import dataclasses
 import json
 import subprocess
@@ -77,6 +78,22 @@ def test_blocks_for_coordinates_begin_as_the_identity(parts):
         torch.testing.assert_close(places.train(mode)(x), x)
     places(x).sum().backward()
     assert all(block.body[1][1].weight.grad.abs().max() > 0 for block in places), "they learn"
+
+
+@pytest.mark.parametrize("shape", [(1, 3, 64, 96), (3, 3, 160, 160)])
+def test_what_is_never_trained_is_the_same_by_onnx_runtime(shape):
+    """So is its copy; it keeps its weights, and takes others."""
+    torch.manual_seed(0)
+    trunk, other = lite.Trunk(), lite.Trunk()
+    images, names = torch.randn(shape), set(trunk.state_dict())
+    wanted = trunk(images)
+    trunk.fix()
+    for one in (trunk, copy.deepcopy(trunk)):
+        assert one.fixed is not None
+        torch.testing.assert_close(one(images), wanted, rtol=1e-4, atol=1e-4)
+        assert set(one.state_dict()) == names
+    trunk.load_state_dict(other.state_dict())
+    torch.testing.assert_close(trunk(images), other(images))
 
 
 def test_a_missing_package_is_one_sentence():

@@ -52,11 +52,51 @@ def test_boxes_lie_around_what_they_are_of(image, augment, seed):
         middle = np.array([(near * u).sum(), (near * v).sum()]) / near.sum()
         # Seen aslant a ball's outline is not around its middle, to within a few pixels.
         np.testing.assert_allclose(middle, [(x0 + x1) / 2, (y0 + y1) / 2], atol=4)
-        assert index == (-1 if near.max() > 200 else 0)  # the third, mostly hidden
+        assert index == (-1 if near.max() > 180 else 0)  # the third, mostly hidden
         inside += 1
     assert inside >= 1 or augment
     if not augment:
         assert inside == 3
+
+
+class Screen:
+    """In place of a composer: covers most of the first box, then all of the second."""
+
+    def __init__(self):
+        self.shares = iter([0.65, 1.0, 0.0])
+
+    def behind(self, picture, whose, rng):
+        return picture
+
+    def before(self, picture, box, rng):
+        x0, y0, x1, y1 = np.rint(box).astype(int)
+        mask = np.zeros(picture.shape[:2], np.uint8)
+        mask[y0 : y1 + 1, x0 : x0 + round(next(self.shares) * (x1 + 1 - x0))] = 1
+        return picture * (mask == 0)[..., None], mask
+
+
+def test_what_something_is_put_before_is_seen_less(image, monkeypatch):
+    """Of three balls, the last of which is mostly hidden as it is: one may be found, one not."""
+    whose = np.zeros((480, 640), np.uint8)
+    for one in image.instances:
+        place = one.cam_from_obj[:3, 3]
+        middle = K @ place / place[2]
+        radius = round(0.03 * 560 / place[2])
+        center = np.rint(middle[:2]).astype(int).tolist()
+        cv2.circle(whose, center, radius, one.annotation + 1, -1)
+    monkeypatch.setattr(search.bop, "read_coords", lambda image, shape: (None, whose))
+    monkeypatch.setattr(search, "BEFORE", 1.0)
+    searches, covers = (search.Searches(NETWORK, (BALL,), one) for one in (None, Screen()))
+    camera = search.Searches._camera  # that does not move
+    monkeypatch.setattr(search.Searches, "_camera", lambda *given: camera(*given[:-1], False))
+    rng = np.random.default_rng(0)
+    before, made = searches.make(image, rng, augment=False), covers.make(image, rng)
+    assert before["search_class"][:4].tolist() == [0, 0, -1, -1]
+    np.testing.assert_allclose(made["search_boxes"][:2], before["search_boxes"][[0, 2]])
+    assert made["search_class"][:2].tolist() == [-1, -1]
+    assert (made["search_boxes"][2:] == 0).all()
+    x0, y0, x1, y1 = before["search_boxes"][1].astype(int)
+    assert not made["search_image"][y0:y1, x0:x1].any(), "the second is covered"
 
 
 def loss(logits, boxes, truth, index):

@@ -27,7 +27,7 @@ class Composer:
         if rng.random() < ALONE:
             who = None if who is None else (who == of) * np.uint8(1)
         picture = self.behind(picture, who, rng)
-        return self._before(picture, box, rng) if rng.random() < BEFORE else picture
+        return self.before(picture, box, rng)[0] if rng.random() < BEFORE else picture
 
     def behind(self, picture, who, rng) -> np.ndarray:
         """A view [h, w, 3] with another background, half of the time."""
@@ -46,8 +46,8 @@ class Composer:
         alpha = cv2.GaussianBlur(alpha, (0, 0), rng.uniform(0.5, 1.0))[..., None]
         return np.rint(picture * alpha + other * (1 - alpha)).astype(np.uint8)
 
-    def _before(self, picture, box, rng):
-        """A blob over a part of the box, up to half of it."""
+    def before(self, picture, box, rng) -> tuple[np.ndarray, np.ndarray]:
+        """A blob over a part of the box, up to half of it; and where it is [h, w], 0 or 1."""
         height, width = picture.shape[:2]
         size = np.maximum(box[2:] - box[:2], 4)
         middle = box[:2] + rng.uniform(0, 1, 2) * size
@@ -66,7 +66,7 @@ class Composer:
             x0, y0, x1, y1 = np.clip(np.rint(box), 0, [width, height] * 2).astype(int)
             other = recolored(other, picture[y0:y1, x0:x1])
         alpha = cv2.GaussianBlur(mask * np.float32(1), (0, 0), 0.7)[..., None]
-        return np.rint(picture * (1 - alpha) + other * alpha).astype(np.uint8)
+        return np.rint(picture * (1 - alpha) + other * alpha).astype(np.uint8), mask
 
 
 def recolored(picture: np.ndarray, like: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Whole images as the detector is shown them, turned, scaled and shifted at random."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -14,9 +14,21 @@ from .composite import Composer
 from .objects import Object
 from .views import warp
 
-ZOOM = (0.7, 1.5)  # of the scale at which inference shows the image
+ZOOM = (0.7, 2.0)  # of the scale at which inference shows the image
 SURE, UNSURE = 0.35, 0.1  # shares in sight from which an object shall, and may, be found
 MOST = 16  # objects in an image
+BEFORE = 0.25  # share of the objects that something else is put before
+
+
+@dataclass(frozen=True)
+class Thing:
+    """An object in a picture: its box [4] px, the number of its class, the share of it in sight,
+    and whose pixels are its (`bop.read_coords`)."""
+
+    box: np.ndarray
+    kind: int
+    share: float
+    owner: int
 
 
 @dataclass(frozen=True)
@@ -36,32 +48,54 @@ class Searches:
         view_from_image = k @ turn @ np.linalg.inv(image.k)
         scale = k[0, 0] / image.k[0, 0]
         picture, on_image = warp(rgb, view_from_image, size, int(np.ceil(min(1 / scale, 8))))
-        boxes, index = np.zeros((MOST, 4), np.float32), np.full(MOST, -1)
-        known = {obj.id: n for n, obj in enumerate(self.objects)}
-        turned = np.eye(4)
-        turned[:3, :3] = turn
-        shown = [one for one in image.instances if one.obj_id in known]
-        for n, one in enumerate(shown[:MOST]):
-            bounds = self.objects[known[one.obj_id]].bounds
-            box = amodal_boxes(bounds, k, turned @ one.cam_from_obj)
-            cut = box.clip(-0.5, np.array([*size, *size]) - 0.5)
-            inside = np.prod(cut[2:] - cut[:2]) / np.prod(box[2:] - box[:2])
-            share = (1.0 if one.visible_share is None else one.visible_share) * inside
-            if share >= UNSURE and (cut[2:] - cut[:2]).min() > 4:
-                boxes[n], index[n] = cut, known[one.obj_id] if share >= SURE else -1
+        things = self._things(image, k, turn)
+        if augment and self.composer is not None:
+            _, whose = bop.read_coords(image, rgb.shape[:2])
+            if whose is not None:
+                nearest = cv2.INTER_NEAREST
+                whose = cv2.warpPerspective(whose, view_from_image, size, flags=nearest)
+                picture = self.composer.behind(picture, whose, rng)
+                picture, things = self._hidden(picture, things, whose, rng)
         if augment:
-            if self.composer is not None:
-                _, who = bop.read_coords(image, rgb.shape[:2])
-                if who is not None:
-                    who = cv2.warpPerspective(who, view_from_image, size, flags=cv2.INTER_NEAREST)
-                picture = self.composer.behind(picture, who, rng)
             picture = photometric(picture, rng)
+        boxes, index = np.zeros((MOST, 4), np.float32), np.full(MOST, -1)
+        for n, one in enumerate(one for one in things if one.share >= UNSURE):
+            boxes[n], index[n] = one.box, one.kind if one.share >= SURE else -1
         return {
             "search_image": picture,
             "search_on_image": on_image,
             "search_boxes": boxes,
             "search_class": index,
         }
+
+    def _things(self, image: bop.Image, k, turn) -> list["Thing"]:
+        """What the image shows of the objects, `MOST` at most."""
+        known = {obj.id: n for n, obj in enumerate(self.objects)}
+        turned, edge = np.eye(4), np.array([self.config.width, self.config.height] * 2) - 0.5
+        turned[:3, :3] = turn
+        things = []
+        for one in [one for one in image.instances if one.obj_id in known][:MOST]:
+            kind = known[one.obj_id]
+            box = amodal_boxes(self.objects[kind].bounds, k, turned @ one.cam_from_obj)
+            cut = box.clip(-0.5, edge)
+            inside = np.prod(cut[2:] - cut[:2]) / np.prod(box[2:] - box[:2])
+            share = (1.0 if one.visible_share is None else one.visible_share) * inside
+            if share >= UNSURE and (cut[2:] - cut[:2]).min() > 4:
+                things.append(Thing(cut, kind, share, one.annotation + 1))
+        return things
+
+    def _hidden(self, picture, things: list["Thing"], whose, rng):
+        """The picture with something before some things, and these with what is seen of them."""
+        hidden = np.zeros_like(whose)
+        for one in things:
+            if rng.random() < BEFORE:
+                picture, where = self.composer.before(picture, one.box, rng)
+                hidden |= where
+        for n, one in enumerate(things):
+            seen = whose == one.owner
+            left = (seen & (hidden == 0)).sum() / max(seen.sum(), 1)
+            things[n] = replace(one, share=one.share * left)
+        return picture, things
 
     def _camera(self, image, shape, rng, augment: bool):
         """k [3, 3] of the picture and the turn [3, 3] that comes before it."""

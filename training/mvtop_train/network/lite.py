@@ -17,6 +17,7 @@ from torch import nn
 from ..errors import UserError
 from .config import GEOMETRIES
 from .features import Conv, Detector, Found, Residual
+from .fixed import Fixed
 from .geometry import find
 from .views import Cached, Pictures
 
@@ -105,6 +106,19 @@ class Trunk(nn.Sequential):
     def __init__(self):
         super().__init__(ConvNorm(3, STEM, 3, 2), *_stages(STEM, TRUNK))
         self.requires_grad_(False)
+        self.fixed: Fixed | None = None
+
+    def fix(self):
+        """From now on with the weights that it has, and sooner; on a CPU."""
+        self.fixed = None
+        self.fixed = Fixed(self)
+
+    def _load_from_state_dict(self, *given):
+        self.fixed = None
+        super()._load_from_state_dict(*given)
+
+    def forward(self, x):
+        return super().forward(x) if self.fixed is None else self.fixed(x)
 
     def train(self, mode: bool = True):
         return super().train(False)

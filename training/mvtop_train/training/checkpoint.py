@@ -54,6 +54,9 @@ class TrainingState:
         self.model.train()
         if backbone and backbone != PRETRAINED:
             self._freeze(backbone)
+        if config.backbone == "lite" and device == "cpu":
+            self.model.features.trunk.fix()
+            self.average.features.trunk.fix()
 
     def _freeze(self, path: str):
         """Take all that works on images alone from another run's average, and keep what poses are
