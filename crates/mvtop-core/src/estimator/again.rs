@@ -21,8 +21,8 @@ use crate::{BBox, Result};
 const LOOKS: usize = 5;
 /// Poses of an object whose boxes are tried, at most, refined and as they were.
 const POSES: usize = 3;
-/// Times the least support of an object: what is supported more is seen well enough.
-const WELL: f64 = 2.5;
+/// Support of an object that is seen well enough.
+const SEEN_WELL: f64 = 0.25;
 /// A box that overlaps with that of the pose by this (intersection over union) shows the same.
 const SAME: f64 = 0.9;
 
@@ -48,7 +48,7 @@ impl Pass<'_> {
         let least = bundle.detector.support_threshold;
         let least_print = bundle.detector.print_threshold;
         let support = |pose: &DecodedPose| pose.support.unwrap_or(f64::INFINITY);
-        let hardly = |pose: &DecodedPose| support(pose) < WELL * least;
+        let hardly = |pose: &DecodedPose| support(pose) < SEEN_WELL;
         let doubtful = |(object, pose): &(Sighting, DecodedPose)| {
             refiners[object.class].is_some() && object.views() > 1 && hardly(pose)
         };

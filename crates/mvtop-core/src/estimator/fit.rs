@@ -37,7 +37,7 @@ const FEWEST: usize = 12;
 /// are no such object: one view leaves the distance open.
 const FARTHER: f64 = 3.0;
 /// Neighbouring cells err alike: as many count as one when the error is estimated.
-const ALIKE: f64 = 150.0;
+const ALIKE: f64 = 50.0;
 
 /// The poses, settled by the object coordinates where there are some.
 ///
