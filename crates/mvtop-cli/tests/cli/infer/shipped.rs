@@ -7,6 +7,9 @@ use tempfile::TempDir;
 
 use crate::{mvtop, off, root, stdout};
 
+/// Standard deviation.
+const BLUR_PX: f32 = 7.0;
+
 #[test]
 fn shipped_model_finds_the_ball_of_the_example_and_how_it_is_turned() {
     let example = |file: &str| format!("examples/mvball/{file}");
@@ -102,45 +105,51 @@ fn shipped_model_finds_each_of_four_parts_in_three_views() {
 /// then given as the network finds them.
 #[test]
 fn what_is_hardly_supported_and_unlike_its_print_is_no_object() {
-    let example = |file: &str| format!("examples/ycbv4/{file}");
-    let images = ["a.jpg", "b.jpg", "c.jpg"].map(example);
-    let found = |model: &str| -> Vec<Value> {
-        let (rig, images) = (example("rig.json"), images.each_ref().map(String::as_str));
-        let fixed = [
+    let folder = TempDir::new().unwrap();
+    // So blurred that of some of the four little can be trusted.
+    let images = ["a", "b", "c"].map(|id| {
+        let sharp = image::open(root().join(format!("examples/ycbv4/{id}.jpg"))).unwrap();
+        let path = folder.path().join(format!("{id}.png"));
+        sharp.blur(BLUR_PX).save(&path).unwrap();
+        path.display().to_string()
+    });
+    let found = |model: &Path| -> Vec<f64> {
+        let (model, rig) = (model.display().to_string(), "examples/ycbv4/rig.json");
+        let options = [
             "infer",
             "--json",
             "--no-refine",
             "--model",
-            model,
+            &model,
             "--rig",
-            &rig,
+            rig,
         ];
+        let images = images.each_ref().map(String::as_str);
         let report: Value =
-            serde_json::from_str(&stdout(&mvtop(&[&fixed[..], &images].concat()))).unwrap();
-        report["objects"].as_array().unwrap().clone()
+            serde_json::from_str(&stdout(&mvtop(&[&options[..], &images].concat()))).unwrap();
+        let objects = report["objects"].as_array().unwrap().iter();
+        objects
+            .map(|one| one["support"].as_f64().unwrap())
+            .collect()
     };
-    let support = |one: &Value| one["support"].as_f64().unwrap();
-    let least = found("models/ycbv4")
-        .iter()
-        .map(support)
-        .fold(1.0, f64::min);
-
-    let folder = TempDir::new().unwrap();
     for file in std::fs::read_dir(root().join("models/ycbv4")).unwrap() {
         let file = file.unwrap();
         std::fs::copy(file.path(), folder.path().join(file.file_name())).unwrap();
     }
     let about = folder.path().join("model.json");
     let mut manifest: Value = serde_json::from_slice(&std::fs::read(&about).unwrap()).unwrap();
-    // All four are looked at again; nothing correlates wholly with its print.
-    manifest["detector"]["support_threshold"] = (0.95 * least).into();
-    for (print, left) in [(None, 4), (Some(1.0), 0)] {
-        if let Some(print) = print {
-            manifest["detector"]["print_threshold"] = print.into();
-        }
+    let mut by_print = |least: f64| {
+        manifest["detector"]["print_threshold"] = least.into();
         std::fs::write(&about, manifest.to_string()).unwrap();
-        assert_eq!(found(&folder.path().display().to_string()).len(), left);
-    }
+        found(folder.path())
+    };
+    // Everything correlates by -1 or more with its print, nothing wholly.
+    let (all, seen_well) = (by_print(-1.0), by_print(1.0));
+    assert!(!seen_well.is_empty() && seen_well.len() < all.len());
+    assert!(
+        seen_well.iter().all(|support| *support >= 0.25),
+        "{seen_well:?}"
+    );
 }
 
 #[test]
