@@ -7,7 +7,6 @@ are. Takes the held-out scenes of the training split, whose calibrations are tru
 test` it counts which groups of views of another split are warned of: all are false alarms.
 """
 
-import json
 from collections import Counter
 from pathlib import Path
 
@@ -79,10 +78,7 @@ def main():
     most = choose(found)
     print(f"{len(found)} groups, most deviation: {most}")
     if most is not None:
-        path = args.bundle / "model.json"
-        description = json.loads(path.read_text())
-        description["detector"]["most_deviation"] = most
-        path.write_text(json.dumps(description, indent=1) + "\n")
+        heldout.put(args.bundle, "most_deviation", most)
 
 
 if __name__ == "__main__":

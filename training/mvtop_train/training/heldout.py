@@ -1,5 +1,6 @@
 """Arguments of what is chosen, for a bundle, on scenes that its training has left out."""
 
+import json
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
@@ -30,3 +31,13 @@ def scenes(args: Namespace) -> list[list[bop.Image]]:
     if not folders:
         bop.refuse_empty(args.data, args.split)
     return [bop.read_images(folder) for folder in folders]
+
+
+def put(bundle: Path, name: str, value: float | None):
+    """Write what was chosen for the detector into the bundle's description; None takes it out."""
+    path = bundle / "model.json"
+    description = json.loads(path.read_text())
+    description["detector"].pop(name, None)
+    if value is not None:
+        description["detector"][name] = value
+    path.write_text(json.dumps(description, indent=1) + "\n")

@@ -165,8 +165,7 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
     model.to(processes.join().device)
     found = thresholds_of(settings, model)
     export(settings, weights, folder / "bundle", found)
-    print(f"boxes at score {found.score:g}: precision {found.precision:.3f}, recall "
-          f"{found.recall:.3f}, IoU {found.iou:.2f}")  # fmt: skip
+    print(found)
     print(json.dumps(evaluate(settings, folder, model, step), indent=1))
     stages.done("thresholds, export, evaluation")
     if settings.generate.mesh:

@@ -7,7 +7,6 @@ writes `detector.print_threshold` into a bundle; its networks stay as they are. 
 scenes of the training split. With `--split test` it says what the bundle keeps in another split.
 """
 
-import json
 from pathlib import Path
 
 from ..data import objects
@@ -38,12 +37,7 @@ def kept(found: list[Judged], least: float | None) -> list[Judged]:
 
 def add(bundle: Path, least: float | None):
     """Writes it into the bundle's description; None takes it out."""
-    path = bundle / "model.json"
-    description = json.loads(path.read_text())
-    description["detector"].pop("print_threshold", None)
-    if least is not None:
-        description["detector"]["print_threshold"] = least
-    path.write_text(json.dumps(description, indent=1) + "\n")
+    heldout.put(bundle, "print_threshold", least)
 
 
 def tell(name: str, found: list[Judged]):

@@ -1,4 +1,12 @@
-"""From which support on an object is believed: chosen on scenes that were not trained on."""
+"""From which support on an object is believed: chosen on scenes that were not trained on.
+
+    python -m mvtop_train.training.support --bundle models/mine --data data/mine
+
+writes `detector.support_threshold` into a bundle; its networks stay as they are. Takes the held-out
+scenes of the training split. What is chosen after it (`deviation`, `prints`, `confidence`) depends
+on it: `detector.print_threshold` is taken out. With `--split test` it says what the bundle believes
+in another split.
+"""
 
 import itertools
 from pathlib import Path
@@ -7,7 +15,9 @@ import numpy as np
 from tqdm import tqdm
 
 from ..data import bop
-from ..data.objects import Object
+from ..data.objects import Object, read_all
+from ..errors import command
+from . import heldout
 
 RIGHT = 0.5  # of the diameter: an object that is nearer to a true one of its class is there
 VIEWS = 3  # of each scene, at most
@@ -77,3 +87,24 @@ def choose(found: list[tuple[float, bool]], wanted: int) -> float:
     # Between the last that is kept and the first that is not.
     after = support[last + 1] if last + 1 < len(support) else 0.0
     return round(float(support[last] + after) / 2, 3)
+
+
+@command
+def main():
+    args = heldout.parser(__doc__, "say what is believed").parse_args()
+    scenes, training = heldout.scenes(args), heldout.is_training(args)
+    if training:
+        heldout.put(args.bundle, "print_threshold", None)
+        heldout.put(args.bundle, "support_threshold", 0.0)  # so that all is found
+    found, wanted = found_in(args.bundle, scenes, read_all(args.data))
+    right = sum(is_right for _, is_right in found)
+    print(f"{wanted} objects: {right} found, {len(found) - right} invented")
+    if training:
+        least = choose(found, wanted)
+        heldout.put(args.bundle, "support_threshold", least)
+        kept = [is_right for support, is_right in found if support >= least]
+        print(f"at {least:g} or more: {sum(kept)} found, {len(kept) - sum(kept)} invented")
+
+
+if __name__ == "__main__":
+    main()

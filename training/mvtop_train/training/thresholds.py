@@ -1,14 +1,24 @@
-"""From which score on a box is believed: chosen on scenes that were not trained on."""
+"""From which score on a box is believed: chosen on scenes that were not trained on.
+
+    python -m mvtop_train.training.thresholds --weights runs/mine/weights.pt --data data/mine
+
+says which scores are best on the held-out scenes of the training split (`export` takes them), and
+how good boxes are with them.
+"""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
 import torch.nn.functional as F
 from torchvision.ops import box_iou, nms
 
+from ..data import bop, objects
 from ..data.inputs import normalised
 from ..data.search import Searches
+from ..errors import argument_parser, command
+from .checkpoint import load_weights
 
 IOU = 0.5  # of a box that is right
 NMS_IOU = 0.5
@@ -25,6 +35,12 @@ class Thresholds:
     precision: float
     recall: float
     iou: float  # mean, of those that are right
+
+    def __str__(self):
+        return (
+            f"boxes at score {self.score:g} (agreed on, {self.agree:g}): precision "
+            f"{self.precision:.3f}, recall {self.recall:.3f}, IoU {self.iou:.2f}"
+        )
 
 
 @torch.no_grad()
@@ -87,3 +103,23 @@ def choose(model, images, searches: Searches, batch: int = 8) -> Thresholds:
         round(float(score[best]), 3), round(float(agree), 3), float(precision[best]),
         float(recall[best]), float(good.mean()) if len(good) else 0.0,
     )  # fmt: skip
+
+
+@command
+def main():
+    parser = argument_parser(__doc__)
+    add = parser.add_argument
+    add("--weights", type=Path, required=True, help="weights.pt of a run")
+    add("--data", type=Path, required=True, help="data set that it was trained on")
+    add("--held-out", type=int, default=100, help="first scenes, not trained on")
+    args = parser.parse_args()
+    folders = bop.whole_scenes(args.data / "train")[: args.held_out]
+    if not folders:
+        bop.refuse_empty(args.data, "train")
+    model, config, _ = load_weights(args.weights)
+    images = [image for folder in folders for image in bop.read_images(folder)]
+    print(choose(model, images, Searches(config, objects.read_all(args.data))))
+
+
+if __name__ == "__main__":
+    main()
