@@ -316,7 +316,7 @@ def of_parts(
     copies = max(2, 4 // generate.get("instances", 1))
     fields = {
         "data": str(out / "data"), "minutes": minutes, "preset": "lite", "backbone": PRETRAINED,
-        "images": 64, "searched": 3, "copies": copies, "workers": 1,
+        "images": 64, "searched": 5, "copies": copies, "workers": 1,
         "views": [0.2, 0.4, 0.3, 0.1], "warmup": 100, "backgrounds": backgrounds,
         # All are rendered before features are kept of them: a tenth of the time for each.
         "generate": {"test": 60, "views": 5, **generate, **scenes, "reserve": 6.0},
