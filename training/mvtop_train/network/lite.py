@@ -60,7 +60,8 @@ class ConvNorm(nn.Sequential):
             x = x.float() if self.depthwise else x
             for layer, following in itertools.zip_longest(self, [*self][1:]):
                 if isinstance(following, nn.BatchNorm2d):
-                    x = layer._conv_forward(x, *_with_norm(layer, following))
+                    weight, bias = _with_norm(layer, following)
+                    x = F.conv2d(x, weight, bias, layer.stride, layer.padding, groups=layer.groups)
                     x = x.to(given) if self.depthwise else x
                 elif not isinstance(layer, nn.BatchNorm2d):
                     x = layer(x)
