@@ -93,8 +93,8 @@ class Searches:
                 hidden |= where
         for n, one in enumerate(things):
             seen = whose == one.owner
-            left = (seen & (hidden == 0)).sum() / max(seen.sum(), 1)
-            things[n] = replace(one, share=one.share * left)
+            if seen.any():
+                things[n] = replace(one, share=one.share * (hidden[seen] == 0).mean())
         return picture, things
 
     def _camera(self, image, shape, rng, augment: bool):
