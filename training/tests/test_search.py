@@ -78,7 +78,7 @@ class Screen:
 def test_what_something_is_put_before_is_seen_less(image, monkeypatch):
     """Of three balls, the last of which is mostly hidden as it is: one may be found, one not."""
     whose = np.zeros((480, 640), np.uint8)
-    for one in image.instances:
+    for one in image.instances[:2]:  # of the last no pixels are known
         place = one.cam_from_obj[:3, 3]
         middle = K @ place / place[2]
         radius = round(0.03 * 560 / place[2])
