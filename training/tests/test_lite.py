@@ -14,7 +14,7 @@ from conftest import random_views
 from mvtop_train.data import objects
 from mvtop_train.data.objects import classes_of
 from mvtop_train.export.bundle import write_bundle
-from mvtop_train.network import config, lite
+from mvtop_train.network import config, fixed, lite
 from mvtop_train.network.model import Mvtop
 from mvtop_train.network.views import Cached
 from mvtop_train.synthesis import catalogue
@@ -87,7 +87,7 @@ def test_what_is_never_trained_is_the_same_by_onnx_runtime(shape):
     trunk, other = lite.Trunk(), lite.Trunk()
     images, names = torch.randn(shape), set(trunk.state_dict())
     wanted = trunk(images)
-    trunk.fix()
+    trunk.fixed = fixed.Fixed(trunk)
     for one in (trunk, copy.deepcopy(trunk)):
         assert one.fixed is not None
         torch.testing.assert_close(one(images), wanted, rtol=1e-4, atol=1e-4)

@@ -68,7 +68,7 @@ class Searches:
             "search_class": index,
         }
 
-    def _things(self, image: bop.Image, k, turn) -> list["Thing"]:
+    def _things(self, image: bop.Image, k, turn) -> list[Thing]:
         """What the image shows of the objects, `MOST` at most."""
         known = {obj.id: n for n, obj in enumerate(self.objects)}
         turned, edge = np.eye(4), np.array([self.config.width, self.config.height] * 2) - 0.5
@@ -84,7 +84,7 @@ class Searches:
                 things.append(Thing(cut, kind, share, one.annotation + 1))
         return things
 
-    def _hidden(self, picture, things: list["Thing"], whose, rng):
+    def _hidden(self, picture, things: list[Thing], whose, rng):
         """The picture with something before some things, and these with what is seen of them."""
         hidden = np.zeros_like(whose)
         for one in things:

@@ -107,12 +107,7 @@ class Trunk(nn.Sequential):
     def __init__(self):
         super().__init__(ConvNorm(3, STEM, 3, 2), *_stages(STEM, TRUNK))
         self.requires_grad_(False)
-        self.fixed: Fixed | None = None
-
-    def fix(self):
-        """From now on with the weights that it has, and sooner; on a CPU."""
-        self.fixed = None
-        self.fixed = Fixed(self)
+        self.fixed: Fixed | None = None  # what computes it instead, with the weights that it has
 
     def _load_from_state_dict(self, *given):
         self.fixed = None

@@ -10,6 +10,7 @@ import torch
 from ..errors import UserError
 from ..network import config as configs
 from ..network import symmetry
+from ..network.fixed import Fixed
 from ..network.lite import load_pretrained
 from ..network.model import Mvtop
 
@@ -55,8 +56,9 @@ class TrainingState:
         if backbone and backbone != PRETRAINED:
             self._freeze(backbone)
         if config.backbone == "lite" and device == "cpu":
-            self.model.features.trunk.fix()
-            self.average.features.trunk.fix()
+            fixed = Fixed(self.model.features.trunk)  # never trained: the average's is the same
+            for model in (self.model, self.average):
+                model.features.trunk.fixed = fixed
 
     def _freeze(self, path: str):
         """Take all that works on images alone from another run's average, and keep what poses are

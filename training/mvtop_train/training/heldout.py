@@ -13,10 +13,15 @@ def parser(doc: str, of_another: str) -> ArgumentParser:
     parser = argument_parser(doc)
     add = parser.add_argument
     add("--bundle", type=Path, required=True, help="folder of model.json")
-    add("--data", type=Path, required=True, help="data set that it was trained on")
-    add("--held-out", type=int, default=100, help="first scenes, not trained on")
+    add_data(parser)
     add("--split", default="train", help=f"another one: only {of_another}")
     return parser
+
+
+def add_data(parser: ArgumentParser):
+    add = parser.add_argument
+    add("--data", type=Path, required=True, help="data set that it was trained on")
+    add("--held-out", type=int, default=100, help="first scenes, not trained on")
 
 
 def is_training(args: Namespace) -> bool:
@@ -26,10 +31,14 @@ def is_training(args: Namespace) -> bool:
 
 def scenes(args: Namespace) -> list[list[bop.Image]]:
     """Images of the scenes that were held out, or of all of another split."""
-    most = args.held_out if is_training(args) else None
-    folders = bop.whole_scenes(args.data / args.split)[:most]
+    return of_split(args.data, args.split, args.held_out if is_training(args) else None)
+
+
+def of_split(data: Path, split: str, most: int | None) -> list[list[bop.Image]]:
+    """Images of the first scenes of a split, at most so many."""
+    folders = bop.whole_scenes(data / split)[:most]
     if not folders:
-        bop.refuse_empty(args.data, args.split)
+        bop.refuse_empty(data, split)
     return [bop.read_images(folder) for folder in folders]
 
 
@@ -37,7 +46,8 @@ def put(bundle: Path, name: str, value: float | None):
     """Write what was chosen for the detector into the bundle's description; None takes it out."""
     path = bundle / "model.json"
     description = json.loads(path.read_text())
-    description["detector"].pop(name, None)
-    if value is not None:
+    if value is None:
+        description["detector"].pop(name, None)
+    else:
         description["detector"][name] = value
     path.write_text(json.dumps(description, indent=1) + "\n")

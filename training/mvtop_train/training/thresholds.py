@@ -14,10 +14,11 @@ import torch
 import torch.nn.functional as F
 from torchvision.ops import box_iou, nms
 
-from ..data import bop, objects
+from ..data import objects
 from ..data.inputs import normalised
 from ..data.search import Searches
 from ..errors import argument_parser, command
+from . import heldout
 from .checkpoint import load_weights
 
 IOU = 0.5  # of a box that is right
@@ -108,16 +109,12 @@ def choose(model, images, searches: Searches, batch: int = 8) -> Thresholds:
 @command
 def main():
     parser = argument_parser(__doc__)
-    add = parser.add_argument
-    add("--weights", type=Path, required=True, help="weights.pt of a run")
-    add("--data", type=Path, required=True, help="data set that it was trained on")
-    add("--held-out", type=int, default=100, help="first scenes, not trained on")
+    parser.add_argument("--weights", type=Path, required=True, help="weights.pt of a run")
+    heldout.add_data(parser)
     args = parser.parse_args()
-    folders = bop.whole_scenes(args.data / "train")[: args.held_out]
-    if not folders:
-        bop.refuse_empty(args.data, "train")
+    scenes = heldout.of_split(args.data, "train", args.held_out)
     model, config, _ = load_weights(args.weights)
-    images = [image for folder in folders for image in bop.read_images(folder)]
+    images = [image for scene in scenes for image in scene]
     print(choose(model, images, Searches(config, objects.read_all(args.data))))
 
 
