@@ -10,6 +10,7 @@ from .bop import OTHER
 
 # Shares of pictures with another background, of these of the object alone, and with an occluder.
 BEHIND, ALONE, BEFORE = 0.5, 0.3, 0.45
+REACH = (0.12, 0.5)  # how far an occluder reaches from its middle, of the sides of what it hides
 LIKE = 0.4  # share of occluders in the colors of what they hide: these mislead most
 
 
@@ -46,15 +47,17 @@ class Composer:
         alpha = cv2.GaussianBlur(alpha, (0, 0), rng.uniform(0.5, 1.0))[..., None]
         return np.rint(picture * alpha + other * (1 - alpha)).astype(np.uint8)
 
-    def before(self, picture, box, rng) -> tuple[np.ndarray, np.ndarray]:
-        """A blob over a part of the box, up to half of it; and where it is [h, w], 0 or 1."""
+    def before(self, picture, box, rng, reach=REACH) -> tuple[np.ndarray, np.ndarray]:
+        """A blob over a part of the box, its middle within; and where it is [h, w], 0 or 1.
+
+        reach  least and most, from its middle, as shares of the box's sides
+        """
         height, width = picture.shape[:2]
         size = np.maximum(box[2:] - box[:2], 4)
         middle = box[:2] + rng.uniform(0, 1, 2) * size
         corners = int(rng.integers(3, 9))
         angles = np.sort(rng.uniform(0, 2 * np.pi, corners))
-        reach = rng.uniform(0.12, 0.5) * size
-        radius = rng.uniform(0.5, 1.0, (corners, 1)) * reach
+        radius = rng.uniform(0.5, 1.0, (corners, 1)) * rng.uniform(*reach) * size
         outline = middle + radius * np.stack([np.cos(angles), np.sin(angles)], 1)
         mask = np.zeros((height, width), np.uint8)
         cv2.fillPoly(mask, [np.round(outline).astype(np.int32)], 1)

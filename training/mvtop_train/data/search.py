@@ -14,10 +14,12 @@ from .composite import Composer
 from .objects import Object
 from .views import warp
 
-ZOOM = (0.7, 2.0)  # of the scale at which inference shows the image
+ZOOM = (0.7, 2.5)  # of the scale at which inference shows the image
+AIMED = 0.7  # share of the pictures that show one of the objects for certain
 SURE, UNSURE = 0.35, 0.1  # shares in sight from which an object shall, and may, be found
 MOST = 16  # objects in an image
-BEFORE = 0.25  # share of the objects that something else is put before
+BEFORE = 0.35  # share of the objects that something else is put before
+REACH = (0.15, 0.9)  # of that (`Composer.before`): a box is that of the whole, also where half is hidden
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ class Searches:
         hidden = np.zeros_like(whose)
         for one in things:
             if rng.random() < BEFORE:
-                picture, where = self.composer.before(picture, one.box, rng)
+                picture, where = self.composer.before(picture, one.box, rng, REACH)
                 hidden |= where
         for n, one in enumerate(things):
             seen = whose == one.owner
@@ -102,12 +104,24 @@ class Searches:
         size = np.array([self.config.width, self.config.height])
         fit = (size / shape[1::-1]).min()
         zoom, roll, shift = 1.0, 0.0, np.zeros(2)
+        middle = (np.array(shape[1::-1]) - 1) / 2
         if augment:
+            middle = self._aim(image, middle, rng)
             zoom = np.exp(rng.uniform(*np.log(ZOOM)))
             roll = rng.uniform(-np.pi, np.pi) if rng.random() < 0.25 else rng.normal(0, 0.3)
             shift = rng.uniform(-0.35, 0.35, 2) * size
         k = np.diag([fit * zoom * image.k[0, 0], fit * zoom * image.k[1, 1], 1.0])
         turn = roll_by(roll)
-        middle = turn @ np.linalg.inv(image.k) @ [*((np.array(shape[1::-1]) - 1) / 2), 1.0]
+        middle = turn @ np.linalg.inv(image.k) @ [*middle, 1.0]
         k[:2, 2] = (size - 1) / 2 + shift - (k @ middle)[:2] / middle[2]
         return k, turn
+
+    def _aim(self, image: bop.Image, middle, rng):
+        """The pixel of the image that the picture is made around: an object's or its `middle`."""
+        bounds = {obj.id: obj.bounds for obj in self.objects}
+        known = [one for one in image.instances if one.obj_id in bounds]
+        if not known or rng.random() >= AIMED:
+            return middle
+        one = known[rng.integers(len(known))]
+        box = amodal_boxes(bounds[one.obj_id], image.k, one.cam_from_obj)
+        return (box.reshape(2, 2).mean(0)).clip(0, 2 * middle)
