@@ -106,3 +106,32 @@ def test_a_crop_is_an_exact_camera(tmp_path, views):
             assert np.median(np.linalg.norm(pixels - seen, axis=1)) < 1.0
             box = amodal_boxes(mvball.bounding_points(), view["k"], pose)
             assert (pixels >= box[:2] - 2).all() and (pixels <= box[2:] + 2).all()
+
+
+class Screen:
+    """In place of a composer: hides all pixels left of a column."""
+
+    def __init__(self, column: int):
+        self.column = column
+
+    def around(self, picture, who, of, box, rng):
+        hidden = np.zeros(picture.shape[:2], np.uint8)
+        hidden[:, : self.column] = 1
+        return picture * (hidden == 0)[..., None], hidden
+
+
+def test_no_coordinates_are_asked_for_where_something_was_put_before(tmp_path, views):
+    bop.write_scene(tmp_path, views)
+    network = config.preset("tiny", objects.classes_of(objects.ball()))
+    image, column = bop.read_scene(tmp_path)[0], 80
+    crops = Crops(160, Augmentation(scale=0.8))
+    open_view, screened = (
+        ViewMaker(crops, network, (objects.ball(),), composer=Screen(hides)).make_view(
+            image, np.random.default_rng(4)
+        )
+        for hides in (0, column)
+    )
+    asked = open_view["coords"]
+    assert asked[:, : column // 4].any() and asked[:, column // 4 :].any()
+    assert not screened["coords"][:, : column // 4].any()
+    np.testing.assert_array_equal(screened["coords"][:, column // 4 :], asked[:, column // 4 :])

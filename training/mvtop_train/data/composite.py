@@ -9,8 +9,8 @@ from . import backgrounds
 from .bop import OTHER
 
 # Shares of pictures with another background, of these of the object alone, and with an occluder.
-BEHIND, ALONE, BEFORE = 0.5, 0.3, 0.45
-REACH = (0.12, 0.5)  # how far an occluder reaches from its middle, of the sides of what it hides
+BEHIND, ALONE, BEFORE = 0.5, 0.3, 0.55
+REACH = (0.12, 0.9)  # how far an occluder reaches from its middle, of the sides of what it hides
 LIKE = 0.4  # share of occluders in the colors of what they hide: these mislead most
 
 
@@ -20,15 +20,18 @@ class Composer:
     def __init__(self, pictures: list[Path]):
         self.pictures = pictures
 
-    def around(self, picture, who, of: int, box, rng) -> np.ndarray:
-        """A view [h, w, 3] with other things behind and before the object `of` in `box`.
+    def around(self, picture, who, of: int, box, rng) -> tuple[np.ndarray, np.ndarray]:
+        """A view [h, w, 3] with other things behind and before the object `of` in `box`; and where
+        something is before it now [h, w], 0 or 1.
 
         who  [h, w] uint8: 0 background, n an object, `OTHER` anything else; None: not known
         """
         if rng.random() < ALONE:
             who = None if who is None else (who == of) * np.uint8(1)
         picture = self.behind(picture, who, rng)
-        return self.before(picture, box, rng)[0] if rng.random() < BEFORE else picture
+        if rng.random() < BEFORE:
+            return self.before(picture, box, rng)
+        return picture, np.zeros(picture.shape[:2], np.uint8)
 
     def behind(self, picture, who, rng) -> np.ndarray:
         """A view [h, w, 3] with another background, half of the time."""
@@ -47,17 +50,14 @@ class Composer:
         alpha = cv2.GaussianBlur(alpha, (0, 0), rng.uniform(0.5, 1.0))[..., None]
         return np.rint(picture * alpha + other * (1 - alpha)).astype(np.uint8)
 
-    def before(self, picture, box, rng, reach=REACH) -> tuple[np.ndarray, np.ndarray]:
-        """A blob over a part of the box, its middle within; and where it is [h, w], 0 or 1.
-
-        reach  least and most, from its middle, as shares of the box's sides
-        """
+    def before(self, picture, box, rng) -> tuple[np.ndarray, np.ndarray]:
+        """A blob over a part of the box, its middle within; and where it is [h, w], 0 or 1."""
         height, width = picture.shape[:2]
         size = np.maximum(box[2:] - box[:2], 4)
         middle = box[:2] + rng.uniform(0, 1, 2) * size
         corners = int(rng.integers(3, 9))
         angles = np.sort(rng.uniform(0, 2 * np.pi, corners))
-        radius = rng.uniform(0.5, 1.0, (corners, 1)) * rng.uniform(*reach) * size
+        radius = rng.uniform(0.5, 1.0, (corners, 1)) * rng.uniform(*REACH) * size
         outline = middle + radius * np.stack([np.cos(angles), np.sin(angles)], 1)
         mask = np.zeros((height, width), np.uint8)
         cv2.fillPoly(mask, [np.round(outline).astype(np.int32)], 1)

@@ -19,7 +19,6 @@ AIMED = 0.7  # share of the pictures that show one of the objects for certain
 SURE, UNSURE = 0.35, 0.1  # shares in sight from which an object shall, and may, be found
 MOST = 16  # objects in an image
 BEFORE = 0.35  # share of the objects that something else is put before
-REACH = (0.15, 0.9)  # of that (`Composer.before`): a box is that of the whole, also where half is hidden
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,7 @@ class Searches:
         hidden = np.zeros_like(whose)
         for one in things:
             if rng.random() < BEFORE:
-                picture, where = self.composer.before(picture, one.box, rng, REACH)
+                picture, where = self.composer.before(picture, one.box, rng)
                 hidden |= where
         for n, one in enumerate(things):
             seen = whose == one.owner

@@ -81,12 +81,15 @@ class ViewMaker:
         view_from_image, size = camera.view_from_image(image.k), camera.size
         picture, on_image = warp(rgb, view_from_image, (size, size), camera.taps)
         code, who = bop.read_coords(image, rgb.shape[:2])
-        owner = instance.annotation + 1
+        owner, hidden = instance.annotation + 1, None
         if self.augment:
             if self.composer is not None:
                 seen = None if who is None else _nearest(who, view_from_image, size)
-                picture = self.composer.around(picture, seen, owner, camera.box, rng)
+                picture, hidden = self.composer.around(picture, seen, owner, camera.box, rng)
             picture = photometric(picture, rng)
+        coords = coordinates(code, who, owner, view_from_image, size)
+        if hidden is not None:
+            coords *= _nearest(hidden, _cells_from_view(), len(coords))[..., None] == 0
         cam_from_obj = _turned(camera.view_from_cam, image.cam_from_obj)
         end = size - 0.5
         return {
@@ -98,7 +101,7 @@ class ViewMaker:
             "cam_from_obj": cam_from_obj,
             "box": camera.box.clip(-0.5, end),
             "true_box": amodal_boxes(bounds, camera.k, cam_from_obj).clip(-0.5, end),
-            "coords": coordinates(code, who, owner, view_from_image, size),
+            "coords": coords,
             "extent": np.float64(self.objects[index].extent_m),
             "class_index": np.int64(index),
         }
@@ -146,13 +149,19 @@ def lies_on(u, v, view_from_image: np.ndarray, shape) -> np.ndarray:
     return on_x & (y >= -0.5 * w) & (y <= bottom * w) & (w > 0)
 
 
+def _cells_from_view() -> np.ndarray:
+    """Homography [3, 3] from a view's pixels to blocks of COORDINATE_STRIDE px."""
+    s = 1 / COORDINATE_STRIDE
+    return np.array([[s, 0, s / 2 - 0.5], [0, s, s / 2 - 0.5], [0, 0, 1]])
+
+
 def coordinates(code, who, owner: int, view_from_image, size: int) -> np.ndarray:
     """Coded object coordinates [cells, cells, 3], one per COORDINATE_STRIDE px, at the center of
     its block; 0 off the object, and everywhere if the data set has none (`bop.read_coords`)."""
-    cells, s = size // COORDINATE_STRIDE, 1 / COORDINATE_STRIDE
+    cells = size // COORDINATE_STRIDE
     if code is None:
         return np.zeros((cells, cells, 3), np.uint8)
-    view = np.array([[s, 0, s / 2 - 0.5], [0, s, s / 2 - 0.5], [0, 0, 1]]) @ view_from_image
+    view = _cells_from_view() @ view_from_image
     return _nearest(code, view, cells) * (_nearest(who, view, cells) == owner)[..., None]
 
 
