@@ -26,7 +26,7 @@ from ..network.config import ObjectClass
 from ..network.decoder import Boxes
 from ..network.heads import Hypotheses
 from ..network.model import Mvtop
-from . import integers, self_test
+from . import description, integers, self_test
 
 OPSET = 17
 LARGE = 1024  # weights of a tensor from which on it is worth storing them in fewer bits
@@ -321,7 +321,7 @@ def write_bundle(
     closeup = {"size": config.closeup, "strides": list(config.closeup_strides)}
     extents = [{"coordinates_extent_m": obj.extent_m} for obj in known]
     extents = extents if config.gives_coordinates else [{} for _ in known]
-    description = {
+    about = {
         "format": "mvtop-model",
         "version": 1,
         "preset": config.preset,
@@ -344,4 +344,4 @@ def write_bundle(
         "self_test": self_test.of(tested),
         "provenance": provenance,
     }  # fmt: skip
-    (out / "model.json").write_text(json.dumps(description, indent=1) + "\n")
+    description.write(out, about)

@@ -7,7 +7,6 @@ MV-ball. Meshes of more than 2,000 triangles are decimated, with colors taken fr
 """
 
 import hashlib
-import json
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from ..data import mvball, objects
 from ..errors import UserError, argument_parser, command
+from . import description
 
 TRIANGLES = 2000  # at most: what refinement draws some times in each view
 COLOR_POINTS = 40_000  # on the surface, from which vertices of decimated meshes take their colors
@@ -113,9 +113,8 @@ def in_few_colors(vertices, faces, tree: cKDTree, known, label) -> trimesh.Trime
 
 def add(bundle: Path, meshes: dict[str, trimesh.Trimesh]):
     """Write the meshes (metres) of classes, by name, into a bundle that is there."""
-    path = bundle / "model.json"
-    description = json.loads(path.read_text())
-    classes = {known["name"]: known for known in description["classes"]}
+    about = description.read(bundle)
+    classes = {known["name"]: known for known in about["classes"]}
     for name, mesh in meshes.items():
         if name not in classes:
             raise UserError(
@@ -127,8 +126,8 @@ def add(bundle: Path, meshes: dict[str, trimesh.Trimesh]):
         (bundle / file).write_bytes(content)
         classes[name]["mesh"] = file
         digest = hashlib.sha256(content).hexdigest()
-        description["files"][file] = {"sha256": digest, "bytes": len(content)}
-    path.write_text(json.dumps(description, indent=1) + "\n")
+        about["files"][file] = {"sha256": digest, "bytes": len(content)}
+    description.write(bundle, about)
 
 
 def meshes_of(data: Path | None, known: tuple[objects.Object, ...]) -> dict[str, trimesh.Trimesh]:
@@ -150,11 +149,8 @@ def main():
     parser.add_argument("--bundle", type=Path, required=True, help="folder of the bundle")
     parser.add_argument("--data", type=Path, help="data set of the objects, if not MV-ball")
     args = parser.parse_args()
-    path = args.bundle / "model.json"
-    if not path.is_file():
-        raise UserError(f"{path}: no such file; fix: --bundle must name an exported bundle")
     known = objects.read_all(args.data) if args.data else (objects.ball(),)
-    names = {of["name"] for of in json.loads(path.read_text())["classes"]}
+    names = {of["name"] for of in description.read(args.bundle)["classes"]}
     meshes = meshes_of(args.data, tuple(obj for obj in known if obj.name in names))
     add(args.bundle, meshes)
     for name, mesh in meshes.items():

@@ -22,13 +22,12 @@ from torch import nn
 
 from ..data import objects
 from ..errors import UserError, argument_parser, command
-from ..files import read_json
 from ..network import config as configs
 from ..network.encoder import DeformableAttention
 from ..network.lite import load_pretrained
 from ..network.model import Mvtop
 from ..training.checkpoint import save_weights
-from . import integers, self_test
+from . import description, integers, self_test
 from .bundle import check_objects, normalised_convolutions
 
 RESTORING = ("Cast", "Mul", "DequantizeLinear")  # make weights of what is stored in fewer bits
@@ -44,7 +43,7 @@ def of_bundle(bundle: Path, known: tuple[objects.Object, ...], data: Path) -> tu
 
     data  data set of the objects; normalisation is measured on its training split
     """
-    about = read_json(bundle / "model.json", "--bundle must name a bundle's folder")
+    about = description.read(bundle)
     check_objects(f"{bundle} knows", [c["name"] for c in about["classes"]], known)
     given = {}
     for file in about["graphs"].values():

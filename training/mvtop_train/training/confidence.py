@@ -22,6 +22,7 @@ from tqdm import tqdm
 from ..data import bop, objects
 from ..data.objects import Object
 from ..errors import UserError, command
+from ..export import description
 from ..network import symmetry
 from . import heldout, support
 
@@ -177,13 +178,11 @@ def _regression(x: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 def add(bundle: Path, fitted: dict):
     """Writes it into the bundle's description."""
-    path = bundle / "model.json"
-    description = json.loads(path.read_text())
-    parts = list(description.items())
+    parts = list(description.read(bundle).items())
     at = 1 + next(n for n, (key, _) in enumerate(parts) if key == "detector")
     parts = [part for part in parts if part[0] != "confidence"]
     parts.insert(at, ("confidence", fitted))
-    path.write_text(json.dumps(dict(parts), indent=1) + "\n")
+    description.write(bundle, dict(parts))
 
 
 def reliability(confidence: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, float]:

@@ -1,11 +1,11 @@
 """Arguments of what is chosen, for a bundle, on scenes that its training has left out."""
 
-import json
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from ..data import bop
 from ..errors import argument_parser
+from ..export import description
 
 
 def parser(doc: str, of_another: str) -> ArgumentParser:
@@ -44,10 +44,9 @@ def of_split(data: Path, split: str, most: int | None) -> list[list[bop.Image]]:
 
 def put(bundle: Path, name: str, value: float | None):
     """Write what was chosen for the detector into the bundle's description; None takes it out."""
-    path = bundle / "model.json"
-    description = json.loads(path.read_text())
+    about = description.read(bundle)
     if value is None:
-        description["detector"].pop(name, None)
+        about["detector"].pop(name, None)
     else:
-        description["detector"][name] = value
-    path.write_text(json.dumps(description, indent=1) + "\n")
+        about["detector"][name] = value
+    description.write(bundle, about)
