@@ -1,6 +1,7 @@
 //! Data sets and metrics.
 
 mod bop;
+mod groups;
 mod metrics;
 
 use mvtop_core::{Intrinsics, Projection};
