@@ -9,7 +9,7 @@ from pathlib import Path
 import mvtop_train
 
 ROOT = Path(mvtop_train.__file__).parent
-# What each package may import; any module may import `errors` and `files`.
+# What each package may import; any module may import `errors`, `files` and `description`.
 ALLOWED = {
     "network": set(),
     "data": {"network"},
@@ -19,7 +19,7 @@ ALLOWED = {
     "study": {"network", "data", "training"},
 }
 COMMANDS = {"generate", "train", "run"}  # beside `python -m mvtop_train.export`
-BASE = {"errors", "files"}
+BASE = {"errors", "files", "description"}
 
 
 def module_name(path: Path) -> str:

@@ -19,6 +19,7 @@ import onnx
 import torch
 from torch import nn
 
+from .. import description
 from ..data import objects
 from ..errors import UserError
 from ..network import sampling
@@ -26,7 +27,7 @@ from ..network.config import ObjectClass
 from ..network.decoder import Boxes
 from ..network.heads import Hypotheses
 from ..network.model import Mvtop
-from . import description, integers, self_test
+from . import integers, self_test
 
 OPSET = 17
 LARGE = 1024  # weights of a tensor from which on it is worth storing them in fewer bits

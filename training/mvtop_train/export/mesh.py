@@ -13,9 +13,9 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
+from .. import description
 from ..data import mvball, objects
 from ..errors import UserError, argument_parser, command
-from . import description
 
 TRIANGLES = 2000  # at most: what refinement draws some times in each view
 COLOR_POINTS = 40_000  # on the surface, from which vertices of decimated meshes take their colors

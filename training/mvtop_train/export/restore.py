@@ -20,6 +20,7 @@ import torch
 from onnx.reference import ReferenceEvaluator
 from torch import nn
 
+from .. import description
 from ..data import objects
 from ..errors import UserError, argument_parser, command
 from ..network import config as configs
@@ -27,7 +28,7 @@ from ..network.encoder import DeformableAttention
 from ..network.lite import load_pretrained
 from ..network.model import Mvtop
 from ..training.checkpoint import save_weights
-from . import description, integers, self_test
+from . import integers, self_test
 from .bundle import check_objects, normalised_convolutions
 
 RESTORING = ("Cast", "Mul", "DequantizeLinear")  # make weights of what is stored in fewer bits

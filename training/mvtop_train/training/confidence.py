@@ -19,10 +19,10 @@ import torch
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
+from .. import description
 from ..data import bop, objects
 from ..data.objects import Object
 from ..errors import UserError, command
-from ..export import description
 from ..network import symmetry
 from . import heldout, support
 

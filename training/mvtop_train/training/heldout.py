@@ -3,9 +3,9 @@
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
+from .. import description
 from ..data import bop
 from ..errors import argument_parser
-from ..export import description
 
 
 def parser(doc: str, of_another: str) -> ArgumentParser:

@@ -3,13 +3,13 @@
 import json
 from pathlib import Path
 
-from ..files import read_json
+from .files import read_json
 
 NAME = "model.json"
 
 
 def read(bundle: Path) -> dict:
-    return read_json(bundle / NAME, "--bundle must name the folder of an exported bundle")
+    return read_json(bundle / NAME, "--bundle must name a bundle's folder")
 
 
 def write(bundle: Path, description: dict):
