@@ -15,7 +15,7 @@ from .objects import Object
 from .views import warp
 
 ZOOM = (0.7, 2.5)  # of the scale at which inference shows the image
-AIMED = 0.7  # share of the pictures that show one of the objects for certain
+AIMED = 0.7  # share of the pictures that are made around one of the objects
 SURE, UNSURE = 0.35, 0.1  # shares in sight from which an object shall, and may, be found
 MOST = 16  # objects in an image
 BEFORE = 0.35  # share of the objects that something else is put before
@@ -71,12 +71,10 @@ class Searches:
 
     def _things(self, image: bop.Image, k, turn) -> list[Thing]:
         """What the image shows of the objects, `MOST` at most."""
-        known = {obj.id: n for n, obj in enumerate(self.objects)}
         turned, edge = np.eye(4), np.array([self.config.width, self.config.height] * 2) - 0.5
         turned[:3, :3] = turn
         things = []
-        for one in [one for one in image.instances if one.obj_id in known][:MOST]:
-            kind = known[one.obj_id]
+        for one, kind in self._known(image)[:MOST]:
             box = amodal_boxes(self.objects[kind].bounds, k, turned @ one.cam_from_obj)
             cut = box.clip(-0.5, edge)
             inside = np.prod(cut[2:] - cut[:2]) / np.prod(box[2:] - box[:2])
@@ -117,10 +115,14 @@ class Searches:
 
     def _aim(self, image: bop.Image, middle, rng):
         """The pixel of the image that the picture is made around: an object's or its `middle`."""
-        bounds = {obj.id: obj.bounds for obj in self.objects}
-        known = [one for one in image.instances if one.obj_id in bounds]
+        known = self._known(image)
         if not known or rng.random() >= AIMED:
             return middle
-        one = known[rng.integers(len(known))]
-        box = amodal_boxes(bounds[one.obj_id], image.k, one.cam_from_obj)
-        return (box.reshape(2, 2).mean(0)).clip(0, 2 * middle)
+        one, kind = known[rng.integers(len(known))]
+        box = amodal_boxes(self.objects[kind].bounds, image.k, one.cam_from_obj)
+        return box.reshape(2, 2).mean(0).clip(0, 2 * middle)
+
+    def _known(self, image: bop.Image) -> list[tuple[bop.Instance, int]]:
+        """What the image holds of the objects, with the numbers of their classes."""
+        kinds = {obj.id: n for n, obj in enumerate(self.objects)}
+        return [(one, kinds[one.obj_id]) for one in image.instances if one.obj_id in kinds]
