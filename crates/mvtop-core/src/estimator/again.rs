@@ -2,9 +2,9 @@
 //!
 //! The box of what is half hidden often ends where that is hidden, and the close-up of such a box
 //! shows the object where it is not. The poses that come of it, refined on the images, tell other
-//! boxes, one of them a better one, that a better pose. Of all that was looked at, the pose that the
-//! images show best counts; where not even that one looks like what is printed on the object, it is
-//! another thing.
+//! boxes, one of them a better one, that a better pose. The two that are supported most are followed,
+//! as the first steps may lead astray. Of all that was looked at, the pose that the images show best
+//! counts; where not even that one looks like what is printed on the object, it is another thing.
 
 use nalgebra::Isometry3;
 
@@ -15,26 +15,59 @@ use super::sightings::Sighting;
 use super::view::View;
 use super::{Estimator, believed, refined};
 use crate::bundle::{Class, CloseUps};
+use crate::prediction::Refinement;
 use crate::{BBox, Result};
 
 /// Looks at an object, at most.
-const LOOKS: usize = 5;
+const LOOKS: usize = 4;
+/// Boxes of an object that are followed at once.
+const PATHS: usize = 2;
 /// Poses of an object whose boxes are tried, at most, refined and as they were.
 const POSES: usize = 3;
 /// Support of an object that is seen well enough.
 const SEEN_WELL: f64 = 0.25;
 /// A box that overlaps with that of the pose by this (intersection over union) shows the same.
 const SAME: f64 = 0.9;
+/// Refined poses that are turned less from each other are one: it is then as well shown by either.
+const SAME_DEG: f64 = 5.0;
 
 /// An object that is looked at again.
 struct Looked {
     /// Of those that were found.
     index: usize,
-    /// As it was looked at last.
-    last: (Sighting, DecodedPose),
-    /// Of the one that is shown best so far: whether its pose is supported enough, whether it looks like
-    /// its print, and its score.
-    shown: (bool, bool, f64),
+    /// As it was looked at last, with other boxes each.
+    last: Found,
+    best: Option<Best>,
+}
+
+/// What is shown best so far.
+struct Best {
+    seen: (Sighting, DecodedPose),
+    /// Where refinement leads.
+    end: Isometry3<f64>,
+    /// Whether its pose is supported enough, and whether it looks like its print.
+    believed: [bool; 2],
+    refinement: Option<Refinement>,
+}
+
+impl Best {
+    fn score(&self) -> f64 {
+        let score = self.refinement.map(|refinement| refinement.score());
+        score.unwrap_or(f64::NEG_INFINITY)
+    }
+
+    /// Whether it is shown better than the other one; where both end at the same pose, whether it is
+    /// supported more.
+    fn is_better(&self, other: &Self) -> bool {
+        if self.believed != other.believed {
+            return self.believed > other.believed;
+        }
+        let apart = self.end.rotation.angle_to(&other.end.rotation);
+        match apart.to_degrees() < SAME_DEG {
+            true => support(&self.seen.1) > support(&other.seen.1),
+            false => self.score() > other.score(),
+        }
+    }
 }
 
 impl Pass<'_> {
@@ -44,71 +77,105 @@ impl Pass<'_> {
         let Estimator {
             bundle, refiners, ..
         } = self.estimator;
-        let views = &self.views;
-        let least = bundle.detector.support_threshold;
-        let least_print = bundle.detector.print_threshold;
-        let support = |pose: &DecodedPose| pose.support.unwrap_or(f64::INFINITY);
-        let hardly = |pose: &DecodedPose| support(pose) < SEEN_WELL;
         let doubtful = |(object, pose): &(Sighting, DecodedPose)| {
-            refiners[object.class].is_some() && object.views() > 1 && hardly(pose)
+            refiners[object.class].is_some() && object.views() > 1 && support(pose) < SEEN_WELL
+        };
+        let looked = |index: usize| Looked {
+            index,
+            last: vec![found[index].clone()],
+            best: None,
         };
         let mut looked: Vec<Looked> = (0..found.len())
             .filter(|&index| doubtful(&found[index]))
-            .map(|index| Looked {
-                index,
-                last: found[index].clone(),
-                shown: (false, false, f64::NEG_INFINITY),
-            })
+            .map(looked)
             .collect();
-        let mut best_shown = vec![None; found.len()];
         for look in 0..=LOOKS {
-            let mut refined: Vec<_> = looked.iter().map(|one| one.last.clone()).collect();
-            let refinements = refined::on_images(refiners, views, bundle, &mut refined);
-            for (one, refinement) in looked.iter_mut().zip(&refinements) {
-                let score = refinement.map_or(f64::NEG_INFINITY, |refinement| refinement.score());
-                let print = refinement.and_then(|refinement| refinement.print);
-                let supported = support(&one.last.1) >= least;
-                let shown = (supported, !believed::differs(print, least_print), score);
-                if shown > one.shown {
-                    one.shown = shown;
-                    found[one.index] = one.last.clone();
-                    best_shown[one.index] = *refinement;
+            let mut moved = self.told(&mut looked)?;
+            for (one, moved) in looked.iter().zip(&mut moved) {
+                let seen_well = |best: &Best| support(&best.seen.1) >= SEEN_WELL;
+                if look == LOOKS || one.best.as_ref().is_some_and(seen_well) {
+                    moved.clear();
                 }
             }
-            if look == LOOKS {
-                break;
-            }
-            let (mut places, mut objects) = (Vec::new(), Vec::new());
-            for (place, (one, (object, pose))) in looked.iter().zip(&refined).enumerate() {
-                if !hardly(&found[one.index].1) {
-                    continue;
-                }
-                let class = &bundle.classes[object.class];
-                // Where little is seen of an object, refinement may lead astray.
-                let likeliest = [pose, &one.last.1].map(|pose| pose.hypotheses.iter().take(POSES));
-                let moved = (likeliest.into_iter().flatten())
-                    .filter_map(|pose| at_pose(class, views, object, &pose.world_from_obj));
-                objects.extend(moved);
-                places.resize(objects.len(), place);
-            }
+            let objects = moved.concat();
             if objects.is_empty() {
                 break;
             }
             let poses = self.decoded(closeups, &objects)?;
-            let mut best: Vec<Option<(Sighting, DecodedPose)>> = vec![None; looked.len()];
-            for (place, new) in places.into_iter().zip(objects.into_iter().zip(poses)) {
-                let better = |best: &(_, DecodedPose)| support(&new.1) > support(&best.1);
-                if best[place].as_ref().is_none_or(better) {
-                    best[place] = Some(new);
+            let mut decoded = objects.into_iter().zip(poses);
+            for (one, moved) in looked.iter_mut().zip(&moved) {
+                one.last = most_supported(decoded.by_ref().take(moved.len()).collect());
+            }
+        }
+        let mut refinements = vec![None; found.len()];
+        for Looked { index, best, .. } in looked {
+            if let Some(best) = best {
+                found[index] = best.seen;
+                refinements[index] = best.refinement;
+            }
+        }
+        let least = bundle.detector.print_threshold;
+        Ok(believed::printed(found, refinements, least).0)
+    }
+
+    /// Refines what was looked at last, keeps what is shown best of each object, and gives the boxes
+    /// that the poses tell.
+    fn told(&self, looked: &mut [Looked]) -> Result<Vec<Vec<Sighting>>> {
+        let Estimator {
+            bundle, refiners, ..
+        } = self.estimator;
+        let (views, detector) = (&self.views, &bundle.detector);
+        let mut refined: Found = looked.iter().flat_map(|one| one.last.clone()).collect();
+        let refinements = refined::on_images(refiners, views, bundle, &mut refined, None)?;
+        let mut refined = refined.into_iter().zip(refinements);
+        let mut told = Vec::new();
+        for one in looked {
+            let mut moved = Vec::new();
+            for ((object, was), ((_, pose), refinement)) in one.last.drain(..).zip(&mut refined) {
+                let class = &bundle.classes[object.class];
+                // Where little is seen of an object, refinement may lead astray.
+                let likeliest = [&pose, &was].map(|pose| pose.hypotheses.iter().take(POSES));
+                let likeliest = likeliest.into_iter().flatten();
+                moved.extend(likeliest.filter_map(|hypothesis| {
+                    at_pose(class, views, &object, &hypothesis.world_from_obj)
+                }));
+                let print = refinement.and_then(|refinement| refinement.print);
+                let new = Best {
+                    believed: [
+                        support(&was) >= detector.support_threshold,
+                        !believed::differs(print, detector.print_threshold),
+                    ],
+                    seen: (object, was),
+                    end: pose.world_from_obj,
+                    refinement,
+                };
+                if one.best.as_ref().is_none_or(|best| new.is_better(best)) {
+                    one.best = Some(new);
                 }
             }
-            let again = looked.into_iter().zip(best);
-            looked = again
-                .filter_map(|(one, best)| Some(Looked { last: best?, ..one }))
-                .collect();
+            told.push(moved);
         }
-        Ok(believed::printed(found, best_shown, least_print).0)
+        Ok(told)
     }
+}
+
+fn support(pose: &DecodedPose) -> f64 {
+    pose.support.unwrap_or(f64::INFINITY)
+}
+
+/// The [`PATHS`] that are supported most of those whose boxes show something else each.
+fn most_supported(mut all: Found) -> Found {
+    all.sort_by(|(_, a), (_, b)| support(b).total_cmp(&support(a)));
+    let mut kept: Found = Vec::new();
+    for one in all {
+        let shown = kept
+            .iter()
+            .any(|(object, _)| same(&object.boxes, &one.0.boxes));
+        if !shown && kept.len() < PATHS {
+            kept.push(one);
+        }
+    }
+    kept
 }
 
 /// The object with the boxes of a pose of it; `None` where it has them.
@@ -122,13 +189,16 @@ pub(super) fn at_pose(
     let boxes: Vec<Option<BBox>> = each
         .map(|(view, bbox)| shown(class, view, world_from_obj).or(*bbox))
         .collect();
-    let same = |(a, b): (&Option<BBox>, &Option<BBox>)| match (a, b) {
-        (Some(a), Some(b)) => a.iou(b) > SAME,
-        (a, b) => a.is_none() && b.is_none(),
-    };
-    let moved = !boxes.iter().zip(&object.boxes).all(same);
-    moved.then(|| Sighting {
+    (!same(&boxes, &object.boxes)).then(|| Sighting {
         boxes,
         ..object.clone()
+    })
+}
+
+/// Whether boxes in all views show about the same.
+fn same(a: &[Option<BBox>], b: &[Option<BBox>]) -> bool {
+    a.iter().zip(b).all(|pair| match pair {
+        (Some(a), Some(b)) => a.iou(b) > SAME,
+        (a, b) => a.is_none() && b.is_none(),
     })
 }
