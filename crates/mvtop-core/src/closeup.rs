@@ -9,7 +9,7 @@
 mod pixels;
 
 use image::RgbImage;
-use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point2, Point3, Unit, UnitQuaternion, Vector3};
 use ndarray::{Array2, Array3, ArrayViewMut2, ArrayViewMut3, Axis};
 use rayon::prelude::*;
 
@@ -53,19 +53,64 @@ impl CloseUp {
         };
         let (left, right) = (on_plane(x0, yc)?[0], on_plane(x1, yc)?[0]);
         let (top, bottom) = (on_plane(xc, y0)?[1], on_plane(xc, y1)?[1]);
+        let across_px = bbox.width().max(bbox.height());
+        Self::looking(
+            camera,
+            close_from_cam,
+            [left, top, right, bottom],
+            across_px,
+            size,
+        )
+    }
+
+    /// The close-up of `size` px a side of what lies at some points, as a box about them would have it
+    /// in the image of a camera that is rolled about its line of sight to their middle.
+    ///
+    /// `None` where one of them is not in front of it.
+    ///
+    /// - `points`: in the frame of `camera`, metres
+    /// - `roll`: radians
+    pub fn rolled(camera: &Camera, points: &[Point3<f64>], roll: f64, size: u32) -> Option<Self> {
+        let middle = points
+            .iter()
+            .map(|point| point.coords)
+            .sum::<Vector3<f64>>();
+        let ahead = UnitQuaternion::rotation_between_axis(
+            &Unit::try_new(middle, 0.0)?,
+            &Vector3::z_axis(),
+        )?;
+        let rolled_from_cam = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll) * ahead;
+        let [left, top, right, bottom] = bounds(points, &rolled_from_cam)?;
+        let middle = Vector3::new((left + right) / 2.0, (top + bottom) / 2.0, 1.0);
+        let close_from_rolled = UnitQuaternion::rotation_between(&middle, &Vector3::z())?;
+        let close_from_cam = close_from_rolled * rolled_from_cam;
+        let sides = bounds(points, &close_from_cam)?;
+        let across = (sides[2] - sides[0]).max(sides[3] - sides[1]);
+        let across_px = across * camera.intrinsics().fx();
+        Self::looking(camera, close_from_cam, sides, across_px, size)
+    }
+
+    /// - `sides`: left, top, right and bottom of the box, on the plane one unit ahead
+    /// - `across_px`: the longer side of the box in the real image
+    fn looking(
+        camera: &Camera,
+        close_from_cam: UnitQuaternion<f64>,
+        sides: [f64; 4],
+        across_px: f64,
+        size: u32,
+    ) -> Option<Self> {
+        let [left, top, right, bottom] = sides;
         let reach = (-left).max(right).max(-top).max(bottom);
         let side = f64::from(size);
         let (focal, middle) = (FILL * side / 2.0 / reach, (side - 1.0) / 2.0);
-        let taps = (bbox.width().max(bbox.height()) / (FILL * side)).ceil();
+        let taps = (across_px / (FILL * side)).ceil();
         let cam_from_close = close_from_cam.inverse();
         let intrinsics = Intrinsics::new(focal, focal, middle, middle, Projection::Pinhole).ok()?;
         let world_from_close = camera.world_from_cam()
             * Isometry3::from_parts(Vector3::zeros().into(), cam_from_close);
         Some(Self {
             camera: Camera::new(camera.id(), [size; 2], intrinsics, world_from_close).ok()?,
-            bbox: [left, top, right, bottom]
-                .map(|x| x * focal + middle)
-                .into(),
+            bbox: sides.map(|x| x * focal + middle).into(),
             taps: (taps as u32).clamp(1, MAX_TAPS),
             cam_from_close,
         })
@@ -174,6 +219,26 @@ impl CloseUp {
             down,
         }
     }
+}
+
+/// Least and greatest x and y of points on the plane one unit ahead; `None` where one is not in front.
+fn bounds(points: &[Point3<f64>], close_from_cam: &UnitQuaternion<f64>) -> Option<[f64; 4]> {
+    let (least, most) = (f64::NEG_INFINITY, f64::INFINITY);
+    let mut sides = [most, most, least, least];
+    for point in points {
+        let ahead = close_from_cam * point;
+        if ahead.z <= 0.0 {
+            return None;
+        }
+        let [x, y] = [ahead.x / ahead.z, ahead.y / ahead.z];
+        sides = [
+            sides[0].min(x),
+            sides[1].min(y),
+            sides[2].max(x),
+            sides[3].max(y),
+        ];
+    }
+    Some(sides)
 }
 
 /// Where pixels look, in the real camera's frame: linear in column and row.

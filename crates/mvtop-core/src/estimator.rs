@@ -14,6 +14,7 @@ mod pass;
 mod picture;
 mod pose;
 mod refined;
+mod rolled;
 mod self_test;
 mod sightings;
 mod tracker;

@@ -19,7 +19,12 @@ const FAINTEST: f64 = 0.02;
 
 impl Hypothesis {
     /// Angle to another pose of those that look like it, degrees.
-    fn away_deg(&self, other: &Isometry3<f64>, symmetry: &Symmetry, diameter_m: f64) -> f64 {
+    pub(super) fn away_deg(
+        &self,
+        other: &Isometry3<f64>,
+        symmetry: &Symmetry,
+        diameter_m: f64,
+    ) -> f64 {
         let alike = symmetry.nearest(other, &self.world_from_obj, diameter_m);
         self.world_from_obj
             .rotation

@@ -5,7 +5,7 @@ use std::time::Instant;
 use nalgebra::Isometry3;
 
 use super::believed::{believed, once, printed};
-use super::picture::{Group, Pictures};
+use super::picture::{CloseUpsOf, Group, Pictures};
 use super::pose::DecodedPose;
 use super::sightings::Sighting;
 use super::view::View;
@@ -82,7 +82,7 @@ impl<'a> Pass<'a> {
         let found = self.posed(&pictures, &groups, objects)?;
         clock.lap(|timings| &mut timings.decode);
 
-        let (found, refinements) = self.refined(found);
+        let (found, refinements) = self.refined(found)?;
         clock.lap(|timings| &mut timings.refine);
         let differences = self.compared(&found);
         clock.lap(|timings| &mut timings.check);
@@ -159,8 +159,10 @@ impl<'a> Pass<'a> {
         closeups: &CloseUps,
         objects: &[Sighting],
     ) -> Result<(Pictures, Vec<Group>)> {
-        let bundle = &self.estimator.bundle;
-        picture::in_closeups(self.network, bundle, closeups, &self.views, objects)
+        let (bundle, size) = (&self.estimator.bundle, closeups.size);
+        let of_boxes = |seen| CloseUpsOf::boxes(bundle, &self.views, seen, size);
+        let taken = objects.iter().map(of_boxes).collect::<Result<_>>()?;
+        picture::in_closeups(self.network, bundle, closeups, taken)
     }
 
     /// The objects that are believed, with the poses that the network finds.
@@ -193,7 +195,8 @@ impl<'a> Pass<'a> {
         Ok(found)
     }
 
-    fn poses(&self, pictures: &Pictures, groups: &[Group]) -> Result<Vec<DecodedPose>> {
+    /// The poses of objects, by their index, each as its pictures show it.
+    pub(super) fn poses(&self, pictures: &Pictures, groups: &[Group]) -> Result<Vec<DecodedPose>> {
         let bundle = &self.estimator.bundle;
         let poses = decode::poses(self.network, bundle, pictures, groups)?;
         Ok(fit::settled(bundle, pictures, groups, poses))
@@ -234,10 +237,10 @@ impl<'a> Pass<'a> {
     }
 
     /// The objects as the images show them best; as they are where that was not wanted.
-    fn refined(&self, mut found: Found) -> (Found, Vec<Option<Refinement>>) {
+    fn refined(&self, mut found: Found) -> Result<(Found, Vec<Option<Refinement>>)> {
         if self.options.refine == Some(false) {
             let none = vec![None; found.len()];
-            return (found, none);
+            return Ok((found, none));
         }
         let Estimator {
             bundle,
@@ -245,12 +248,18 @@ impl<'a> Pass<'a> {
             refiners,
             ..
         } = self.estimator;
-        let refinements = refined::on_images(refiners, &self.views, bundle, &mut found);
+        let objects: Vec<Sighting> = found.iter().map(|(object, _)| object.clone()).collect();
+        let rolled = |places: &[(usize, Isometry3<f64>)]| self.rolled_looks(&objects, places);
+        let looks: Option<&refined::Looks> = match &bundle.poses {
+            PoseInput::CloseUps(_) => Some(&rolled),
+            PoseInput::WholeImages { .. } => None,
+        };
+        let refinements = refined::on_images(refiners, &self.views, bundle, &mut found, looks)?;
         if self.options.boxes.is_some() {
-            return (found, refinements);
+            return Ok((found, refinements));
         }
         let (found, refinements) = printed(found, refinements, bundle.detector.print_threshold);
-        once(found, refinements, radii)
+        Ok(once(found, refinements, radii))
     }
 
     /// How far each view by itself is from all together, of each object.

@@ -106,29 +106,46 @@ pub fn in_whole_images(views: &[View], objects: &[Sighting]) -> Vec<Group> {
     }]
 }
 
-/// The close-ups of all objects, and the network's memory of them: each object is a group of its own,
-/// which the close-ups of its boxes show.
-pub fn in_closeups(
-    network: &dyn Network,
-    bundle: &Bundle,
-    closeups: &CloseUps,
-    views: &[View],
-    objects: &[Sighting],
-) -> Result<(Pictures, Vec<Group>)> {
-    let mut taken: Vec<(&View, CloseUp)> = Vec::new();
-    let mut groups = Vec::new();
-    for (object, seen) in objects.iter().enumerate() {
-        let start = taken.len();
-        taken.extend(views.iter().zip(&seen.boxes).filter_map(|(view, bbox)| {
-            Some((view, CloseUp::new(view.camera, (*bbox)?, closeups.size)?))
-        }));
-        if taken.len() == start {
+/// Close-ups of an object, at least one, and the views that they are taken of.
+pub struct CloseUpsOf<'a> {
+    /// Index into the bundle's classes.
+    pub class: usize,
+    pub taken: Vec<(&'a View<'a>, CloseUp)>,
+}
+
+impl<'a> CloseUpsOf<'a> {
+    /// Those of its boxes.
+    ///
+    /// - `size`: of the pictures, px
+    pub fn boxes(bundle: &Bundle, views: &'a [View], seen: &Sighting, size: u32) -> Result<Self> {
+        let each = views.iter().zip(&seen.boxes);
+        let taken: Vec<_> = each
+            .filter_map(|(view, bbox)| Some((view, CloseUp::new(view.camera, (*bbox)?, size)?)))
+            .collect();
+        if taken.is_empty() {
             let name = &bundle.classes[seen.class].name;
             return Err(Error::Input(format!(
                 "box of `{name}`: expected one that spans less than half the view around, give a \
                  smaller one"
             )));
         }
+        let class = seen.class;
+        Ok(Self { class, taken })
+    }
+}
+
+/// The close-ups of some objects, and the network's memory of them: each object is a group of its own.
+pub fn in_closeups(
+    network: &dyn Network,
+    bundle: &Bundle,
+    closeups: &CloseUps,
+    objects: Vec<CloseUpsOf>,
+) -> Result<(Pictures, Vec<Group>)> {
+    let mut taken: Vec<(&View, CloseUp)> = Vec::new();
+    let mut groups = Vec::new();
+    for (object, seen) in objects.into_iter().enumerate() {
+        let start = taken.len();
+        taken.extend(seen.taken);
         let boxes = taken[start..].iter().map(|(_, closeup)| Some(closeup.bbox));
         groups.push(Group {
             pictures: start..taken.len(),

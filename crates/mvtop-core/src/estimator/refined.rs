@@ -7,6 +7,7 @@ use super::hypotheses;
 use super::pose::DecodedPose;
 use super::sightings::Sighting;
 use super::view::View;
+use crate::Result;
 use crate::bundle::{Bundle, Class};
 use crate::consistency::Sight;
 use crate::consistency::alone::{Alone, Difference, differences};
@@ -16,65 +17,110 @@ use crate::refine::{self, Refined, Refiner};
 /// Share of its edges that the images show of an object that is seen well, and how well colors tell it
 /// from what is next to it.
 const SEEN_WELL: [f64; 2] = [0.9, 0.85];
+/// The most probable hypothesis is settled if it is this probable.
+const SETTLED: f64 = 0.9;
+/// Starts that are nearer to each other are refined once, degrees.
+const START_DEG: f64 = 3.0;
+/// Refined poses that are nearer to each other are one, degrees.
+const SAME_DEG: f64 = 5.0;
 /// How far the poses are turned that are looked at around one that is not, degrees.
 const AROUND_DEG: f64 = 10.0;
 /// So many of these are refined, at most.
 const MOST_AROUND: usize = 3;
-/// How probable each is beside the hypothesis that it is found around.
+/// How probable each is beside the hypothesis that it is found around, before the images tell.
 const BESIDE: f64 = 0.5;
 /// How far they are expected to be off before they are refined, degrees; metres at least.
 const OFF_DEG: f64 = 5.0;
 const OFF_M: f64 = 0.002;
 
+/// What the network says of objects when it looks at them again, several times: of each that is named,
+/// by its index and where it seems to be, the poses of each look.
+pub type Looks<'a> = dyn Fn(&[(usize, Isometry3<f64>)]) -> Result<Vec<Vec<DecodedPose>>> + 'a;
+
+/// A hypothesis and where the images have led it.
+struct Led {
+    /// As probable as the network says.
+    start: Hypothesis,
+    /// As probable as network and images say.
+    end: Hypothesis,
+    refinement: Refinement,
+}
+
 /// Refines each pose on the views that have a box of the object; `None` where its class has no mesh
 /// or its edges are nowhere to be seen.
 ///
 /// Of an object's hypotheses each is refined, and the images tell which is right. Where several
-/// views show even that one badly, and no object coordinates have told poses from all around, others
-/// around it are looked at.
+/// views show even that one badly or leave it open, and no object coordinates have told poses from all
+/// around, the network looks again, and others around it are looked at.
 ///
 /// - `refiners`: of each class
+///
+/// # Errors
+/// Those of `looks`.
 pub fn on_images(
     refiners: &[Option<Refiner>],
     views: &[View],
     bundle: &Bundle,
     found: &mut [(Sighting, DecodedPose)],
-) -> Vec<Option<Refinement>> {
-    let refined = |(object, pose): &mut (Sighting, DecodedPose)| {
-        let seen = Seen {
-            refiner: refiners[object.class].as_ref()?,
-            class: &bundle.classes[object.class],
-            views: views
-                .iter()
-                .zip(&object.boxes)
-                .filter(|(_, bbox)| bbox.is_some())
-                .map(|(view, _)| refine::View {
-                    camera: view.camera,
-                    image: view.image,
-                })
-                .collect(),
-        };
-        let mut all = seen.refined(&pose.hypotheses, Refiner::refine);
-        let (first, refinement) = *best(&all)?;
-        let shown = [refinement.supported, refinement.overlap];
-        let badly = shown[0] < SEEN_WELL[0] || shown[1] < SEEN_WELL[1];
+    looks: Option<&Looks>,
+) -> Result<Vec<Option<Refinement>>> {
+    let seen = |(object, _): &(Sighting, DecodedPose)| Seen::new(refiners, views, bundle, object);
+    let seen: Vec<Option<Seen>> = found.iter().map(seen).collect();
+    let each = seen.par_iter().zip(&*found);
+    let led = each.map(|(seen, (_, pose))| {
+        let seen = seen.as_ref();
+        seen.map_or_else(Vec::new, |seen| seen.led(&pose.hypotheses, Refiner::refine))
+    });
+    let mut led: Vec<Vec<Led>> = led.collect();
+
+    let doubtful = |index: &usize| {
+        let (object, pose) = &found[*index];
         // One view alone leaves too much open for images to choose by.
-        if badly && pose.support.is_none() && seen.views.len() > 1 {
-            let probability = pose.hypotheses.iter().map(|one| one.probability);
-            let most = probability.fold(0.0, f64::max);
-            let around = seen.around(&first, BESIDE * most);
-            all.extend(seen.refined(&around, Refiner::refine_finely));
-        }
-        let (_, refinement) = *best(&all)?;
-        let found = all.into_iter().map(|(hypothesis, _)| hypothesis).collect();
-        let class = seen.class;
+        pose.support.is_none() && object.views() > 1 && is_doubtful(&led[*index])
+    };
+    let doubtful: Vec<usize> = (0..found.len()).filter(doubtful).collect();
+    if !doubtful.is_empty() {
+        let end = |&index: &usize| Some((index, best(&led[index])?.end.world_from_obj));
+        let places: Vec<_> = doubtful.iter().filter_map(end).collect();
+        let more = looks.map_or(Ok(Vec::new()), |looks| looks(&places))?;
+        let more: Vec<_> = doubtful.iter().copied().zip(more).collect();
+        let each = led.par_iter_mut().zip(&seen).enumerate();
+        each.for_each(|(index, (led, seen))| {
+            let Some(seen) = seen.as_ref().filter(|_| doubtful.contains(&index)) else {
+                return;
+            };
+            if let Some((_, looks)) = more.iter().find(|(other, _)| *other == index) {
+                seen.pool(led, looks);
+            }
+            seen.add_around(led);
+        });
+    }
+
+    let each = found.iter_mut().zip(led).zip(&seen);
+    let taken = each.map(|(((_, pose), led), seen)| {
+        let (class, refinement) = (seen.as_ref()?.class, best(&led)?.refinement);
+        let ends = led.into_iter().map(|led| led.end).collect();
         *pose = DecodedPose {
             support: pose.support,
-            ..hypotheses::likeliest(found, &class.symmetry, class.diameter_m)
+            ..hypotheses::likeliest(ends, &class.symmetry, class.diameter_m)
         };
         Some(refinement)
-    };
-    found.par_iter_mut().map(refined).collect()
+    });
+    Ok(taken.collect())
+}
+
+/// Whether the images show even the most probable one badly, or leave it open.
+fn is_doubtful(led: &[Led]) -> bool {
+    let total: f64 = led.iter().map(|led| led.end.probability).sum();
+    best(led).is_some_and(
+        |Led {
+             end, refinement, ..
+         }| {
+            let [edges, colors] = SEEN_WELL;
+            let well = refinement.supported >= edges && refinement.overlap >= colors;
+            !well || end.probability < SETTLED * total
+        },
+    )
 }
 
 impl Refinement {
@@ -94,21 +140,45 @@ struct Seen<'a> {
     views: Vec<refine::View<'a>>,
 }
 
-impl Seen<'_> {
+impl<'a> Seen<'a> {
+    /// `None` where its class has no mesh.
+    fn new(
+        refiners: &'a [Option<Refiner>],
+        views: &'a [View],
+        bundle: &'a Bundle,
+        object: &Sighting,
+    ) -> Option<Self> {
+        let with_box = views.iter().zip(&object.boxes);
+        let with_box = with_box.filter(|(_, bbox)| bbox.is_some());
+        let views = with_box.map(|(view, _)| refine::View {
+            camera: view.camera,
+            image: view.image,
+        });
+        Some(Self {
+            refiner: refiners[object.class].as_ref()?,
+            class: &bundle.classes[object.class],
+            views: views.collect(),
+        })
+    }
+
     /// Each hypothesis as the images show it best, and as probable as they tell.
-    fn refined(&self, hypotheses: &[Hypothesis], by: Refine) -> Vec<(Hypothesis, Refinement)> {
+    fn led(&self, hypotheses: &[Hypothesis], by: Refine) -> Vec<Led> {
         let class = self.class;
-        let one = |hypothesis: &Hypothesis| {
-            let start = &hypothesis.world_from_obj;
-            let refined = by(self.refiner, &self.views, start, hypothesis.sigma)?;
+        let one = |start: &Hypothesis| {
+            let refined = by(
+                self.refiner,
+                &self.views,
+                &start.world_from_obj,
+                start.sigma,
+            )?;
             let quality = &refined.quality;
-            let hypothesis = Hypothesis {
+            let end = Hypothesis {
                 world_from_obj: match refined.accepted && !class.symmetry.is_none() {
                     true => (class.symmetry).canonical(&refined.world_from_obj, class.diameter_m),
                     false => refined.world_from_obj,
                 },
                 sigma: refined.sigma,
-                probability: hypothesis.probability * quality.score().exp(),
+                probability: start.probability * quality.score().exp(),
             };
             let refinement = Refinement {
                 accepted: refined.accepted,
@@ -119,34 +189,87 @@ impl Seen<'_> {
                 explained_least: quality.worst().map_or(0.0, |view| view.explained),
                 print: quality.print(),
             };
-            Some((hypothesis, refinement))
+            let start = start.clone();
+            Some(Led {
+                start,
+                end,
+                refinement,
+            })
         };
         hypotheses.par_iter().filter_map(one).collect()
     }
 
-    /// Those around one that the images show best.
-    fn around(&self, hypothesis: &Hypothesis, probability: f64) -> Vec<Hypothesis> {
+    /// Adds the hypotheses of more looks: each is as probable as all looks together say, and as the
+    /// images tell. Those that lead to the same pose are one.
+    fn pool(&self, led: &mut Vec<Led>, looks: &[DecodedPose]) {
+        let mut new: Vec<Hypothesis> = Vec::new();
+        for one in looks.iter().flat_map(|look| &look.hypotheses) {
+            let mut starts = led.iter_mut().map(|led| &mut led.start).chain(&mut new);
+            match starts.find(|start| self.apart_deg(start, one) < START_DEG) {
+                Some(start) => start.probability += one.probability,
+                None => new.push(one.clone()),
+            }
+        }
+        led.extend(self.led(&new, Refiner::refine));
+        for Led {
+            start,
+            end,
+            refinement,
+        } in &mut *led
+        {
+            end.probability = start.probability * refinement.score().exp();
+        }
+        led.sort_by(|a, b| b.end.probability.total_cmp(&a.end.probability));
+        let mut apart: Vec<Led> = Vec::new();
+        for one in led.drain(..) {
+            let same = |other: &&mut Led| self.apart_deg(&other.end, &one.end) < SAME_DEG;
+            match apart.iter_mut().find(same) {
+                Some(other) => {
+                    other.start.probability += one.start.probability;
+                    other.end.probability += one.end.probability;
+                }
+                None => apart.push(one),
+            }
+        }
+        *led = apart;
+    }
+
+    /// Adds those around the most probable one that the images show best.
+    fn add_around(&self, led: &mut Vec<Led>) {
+        let Some(first) = best(led) else {
+            return;
+        };
         let sigma = Sigma {
             rot_deg: OFF_DEG,
-            t_m: hypothesis.sigma.t_m.max(OFF_M),
+            t_m: first.end.sigma.t_m.max(OFF_M),
         };
-        let center = &hypothesis.world_from_obj;
+        let probability = BESIDE * first.start.probability;
+        let center = &first.end.world_from_obj;
         let poses = self.refiner.around(&self.views, center, sigma, AROUND_DEG);
-        let poses = poses.into_iter().take(MOST_AROUND);
         let one = |world_from_obj| Hypothesis {
             world_from_obj,
             sigma,
             probability,
         };
-        poses.map(one).collect()
+        let around: Vec<Hypothesis> = poses.into_iter().take(MOST_AROUND).map(one).collect();
+        led.extend(self.led(&around, Refiner::refine_finely));
+    }
+
+    /// Angle between two poses, but for symmetries.
+    fn apart_deg(&self, a: &Hypothesis, b: &Hypothesis) -> f64 {
+        let Class {
+            symmetry,
+            diameter_m,
+            ..
+        } = self.class;
+        a.away_deg(&b.world_from_obj, symmetry, *diameter_m)
     }
 }
 
 /// The most probable.
-fn best(all: &[(Hypothesis, Refinement)]) -> Option<&(Hypothesis, Refinement)> {
-    let probability = |(hypothesis, _): &(Hypothesis, Refinement)| hypothesis.probability;
-    all.iter()
-        .max_by(|a, b| probability(a).total_cmp(&probability(b)))
+fn best(led: &[Led]) -> Option<&Led> {
+    led.iter()
+        .max_by(|a, b| a.end.probability.total_cmp(&b.end.probability))
 }
 
 /// How far the pose that each view tells by itself is from the one on which all agree best, by index

@@ -8,6 +8,7 @@ mod completed;
 mod detected;
 mod doubts;
 mod frames;
+mod rolled;
 
 use super::pose::{DecodedPose, mean_rotation};
 use super::sightings::Sighting;

@@ -35,6 +35,34 @@ fn box_on_the_axis_by_hand() {
     close(turn, 0.0, 1e-9);
 }
 
+/// The corners of a rectangle one unit ahead, twice as wide as high.
+fn rectangle() -> [Point3<f64>; 4] {
+    [(-0.2, -0.1), (0.2, -0.1), (-0.2, 0.1), (0.2, 0.1)].map(|(x, y)| Point3::new(x, y, 1.0))
+}
+
+#[test]
+fn rolled_closeup_by_hand() {
+    let real = camera(pinhole(100.0, 50.0, 50.0), 101, 101);
+    let upright = [19.5, 34.5, 79.5, 64.5];
+    let lying = [34.5, 19.5, 64.5, 79.5];
+    for (degrees, sides) in [(0.0, upright), (90.0, lying), (180.0, upright)] {
+        let roll = f64::to_radians(degrees);
+        let closeup = CloseUp::rolled(&real, &rectangle(), roll, 100).unwrap();
+        close(closeup.camera.intrinsics().fx(), 150.0, 1e-9);
+        let found = <[f64; 4]>::from(closeup.bbox);
+        found
+            .iter()
+            .zip(sides)
+            .for_each(|(a, b)| close(*a, b, 1e-9));
+        let right = closeup.camera.world_from_cam().inverse() * Point3::new(0.2, 0.0, 1.0);
+        close(right.x, 0.2 * roll.cos(), 1e-9);
+        close(right.y, 0.2 * roll.sin(), 1e-9);
+    }
+    let mut behind = rectangle();
+    behind[0].z = -1.0;
+    assert!(CloseUp::rolled(&real, &behind, 0.3, 100).is_none());
+}
+
 #[test]
 fn image_is_enlarged_by_hand() {
     // A vertical edge at u = 49.5, in the middle of the box.
@@ -176,5 +204,33 @@ proptest! {
                 );
             }
         }
+    }
+
+    #[test]
+    fn rolled_closeups_stand_where_the_camera_does_and_hold_all_points(
+        lens in 0..lenses().len(), roll in -3.2..3.2, x in -0.3..0.3, y in -0.2..0.2,
+        sizes in [0.01..0.1, 0.01..0.1, 0.01..0.1],
+    ) {
+        let real = camera(lenses().swap_remove(lens), 640, 480);
+        let points: Vec<Point3<f64>> = (0..8)
+            .map(|corner| {
+                let side = |axis: usize| (f64::from(corner >> axis & 1) - 0.5) * sizes[axis];
+                Point3::new(x + side(0), y + side(1), 1.0 + side(2))
+            })
+            .collect();
+        let closeup = CloseUp::rolled(&real, &points, roll, SIZE).unwrap();
+        let world_from_close = closeup.camera.world_from_cam();
+        let moved = world_from_close.translation.vector - real.world_from_cam().translation.vector;
+        prop_assert!(moved.norm() < 1e-12);
+        let [x0, y0, x1, y1] = <[f64; 4]>::from(closeup.bbox);
+        for point in &points {
+            let point = world_from_close.inverse() * (real.world_from_cam() * point);
+            let at = closeup.camera.intrinsics().project(&point).unwrap();
+            prop_assert!((x0 - 1e-6..=x1 + 1e-6).contains(&at.x), "{at}");
+            prop_assert!((y0 - 1e-6..=y1 + 1e-6).contains(&at.y), "{at}");
+        }
+        // As large as a box's close-up, and about in the middle.
+        let longer = (x1 - x0).max(y1 - y0) / (FILL * f64::from(SIZE));
+        prop_assert!((0.95..=1.0 + 1e-9).contains(&longer), "{longer}");
     }
 }
