@@ -62,6 +62,10 @@ pub struct Bundle {
 pub struct SelfTest {
     /// How far an output may be off, as a share of the largest of its group.
     pub tolerance: f64,
+    /// Whether the decoder was asked about given numbers, as since 26 November 2026, not about what the
+    /// encoder makes of the input: there, steps of 8 bits are magnified.
+    #[serde(default)]
+    pub memory_is_given: bool,
     /// Groups of numbers by name.
     pub outputs: BTreeMap<String, Vec<f64>>,
 }

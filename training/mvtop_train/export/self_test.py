@@ -2,7 +2,9 @@
 
 Computed by PyTorch, so that an export that went wrong is told, too; of networks in whole numbers by
 ONNX Runtime with standard operators. The input is the same numbers
-in Rust (mvtop-core/src/estimator/self_test.rs), one picture and one object.
+in Rust (mvtop-core/src/estimator/self_test.rs), one picture and one object. The decoder is asked about
+given numbers as well, not about what the encoder makes of the picture: of noise, where networks in whole
+numbers round by far more than of pictures, that would be another pose on each kind of processor.
 """
 
 from dataclasses import dataclass
@@ -32,8 +34,13 @@ def rays(cells: int) -> torch.Tensor:
 
 
 @torch.no_grad()
-def outputs(network: "OfModel | OfGraphs") -> dict[str, list[float]]:
-    """By name, in the order that `mvtop-cli doctor` names them."""
+def outputs(
+    network: "OfModel | OfGraphs", memory_is_given: bool = True
+) -> dict[str, list[float]]:
+    """By name, in the order that `mvtop-cli doctor` names them.
+
+    memory_is_given  False as in bundles of before 26 November 2026
+    """
     config = network.config
     cells = sum(rows * columns for rows, columns in config.decoder_shapes())
     images = numbers(1, 3, config.height, config.width)
@@ -42,7 +49,7 @@ def outputs(network: "OfModel | OfGraphs") -> dict[str, list[float]]:
     memory = network.describe(pictures, rays(cells))
     centers, half_sizes = torch.full((1, 1, 2), 0.5), torch.full((1, 1, 2), 0.3)
     decoded = network.decode(
-        memory, numbers(1, cells, config.los_channels),
+        numbers(*memory.shape) if memory_is_given else memory, numbers(1, cells, config.los_channels),
         (centers, half_sizes, numbers(1, 1, 12), torch.ones(1, 1)),
         torch.zeros(1, dtype=torch.long),
     )  # fmt: skip
@@ -63,7 +70,7 @@ def of(network: "OfModel | OfGraphs") -> dict:
         name: [float(f"{number:.6g}") for number in values]
         for name, values in outputs(network).items()
     }
-    return {"tolerance": network.tolerance, "outputs": rounded}
+    return {"tolerance": network.tolerance, "memory_is_given": True, "outputs": rounded}
 
 
 @dataclass(frozen=True)
