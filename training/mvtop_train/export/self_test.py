@@ -1,10 +1,10 @@
 """What a network answers to one fixed input, for the manifest: `mvtop-cli doctor` compares.
 
 Computed by PyTorch, so that an export that went wrong is told, too; of networks in whole numbers by
-ONNX Runtime with standard operators. The input is the same numbers
-in Rust (mvtop-core/src/estimator/self_test.rs), one picture and one object. The decoder is asked about
-given numbers as well, not about what the encoder makes of the picture: of noise, where networks in whole
-numbers round by far more than of pictures, that would be another pose on each kind of processor.
+ONNX Runtime with standard operators. The input is the same numbers in Rust
+(mvtop-core/src/estimator/self_test.rs), one picture and one object. The decoder is asked about
+given numbers as well, not about what the encoder makes of the picture: networks in whole numbers
+round noise by so much that this would be another pose on each kind of processor.
 """
 
 from dataclasses import dataclass
@@ -34,9 +34,7 @@ def rays(cells: int) -> torch.Tensor:
 
 
 @torch.no_grad()
-def outputs(
-    network: "OfModel | OfGraphs", memory_is_given: bool = True
-) -> dict[str, list[float]]:
+def outputs(network: "OfModel | OfGraphs", memory_is_given: bool = True) -> dict[str, list[float]]:
     """By name, in the order that `mvtop-cli doctor` names them.
 
     memory_is_given  False as in bundles of before 26 November 2026
@@ -48,8 +46,9 @@ def outputs(
     pictures = numbers(1, 3, config.closeup, config.closeup) if config.closeup else images
     memory = network.describe(pictures, rays(cells))
     centers, half_sizes = torch.full((1, 1, 2), 0.5), torch.full((1, 1, 2), 0.3)
+    remembered = numbers(*memory.shape) if memory_is_given else memory
     decoded = network.decode(
-        numbers(*memory.shape) if memory_is_given else memory, numbers(1, cells, config.los_channels),
+        remembered, numbers(1, cells, config.los_channels),
         (centers, half_sizes, numbers(1, 1, 12), torch.ones(1, 1)),
         torch.zeros(1, dtype=torch.long),
     )  # fmt: skip
