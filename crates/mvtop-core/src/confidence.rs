@@ -12,7 +12,7 @@ use serde::Deserialize;
 use crate::prediction::{ObjectPose, RigConsistency};
 
 /// What the evidence is called, in its order.
-pub const EVIDENCE: [&str; 11] = [
+pub const EVIDENCE: [&str; 12] = [
     "expected_rotation",
     "expected_translation",
     "first_of_hypotheses",
@@ -24,6 +24,7 @@ pub const EVIDENCE: [&str; 11] = [
     "explained_least",
     "print",
     "deviation",
+    "expected_before",
 ];
 
 /// How far off views are said to be at most: where one shows something else, it may be any number.
@@ -128,8 +129,9 @@ fn shown_by(object: &ObjectPose) -> usize {
 
 /// What speaks for and against a pose, in the order of [`EVIDENCE`]: logarithms of the expected errors
 /// (degrees, mm), the probability of this hypothesis among the others, the logarithm of the number of
-/// views with a box, the refinement's numbers ([`crate::prediction::Refinement`]), and how far the
-/// views are from one pose. `None` of a pose that was not refined.
+/// views with a box, the refinement's numbers ([`crate::prediction::Refinement`]), how far the views are
+/// from one pose, and the logarithm of the rotation error that the network expected before refinement.
+/// `None` of a pose that was not refined.
 pub fn evidence(
     object: &ObjectPose,
     rig: Option<&RigConsistency>,
@@ -137,9 +139,10 @@ pub fn evidence(
     let refinement = object.refinement?;
     let first = object.hypotheses.first();
     let deviation = rig.map_or(0.0, |rig| rig.deviation.min(MOST_DEVIATION));
+    let log = |error: f64| error.max(1e-3).ln();
     Some([
-        object.sigma.rot_deg.max(1e-3).ln(),
-        (1e3 * object.sigma.t_m).max(1e-3).ln(),
+        log(object.sigma.rot_deg),
+        log(1e3 * object.sigma.t_m),
         first.map_or(1.0, |hypothesis| hypothesis.probability),
         (shown_by(object).max(1) as f64).ln(),
         refinement.supported,
@@ -149,6 +152,7 @@ pub fn evidence(
         refinement.explained_least,
         refinement.print.unwrap_or(0.0),
         deviation.ln_1p(),
+        log(refinement.sigma_before.rot_deg),
     ])
 }
 
@@ -217,6 +221,7 @@ mod tests {
                 explained: 0.5,
                 explained_least: 0.125,
                 print: None,
+                sigma_before: sigma,
             }),
             confidence: Some(confidence),
             hypotheses: vec![Hypothesis {

@@ -139,6 +139,8 @@ pub struct Refinement {
     /// correlation of color and brightness, at most 1; `None` without print.
     #[serde(default)]
     pub print: Option<f64>,
+    /// How far the network expected its pose to be off, as it may have been another one.
+    pub sigma_before: Sigma,
 }
 
 /// The error that is expected of a pose.

@@ -277,6 +277,10 @@ mod tests {
                     explained: 0.125,
                     explained_least: 0.0625,
                     print: None,
+                    sigma_before: Sigma {
+                        rot_deg: 6.0,
+                        t_m: 0.02,
+                    },
                 }),
                 confidence: Some(0.875),
                 hypotheses: vec![Hypothesis {
@@ -347,7 +351,7 @@ mod tests {
             serde_json::json!({
                 "accepted": true, "supported": 0.75, "residual_px": 0.5,
                 "overlap": 0.25, "explained": 0.125, "explained_least": 0.0625,
-                "print": null
+                "print": null, "sigma_before": {"rot_deg": 6.0, "t_m": 0.02}
             })
         );
         assert_eq!(object["confidence"], 0.875);

@@ -122,6 +122,11 @@ mod tests {
     use crate::prediction::Sigma;
     use nalgebra::Isometry3;
 
+    const SIGMA: Sigma = Sigma {
+        rot_deg: 1.0,
+        t_m: 0.01,
+    };
+
     fn object(class: usize, x: f64, support: Option<f64>) -> (Sighting, DecodedPose) {
         let sighting = Sighting {
             class,
@@ -130,10 +135,7 @@ mod tests {
         };
         let pose = DecodedPose {
             world_from_obj: Isometry3::translation(x, 0.0, 1.0),
-            sigma: Sigma {
-                rot_deg: 1.0,
-                t_m: 0.01,
-            },
+            sigma: SIGMA,
             support,
             hypotheses: Vec::new(),
         };
@@ -209,6 +211,7 @@ mod tests {
                 explained: 0.5,
                 explained_least: 0.5,
                 print: None,
+                sigma_before: SIGMA,
             })
         };
         // 40 mm is the least half width of the first class, 20 mm of the second.
@@ -277,6 +280,7 @@ mod tests {
             explained: 0.5,
             explained_least: 0.5,
             print,
+            sigma_before: SIGMA,
         };
         let found: Vec<_> = (0..4).map(|x| object(0, f64::from(x), None)).collect();
         let refinements = vec![

@@ -98,7 +98,11 @@ pub fn on_images(
 
     let each = found.iter_mut().zip(led).zip(&seen);
     let taken = each.map(|(((_, pose), led), seen)| {
-        let (class, refinement) = (seen.as_ref()?.class, best(&led)?.refinement);
+        let class = seen.as_ref()?.class;
+        let refinement = Refinement {
+            sigma_before: pose.sigma,
+            ..best(&led)?.refinement
+        };
         let ends = led.into_iter().map(|led| led.end).collect();
         *pose = DecodedPose {
             support: pose.support,
@@ -188,6 +192,7 @@ impl<'a> Seen<'a> {
                 explained: quality.explained(),
                 explained_least: quality.worst().map_or(0.0, |view| view.explained),
                 print: quality.print(),
+                sigma_before: start.sigma,
             };
             let start = start.clone();
             Some(Led {

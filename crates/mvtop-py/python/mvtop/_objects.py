@@ -93,6 +93,8 @@ class Refinement:
     """What knowing the part of the object tells of a pixel's color, bits, mean over views."""
     explained_least: float
     """Likewise, of the view where it is least."""
+    sigma_before: Sigma
+    """How far the network expected its pose to be off, as it may have been another one."""
     print: float | None = None
     """How far the images look like what is printed on the object, mean over the views that tell:
     correlation of color and brightness, at most 1; None without print."""

@@ -179,6 +179,9 @@ def _object(found: dict[str, Any]) -> ObjectPose:
         place = np.array(one["T_world_obj"])
         return Hypothesis(place, Sigma(**one["sigma"]), one["probability"])
 
+    def refinement(one: dict[str, Any]) -> Refinement:
+        return Refinement(**one | {"sigma_before": Sigma(**one["sigma_before"])})
+
     return ObjectPose(
         class_name=found["class"],
         class_id=found["class_id"],
@@ -188,7 +191,7 @@ def _object(found: dict[str, Any]) -> ObjectPose:
         quat_wxyz=np.array(found["q_wxyz"]),
         sigma=Sigma(**found["sigma"]),
         support=found["support"],
-        refinement=Refinement(**found["refinement"]) if found["refinement"] else None,
+        refinement=None if found["refinement"] is None else refinement(found["refinement"]),
         confidence=found["confidence"],
         evidence=found["evidence"],
         hypotheses=[hypothesis(one) for one in found["hypotheses"]],
