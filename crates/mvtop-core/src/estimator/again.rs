@@ -4,18 +4,19 @@
 //! shows the object where it is not. The poses that come of it, refined on the images, tell other
 //! boxes, one of them a better one, that a better pose. The two that are supported most are followed,
 //! as the first steps may lead astray. Of all that was looked at, the pose that the images show best
-//! counts; where not even that one looks like what is printed on the object, it is another thing.
+//! counts; where not even that one looks like what is printed on the object, it is another thing. Its
+//! pose is the mean of that look and of some through rolled close-ups, which err otherwise.
 
 use nalgebra::Isometry3;
 
 use super::complete::shown;
 use super::pass::{Found, Pass};
-use super::pose::DecodedPose;
+use super::pose::{DecodedPose, mean_pose};
 use super::sightings::Sighting;
 use super::view::View;
-use super::{Estimator, believed, refined};
+use super::{Estimator, believed, hypotheses, refined};
 use crate::bundle::{Class, CloseUps};
-use crate::prediction::Refinement;
+use crate::prediction::{Hypothesis, Refinement};
 use crate::{BBox, Result};
 
 /// Looks at an object, at most.
@@ -107,12 +108,20 @@ impl Pass<'_> {
                 one.last = most_supported(decoded.by_ref().take(moved.len()).collect());
             }
         }
-        let mut refinements = vec![None; found.len()];
+        let (mut refinements, mut again) = (vec![None; found.len()], Vec::new());
+        let (mut objects, mut places) = (Vec::new(), Vec::new());
         for Looked { index, best, .. } in looked {
             if let Some(best) = best {
+                objects.push(best.seen.0.clone());
+                places.push((places.len(), best.seen.1.world_from_obj));
                 found[index] = best.seen;
                 refinements[index] = best.refinement;
+                again.push(index);
             }
+        }
+        for (index, looks) in again.into_iter().zip(self.rolled_looks(&objects, &places)?) {
+            let (object, pose) = &mut found[index];
+            average(pose, &looks, &bundle.classes[object.class]);
         }
         let least = bundle.detector.print_threshold;
         Ok(believed::printed(found, refinements, least).0)
@@ -156,6 +165,31 @@ impl Pass<'_> {
             told.push(moved);
         }
         Ok(told)
+    }
+}
+
+/// Makes a pose the mean of itself and of those of more looks near it, each by its support.
+fn average(pose: &mut DecodedPose, looks: &[DecodedPose], class: &Class) {
+    let Class {
+        symmetry,
+        diameter_m,
+        ..
+    } = class;
+    let each = std::iter::once(&*pose).chain(looks);
+    let firsts = each.filter_map(|look| {
+        Some(Hypothesis {
+            probability: look.support?,
+            ..look.hypotheses.first()?.clone()
+        })
+    });
+    let near = |one: &Hypothesis| {
+        one.away_deg(&pose.world_from_obj, symmetry, *diameter_m) < hypotheses::NEAR_DEG
+    };
+    let near: Vec<Hypothesis> = firsts.filter(near).collect();
+    if near.iter().any(|one| one.probability > 0.0) {
+        let mean = mean_pose(&near, symmetry, *diameter_m).world_from_obj;
+        pose.world_from_obj = mean;
+        pose.hypotheses[0].world_from_obj = mean;
     }
 }
 
