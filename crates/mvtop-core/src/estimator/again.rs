@@ -179,7 +179,7 @@ fn average(pose: &mut DecodedPose, looks: &[DecodedPose], class: &Class) {
     let firsts = each.filter_map(|look| {
         Some(Hypothesis {
             probability: look.support?,
-            ..look.hypotheses.first()?.clone()
+            ..*look.hypotheses.first()?
         })
     });
     let near = |one: &Hypothesis| {

@@ -194,7 +194,7 @@ impl<'a> Seen<'a> {
                 print: quality.print(),
                 sigma_before: start.sigma,
             };
-            let start = start.clone();
+            let start = *start;
             Some(Led {
                 start,
                 end,
@@ -212,7 +212,7 @@ impl<'a> Seen<'a> {
             let mut starts = led.iter_mut().map(|led| &mut led.start).chain(&mut new);
             match starts.find(|start| self.apart_deg(start, one) < START_DEG) {
                 Some(start) => start.probability += one.probability,
-                None => new.push(one.clone()),
+                None => new.push(*one),
             }
         }
         led.extend(self.led(&new, Refiner::refine));

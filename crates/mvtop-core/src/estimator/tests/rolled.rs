@@ -92,7 +92,10 @@ fn refined(
         let axis = Vector3::new(0.6, 0.0, 0.8) * degrees.to_radians();
         truth * UnitQuaternion::from_scaled_axis(axis)
     };
-    let images = [0, 1].map(|view| scene::seen(&mesh, &cameras[view], &truth, &mut draw));
+    let images = [0, 1].map(|view| {
+        let blue = RgbImage::from_pixel(scene::SIDE, scene::SIDE, image::Rgb([40, 60, 130]));
+        scene::seen_before(blue, &mesh, &cameras[view], &truth, &mut draw)
+    });
     let mut bundle = closeup_bundle();
     bundle.classes[0].diameter_m = 0.13;
     let view = |index: usize| View {

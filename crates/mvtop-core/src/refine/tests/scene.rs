@@ -147,8 +147,20 @@ pub(crate) fn background(draw: &mut Draw) -> RgbImage {
     image
 }
 
-/// What a camera sees of a mesh that is lit from the side, before a background, with noise.
+/// What a camera sees of a mesh that is lit from the side, before blocks of any colors, with noise.
 pub(crate) fn seen(
+    mesh: &Mesh,
+    camera: &Camera,
+    pose: &Isometry3<f64>,
+    draw: &mut Draw,
+) -> RgbImage {
+    let background = background(draw);
+    seen_before(background, mesh, camera, pose, draw)
+}
+
+/// The same before another background.
+pub(crate) fn seen_before(
+    background: RgbImage,
     mesh: &Mesh,
     camera: &Camera,
     pose: &Isometry3<f64>,
@@ -179,7 +191,7 @@ pub(crate) fn seen(
     let cam_from_obj = camera.world_from_cam().inv_mul(pose);
     let mut raster = Raster::default();
     assert!(raster.draw(&part, &cam_from_obj, &pinhole, size));
-    let mut image = background(draw);
+    let mut image = background;
     for (u, v, pixel) in image.enumerate_pixels_mut() {
         let mut sum = [0.0; 3];
         for i in 0..FINER * FINER {
