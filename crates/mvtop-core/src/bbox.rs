@@ -24,6 +24,18 @@ pub struct BBox {
 }
 
 impl BBox {
+    /// The least one around some points; `None` where one is not known, or there are none.
+    pub(crate) fn around(points: impl Iterator<Item = Option<Point2<f64>>>) -> Option<Self> {
+        let mut all: Option<Self> = None;
+        for point in points {
+            let at = point?;
+            let (x, y) = (at.x, at.y);
+            let Self { x0, y0, x1, y1 } = all.unwrap_or([x, y, x, y].into());
+            all = Some([x0.min(x), y0.min(y), x1.max(x), y1.max(y)].into());
+        }
+        all
+    }
+
     /// The middle of the box.
     pub fn center(&self) -> Point2<f64> {
         Point2::new((self.x0 + self.x1) / 2.0, (self.y0 + self.y1) / 2.0)

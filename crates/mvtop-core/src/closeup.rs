@@ -80,14 +80,13 @@ impl CloseUp {
             &Vector3::z_axis(),
         )?;
         let rolled_from_cam = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll) * ahead;
-        let [left, top, right, bottom] = bounds(points, &rolled_from_cam)?;
-        let middle = Vector3::new((left + right) / 2.0, (top + bottom) / 2.0, 1.0);
+        let middle = box_ahead(points, &rolled_from_cam)?.center();
+        let middle = Vector3::new(middle.x, middle.y, 1.0);
         let close_from_rolled = UnitQuaternion::rotation_between(&middle, &Vector3::z())?;
         let close_from_cam = close_from_rolled * rolled_from_cam;
-        let sides = bounds(points, &close_from_cam)?;
-        let across = (sides[2] - sides[0]).max(sides[3] - sides[1]);
-        let across_px = across * camera.intrinsics().fx();
-        Self::looking(camera, close_from_cam, sides, across_px, size)
+        let sides = box_ahead(points, &close_from_cam)?;
+        let across_px = sides.width().max(sides.height()) * camera.intrinsics().fx();
+        Self::looking(camera, close_from_cam, sides.into(), across_px, size)
     }
 
     /// - `sides`: left, top, right and bottom of the box, on the plane one unit ahead
@@ -221,24 +220,13 @@ impl CloseUp {
     }
 }
 
-/// Least and greatest x and y of points on the plane one unit ahead; `None` where one is not in front.
-fn bounds(points: &[Point3<f64>], close_from_cam: &UnitQuaternion<f64>) -> Option<[f64; 4]> {
-    let (least, most) = (f64::NEG_INFINITY, f64::INFINITY);
-    let mut sides = [most, most, least, least];
-    for point in points {
+/// Box of points on the plane one unit ahead; `None` where one of them is not in front.
+fn box_ahead(points: &[Point3<f64>], close_from_cam: &UnitQuaternion<f64>) -> Option<BBox> {
+    let at = |point: &Point3<f64>| {
         let ahead = close_from_cam * point;
-        if ahead.z <= 0.0 {
-            return None;
-        }
-        let [x, y] = [ahead.x / ahead.z, ahead.y / ahead.z];
-        sides = [
-            sides[0].min(x),
-            sides[1].min(y),
-            sides[2].max(x),
-            sides[3].max(y),
-        ];
-    }
-    Some(sides)
+        (ahead.z > 0.0).then(|| Point2::new(ahead.x / ahead.z, ahead.y / ahead.z))
+    };
+    BBox::around(points.iter().map(at))
 }
 
 /// Where pixels look, in the real camera's frame: linear in column and row.

@@ -116,21 +116,11 @@ pub fn extent(
     world_from_obj: &Isometry3<f64>,
 ) -> Option<BBox> {
     let cam_from_obj = camera.world_from_cam().inv_mul(world_from_obj);
-    let mut bbox: Option<BBox> = None;
-    for point in points {
+    let pixel = |point: &SurfacePoint| {
         let in_cam = cam_from_obj * Point3::from(point.position);
-        let pixel = camera.intrinsics().project(&in_cam)?;
-        let grown = bbox.map_or([pixel.x, pixel.y, pixel.x, pixel.y], |b| {
-            [
-                b.x0.min(pixel.x),
-                b.y0.min(pixel.y),
-                b.x1.max(pixel.x),
-                b.y1.max(pixel.y),
-            ]
-        });
-        bbox = Some(grown.into());
-    }
-    bbox.filter(BBox::is_proper)
+        camera.intrinsics().project(&in_cam)
+    };
+    BBox::around(points.iter().map(pixel)).filter(BBox::is_proper)
 }
 
 /// How far beside its line of sight an object is by a residual, metres.

@@ -108,20 +108,20 @@ impl Pass<'_> {
                 one.last = most_supported(decoded.by_ref().take(moved.len()).collect());
             }
         }
-        let (mut refinements, mut again) = (vec![None; found.len()], Vec::new());
-        let (mut objects, mut places) = (Vec::new(), Vec::new());
-        for Looked { index, best, .. } in looked {
-            if let Some(best) = best {
-                objects.push(best.seen.0.clone());
-                places.push((places.len(), best.seen.1.world_from_obj));
-                found[index] = best.seen;
-                refinements[index] = best.refinement;
-                again.push(index);
-            }
-        }
-        for (index, looks) in again.into_iter().zip(self.rolled_looks(&objects, &places)?) {
-            let (object, pose) = &mut found[index];
+        let mut refinements = vec![None; found.len()];
+        let best = looked.into_iter().map(|one| Some((one.index, one.best?)));
+        let best: Vec<(usize, Best)> = best.flatten().collect();
+        let place = |best: &Best| best.seen.1.world_from_obj;
+        let places: Vec<_> = best
+            .iter()
+            .map(|one| (&one.1.seen.0, place(&one.1)))
+            .collect();
+        let looks = self.rolled_looks(closeups, &places)?;
+        for ((index, mut best), looks) in best.into_iter().zip(looks) {
+            let (object, pose) = &mut best.seen;
             average(pose, &looks, &bundle.classes[object.class]);
+            refinements[index] = best.refinement;
+            found[index] = best.seen;
         }
         let least = bundle.detector.print_threshold;
         Ok(believed::printed(found, refinements, least).0)

@@ -248,10 +248,13 @@ impl<'a> Pass<'a> {
             refiners,
             ..
         } = self.estimator;
-        let objects: Vec<Sighting> = found.iter().map(|(object, _)| object.clone()).collect();
-        let rolled = |places: &[(usize, Isometry3<f64>)]| self.rolled_looks(&objects, places);
+        let rolled;
         let looks: Option<&refined::Looks> = match &bundle.poses {
-            PoseInput::CloseUps(_) => Some(&rolled),
+            PoseInput::CloseUps(closeups) => {
+                rolled =
+                    |places: &[(&Sighting, Isometry3<f64>)]| self.rolled_looks(closeups, places);
+                Some(&rolled)
+            }
             PoseInput::WholeImages { .. } => None,
         };
         let refinements = refined::on_images(refiners, &self.views, bundle, &mut found, looks)?;

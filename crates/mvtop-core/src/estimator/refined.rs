@@ -33,9 +33,9 @@ const BESIDE: f64 = 0.5;
 const OFF_DEG: f64 = 5.0;
 const OFF_M: f64 = 0.002;
 
-/// What the network says of objects when it looks at them again, several times: of each that is named,
-/// by its index and where it seems to be, the poses of each look.
-pub type Looks<'a> = dyn Fn(&[(usize, Isometry3<f64>)]) -> Result<Vec<Vec<DecodedPose>>> + 'a;
+/// What the network says of objects when it looks at them again, several times: the poses of each look
+/// at each object, which seems to be at a place in the world.
+pub type Looks<'a> = dyn Fn(&[(&Sighting, Isometry3<f64>)]) -> Result<Vec<Vec<DecodedPose>>> + 'a;
 
 /// A hypothesis and where the images have led it.
 struct Led {
@@ -64,8 +64,10 @@ pub fn on_images(
     found: &mut [(Sighting, DecodedPose)],
     looks: Option<&Looks>,
 ) -> Result<Vec<Option<Refinement>>> {
-    let seen = |(object, _): &(Sighting, DecodedPose)| Seen::new(refiners, views, bundle, object);
-    let seen: Vec<Option<Seen>> = found.iter().map(seen).collect();
+    let seen = found
+        .iter()
+        .map(|one| Seen::new(refiners, views, bundle, one));
+    let seen: Vec<Option<Seen>> = seen.collect();
     let each = seen.par_iter().zip(&*found);
     let led = each.map(|(seen, (_, pose))| {
         let seen = seen.as_ref();
@@ -80,29 +82,29 @@ pub fn on_images(
     };
     let doubtful: Vec<usize> = (0..found.len()).filter(doubtful).collect();
     if !doubtful.is_empty() {
-        let end = |&index: &usize| Some((index, best(&led[index])?.end.world_from_obj));
-        let places: Vec<_> = doubtful.iter().filter_map(end).collect();
-        let more = looks.map_or(Ok(Vec::new()), |looks| looks(&places))?;
-        let more: Vec<_> = doubtful.iter().copied().zip(more).collect();
-        let each = led.par_iter_mut().zip(&seen).enumerate();
-        each.for_each(|(index, (led, seen))| {
-            let Some(seen) = seen.as_ref().filter(|_| doubtful.contains(&index)) else {
-                return;
-            };
-            if let Some((_, looks)) = more.iter().find(|(other, _)| *other == index) {
-                seen.pool(led, looks);
-            }
-            seen.add_around(led);
-        });
+        let place = |&index: &usize| Some((&found[index].0, best(&led[index])?.end.world_from_obj));
+        let places: Vec<_> = doubtful.iter().filter_map(place).collect();
+        let looked = looks.map(|looks| looks(&places)).transpose()?;
+        let mut more: Vec<Option<Vec<DecodedPose>>> = vec![None; found.len()];
+        for (&index, looks) in doubtful.iter().zip(looked.into_iter().flatten()) {
+            more[index] = Some(looks);
+        }
+        let each = led.par_iter_mut().zip(&seen).zip(&more).enumerate();
+        each.filter(|(index, _)| doubtful.contains(index))
+            .for_each(|(_, ((led, seen), looks))| {
+                let Some(seen) = seen else {
+                    return;
+                };
+                if let Some(looks) = looks {
+                    seen.pool(led, looks);
+                }
+                seen.add_around(led);
+            });
     }
 
     let each = found.iter_mut().zip(led).zip(&seen);
     let taken = each.map(|(((_, pose), led), seen)| {
-        let class = seen.as_ref()?.class;
-        let refinement = Refinement {
-            sigma_before: pose.sigma,
-            ..best(&led)?.refinement
-        };
+        let (class, refinement) = (seen.as_ref()?.class, best(&led)?.refinement);
         let ends = led.into_iter().map(|led| led.end).collect();
         *pose = DecodedPose {
             support: pose.support,
@@ -142,6 +144,8 @@ struct Seen<'a> {
     refiner: &'a Refiner,
     class: &'a Class,
     views: Vec<refine::View<'a>>,
+    /// Of the network's pose.
+    sigma_before: Sigma,
 }
 
 impl<'a> Seen<'a> {
@@ -150,7 +154,7 @@ impl<'a> Seen<'a> {
         refiners: &'a [Option<Refiner>],
         views: &'a [View],
         bundle: &'a Bundle,
-        object: &Sighting,
+        (object, pose): &(Sighting, DecodedPose),
     ) -> Option<Self> {
         let with_box = views.iter().zip(&object.boxes);
         let with_box = with_box.filter(|(_, bbox)| bbox.is_some());
@@ -162,6 +166,7 @@ impl<'a> Seen<'a> {
             refiner: refiners[object.class].as_ref()?,
             class: &bundle.classes[object.class],
             views: views.collect(),
+            sigma_before: pose.sigma,
         })
     }
 
@@ -192,7 +197,7 @@ impl<'a> Seen<'a> {
                 explained: quality.explained(),
                 explained_least: quality.worst().map_or(0.0, |view| view.explained),
                 print: quality.print(),
-                sigma_before: start.sigma,
+                sigma_before: self.sigma_before,
             };
             let start = *start;
             Some(Led {

@@ -24,36 +24,45 @@ fn each_look_is_decoded_from_closeups_of_its_own() {
     let (images, options) = (images(&rig, &[0, 1]), PredictOptions::default());
     let network = estimator.network.as_ref();
     let pass = Pass::new(&estimator, network, &rig, &images, &options).unwrap();
-    let object = Sighting {
+    let PoseInput::CloseUps(closeups) = &estimator.bundle.poses else {
+        unreachable!("closeup_bundle has close-ups");
+    };
+    let object = |ball| Sighting {
         class: 0,
         score: 0.9,
         boxes: [0, 1]
             .map(|n| Some(ball_box(&rig.cameras()[n], ball)))
             .to_vec(),
     };
-    let place = Isometry3::translation(ball[0], ball[1], ball[2]);
-    // Of two objects the second alone is asked for.
-    let objects = [object.clone(), object];
-    let looks = pass.rolled_looks(&objects, &[(1, place)]).unwrap();
-    assert_eq!(looks.len(), 1);
-    assert_eq!(looks[0].len(), ROLLS_DEG.len());
-    // Each answer is turned as its anchor's close-up.
-    let turns = rig.cameras()[..2].iter().map(|camera| {
-        let ahead = camera.world_from_cam().inverse() * Point3::from(ball);
-        let close_from_cam =
-            UnitQuaternion::rotation_between(&ahead.coords, &Vector3::z()).unwrap();
-        camera.world_from_cam().rotation * close_from_cam.inverse()
-    });
-    let turns: Vec<UnitQuaternion<f64>> = turns.collect();
-    for (pose, degrees) in looks[0].iter().zip(ROLLS_DEG) {
-        let off = pose.world_from_obj.translation.vector - Vector3::from(ball);
-        assert!(off.norm() < 5e-3, "{off}");
-        let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -degrees.to_radians());
-        let expected: Vec<_> = turns.iter().map(|turn| turn * roll).collect();
-        let near = |turn: &UnitQuaternion<f64>| {
-            rotation_error_deg(&pose.world_from_obj.rotation, turn) < 1.0
-        };
-        assert!(expected.iter().any(near), "{degrees}");
+    let objects = BALLS.map(object);
+    let place = |n: usize| {
+        (
+            &objects[n],
+            Isometry3::translation(BALLS[n][0], BALLS[n][1], BALLS[n][2]),
+        )
+    };
+    let looks = pass.rolled_looks(closeups, &[place(1), place(0)]).unwrap();
+    assert_eq!(looks.len(), 2);
+    for (looks, ball) in looks.iter().zip([BALLS[1], BALLS[0]]) {
+        assert_eq!(looks.len(), ROLLS_DEG.len());
+        // Each answer is turned as its anchor's close-up.
+        let turns = rig.cameras()[..2].iter().map(|camera| {
+            let ahead = camera.world_from_cam().inverse() * Point3::from(ball);
+            let close_from_cam =
+                UnitQuaternion::rotation_between(&ahead.coords, &Vector3::z()).unwrap();
+            camera.world_from_cam().rotation * close_from_cam.inverse()
+        });
+        let turns: Vec<UnitQuaternion<f64>> = turns.collect();
+        for (pose, degrees) in looks.iter().zip(ROLLS_DEG) {
+            let off = pose.world_from_obj.translation.vector - Vector3::from(ball);
+            assert!(off.norm() < 5e-3, "{off}");
+            let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -degrees.to_radians());
+            let expected: Vec<_> = turns.iter().map(|turn| turn * roll).collect();
+            let near = |turn: &UnitQuaternion<f64>| {
+                rotation_error_deg(&pose.world_from_obj.rotation, turn) < 1.0
+            };
+            assert!(expected.iter().any(near), "{degrees}");
+        }
     }
 }
 
@@ -81,7 +90,7 @@ fn refined(
     start_deg: f64,
     look_deg: &[(f64, f64)],
     known: Option<f64>,
-) -> (DecodedPose, f64, Vec<(usize, Isometry3<f64>)>) {
+) -> (DecodedPose, f64, Vec<Isometry3<f64>>) {
     let mesh = scene::ball();
     let cameras = [0.0, 70.0].map(scene::camera);
     let mut draw = scene::Draw(4);
@@ -121,7 +130,9 @@ fn refined(
         .map(|&(degrees, p)| (turned(degrees), p))
         .collect();
     let looks: &Looks = &|places| {
-        asked.borrow_mut().extend(places.iter().copied());
+        asked
+            .borrow_mut()
+            .extend(places.iter().map(|(_, place)| *place));
         Ok(vec![vec![decoded(&poses)]; places.len()])
     };
     let refiners = [Some(Refiner::new(&mesh, 0.13))];
