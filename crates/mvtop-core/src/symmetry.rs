@@ -62,6 +62,14 @@ impl Symmetry {
         best
     }
 
+    /// Angle between two poses, degrees, but for turns after which the object looks the same.
+    ///
+    /// - `diameter_m`: of the object
+    pub fn apart_deg(&self, a: &Isometry3<f64>, b: &Isometry3<f64>, diameter_m: f64) -> f64 {
+        let alike = self.nearest(b, a, diameter_m);
+        a.rotation.angle_to(&alike.rotation).to_degrees()
+    }
+
     /// The one of all poses that look like `pose` that is always given: whose axes are nearest to
     /// those of the frame that it is in.
     pub fn canonical(&self, pose: &Isometry3<f64>, diameter_m: f64) -> Isometry3<f64> {
@@ -131,6 +139,12 @@ mod tests {
                 epsilon = 1e-12
             );
         }
+        let apart = |degrees: f64| {
+            let turned = seen * about(Vector3::z(), Point3::origin(), degrees.to_radians());
+            nut.apart_deg(&seen, &turned, DIAMETER)
+        };
+        assert_relative_eq!(apart(200.0), 20.0, epsilon = 1e-9);
+        assert_relative_eq!(apart(-40.0), 20.0, epsilon = 1e-9);
         assert!(!nut.is_none() && Symmetry::default().is_none());
     }
 

@@ -20,6 +20,9 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _mvtop {
     #[pymodule_export]
+    #[expect(non_upper_case_globals)] // as Python spells it
+    const __version__: &str = env!("CARGO_PKG_VERSION");
+    #[pymodule_export]
     const BOP_RESULTS_HEADER: &str = mvtop_eval::bop::RESULTS_HEADER;
     #[pymodule_export]
     use super::bop::{Image, Instance, ModelInfo, bop_results_line, read_models_info, read_scene};

@@ -212,7 +212,7 @@ def test_interrupt_ends_the_command_at_once():
 
 
 def test_the_command_answers_like_the_program(cli):
-    assert cli("--version").stdout.startswith("mvtop-cli ")
+    assert cli("--version").stdout == f"mvtop-cli {mvtop.__version__}\n"
     wrong = cli("infer", "--rig", "none.json", "a.png")
     assert (wrong.returncode, wrong.stdout) == (2, "")
     assert wrong.stderr.startswith("error: cannot read none.json")

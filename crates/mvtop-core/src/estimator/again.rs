@@ -59,12 +59,16 @@ impl Best {
 
     /// Whether it is shown better than the other one; where both end at the same pose, whether it is
     /// supported more.
-    fn is_better(&self, other: &Self) -> bool {
+    fn is_better(&self, other: &Self, class: &Class) -> bool {
         if self.believed != other.believed {
             return self.believed > other.believed;
         }
-        let apart = self.end.rotation.angle_to(&other.end.rotation);
-        match apart.to_degrees() < SAME_DEG {
+        let Class {
+            symmetry,
+            diameter_m,
+            ..
+        } = class;
+        match symmetry.apart_deg(&self.end, &other.end, *diameter_m) < SAME_DEG {
             true => support(&self.seen.1) > support(&other.seen.1),
             false => self.score() > other.score(),
         }
@@ -158,7 +162,11 @@ impl Pass<'_> {
                     end: pose.world_from_obj,
                     refinement,
                 };
-                if one.best.as_ref().is_none_or(|best| new.is_better(best)) {
+                if one
+                    .best
+                    .as_ref()
+                    .is_none_or(|best| new.is_better(best, class))
+                {
                     one.best = Some(new);
                 }
             }
@@ -183,7 +191,8 @@ fn average(pose: &mut DecodedPose, looks: &[DecodedPose], class: &Class) {
         })
     });
     let near = |one: &Hypothesis| {
-        one.away_deg(&pose.world_from_obj, symmetry, *diameter_m) < hypotheses::NEAR_DEG
+        let away = symmetry.apart_deg(&pose.world_from_obj, &one.world_from_obj, *diameter_m);
+        away < hypotheses::NEAR_DEG
     };
     let near: Vec<Hypothesis> = firsts.filter(near).collect();
     if near.iter().any(|one| one.probability > 0.0) {

@@ -4,8 +4,6 @@
 //! may give others; and the object coordinates may fit in more ways than one. What lies near each
 //! other is one hypothesis. Which of them is right, the images tell ([`super::refined`]).
 
-use nalgebra::Isometry3;
-
 use super::pose::{DecodedPose, mean_pose};
 use crate::prediction::{Hypothesis, Sigma};
 use crate::symmetry::Symmetry;
@@ -16,22 +14,6 @@ pub const NEAR_DEG: f64 = 25.0;
 pub const MOST: usize = 6;
 /// Hypotheses that are less probable are not kept.
 const FAINTEST: f64 = 0.02;
-
-impl Hypothesis {
-    /// Angle to another pose of those that look like it, degrees.
-    pub(super) fn away_deg(
-        &self,
-        other: &Isometry3<f64>,
-        symmetry: &Symmetry,
-        diameter_m: f64,
-    ) -> f64 {
-        let alike = symmetry.nearest(other, &self.world_from_obj, diameter_m);
-        self.world_from_obj
-            .rotation
-            .angle_to(&alike.rotation)
-            .to_degrees()
-    }
-}
 
 /// Those near each other as their mean, and as probable as all of them; the most probable first.
 ///
@@ -68,7 +50,8 @@ fn groups(mut all: Vec<Hypothesis>, symmetry: &Symmetry, diameter_m: f64) -> Vec
     let mut groups: Vec<Vec<Hypothesis>> = Vec::new();
     for one in all {
         let near = |group: &&mut Vec<Hypothesis>| {
-            group[0].away_deg(&one.world_from_obj, symmetry, diameter_m) < NEAR_DEG
+            let first = &group[0].world_from_obj;
+            symmetry.apart_deg(first, &one.world_from_obj, diameter_m) < NEAR_DEG
         };
         match groups.iter_mut().find(near) {
             Some(group) => group.push(one),
@@ -86,16 +69,16 @@ fn chosen(mut found: Vec<Hypothesis>, symmetry: &Symmetry, diameter_m: f64) -> D
     for one in &mut found {
         one.probability /= total;
     }
-    let first = &found[0];
+    let first = &found[0].world_from_obj;
     let (mut rot_deg, mut square) = (0.0, 0.0);
     for one in &found {
-        let away = first.away_deg(&one.world_from_obj, symmetry, diameter_m);
-        let shift = first.world_from_obj.translation.vector - one.world_from_obj.translation.vector;
+        let away = symmetry.apart_deg(first, &one.world_from_obj, diameter_m);
+        let shift = first.translation.vector - one.world_from_obj.translation.vector;
         rot_deg += one.probability * one.sigma.rot_deg.hypot(away);
         square += one.probability * (one.sigma.t_m.powi(2) + shift.norm_squared() / 3.0);
     }
     DecodedPose {
-        world_from_obj: first.world_from_obj,
+        world_from_obj: *first,
         sigma: Sigma {
             rot_deg,
             t_m: square.sqrt(),
@@ -108,7 +91,7 @@ fn chosen(mut found: Vec<Hypothesis>, symmetry: &Symmetry, diameter_m: f64) -> D
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{UnitQuaternion, Vector3};
+    use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
     fn turned(degrees: f64, probability: f64) -> Hypothesis {
         let turn = UnitQuaternion::from_scaled_axis(Vector3::z() * degrees.to_radians());

@@ -75,32 +75,7 @@ pub fn on_images(
     });
     let mut led: Vec<Vec<Led>> = led.collect();
 
-    let doubtful = |index: &usize| {
-        let (object, pose) = &found[*index];
-        // One view alone leaves too much open for images to choose by.
-        pose.support.is_none() && object.views() > 1 && is_doubtful(&led[*index])
-    };
-    let doubtful: Vec<usize> = (0..found.len()).filter(doubtful).collect();
-    if !doubtful.is_empty() {
-        let place = |&index: &usize| Some((&found[index].0, best(&led[index])?.end.world_from_obj));
-        let places: Vec<_> = doubtful.iter().filter_map(place).collect();
-        let looked = looks.map(|looks| looks(&places)).transpose()?;
-        let mut more: Vec<Option<Vec<DecodedPose>>> = vec![None; found.len()];
-        for (&index, looks) in doubtful.iter().zip(looked.into_iter().flatten()) {
-            more[index] = Some(looks);
-        }
-        let each = led.par_iter_mut().zip(&seen).zip(&more).enumerate();
-        each.filter(|(index, _)| doubtful.contains(index))
-            .for_each(|(_, ((led, seen), looks))| {
-                let Some(seen) = seen else {
-                    return;
-                };
-                if let Some(looks) = looks {
-                    seen.pool(led, looks);
-                }
-                seen.add_around(led);
-            });
-    }
+    look_further(&seen, found, &mut led, looks)?;
 
     let each = found.iter_mut().zip(led).zip(&seen);
     let taken = each.map(|(((_, pose), led), seen)| {
@@ -115,18 +90,57 @@ pub fn on_images(
     Ok(taken.collect())
 }
 
-/// Whether the images show even the most probable one badly, or leave it open.
-fn is_doubtful(led: &[Led]) -> bool {
-    let total: f64 = led.iter().map(|led| led.end.probability).sum();
-    best(led).is_some_and(
-        |Led {
-             end, refinement, ..
-         }| {
-            let [edges, colors] = SEEN_WELL;
-            let well = refinement.supported >= edges && refinement.overlap >= colors;
-            !well || end.probability < SETTLED * total
-        },
-    )
+/// An object whose most probable hypothesis several views show badly, or leave open.
+struct Doubtful<'a> {
+    seen: &'a Seen<'a>,
+    object: &'a Sighting,
+    /// Of that hypothesis.
+    world_from_obj: Isometry3<f64>,
+    led: &'a mut Vec<Led>,
+}
+
+/// Adds to the hypotheses of doubtful objects those of more looks, and those around the most probable one.
+fn look_further(
+    seen: &[Option<Seen>],
+    found: &[(Sighting, DecodedPose)],
+    led: &mut [Vec<Led>],
+    looks: Option<&Looks>,
+) -> Result<()> {
+    let each = seen.iter().zip(found).zip(led);
+    let doubtful = each.filter_map(|((seen, (object, pose)), led)| {
+        // One view alone leaves too much open for images to choose by.
+        let several = pose.support.is_none() && object.views() > 1;
+        let seen = seen.as_ref().filter(|_| several)?;
+        let best = best(led).filter(|best| best.is_doubtful(led))?;
+        Some(Doubtful {
+            seen,
+            object,
+            world_from_obj: best.end.world_from_obj,
+            led,
+        })
+    });
+    let mut doubtful: Vec<Doubtful> = doubtful.collect();
+    if let Some(looks) = looks.filter(|_| !doubtful.is_empty()) {
+        let places = doubtful.iter().map(|one| (one.object, one.world_from_obj));
+        let looked = looks(&places.collect::<Vec<_>>())?;
+        let each = doubtful.par_iter_mut().zip(&looked);
+        each.for_each(|(one, poses)| one.seen.pool(one.led, poses));
+    }
+    let each = doubtful.par_iter_mut();
+    each.for_each(|one| one.seen.add_around(one.led));
+    Ok(())
+}
+
+impl Led {
+    /// Whether the images show this one of some hypotheses badly, or leave it open.
+    fn is_doubtful(&self, all: &[Self]) -> bool {
+        let total: f64 = all.iter().map(|led| led.end.probability).sum();
+        let [edges, colors] = SEEN_WELL;
+        let Refinement {
+            supported, overlap, ..
+        } = self.refinement;
+        supported < edges || overlap < colors || self.end.probability < SETTLED * total
+    }
 }
 
 impl Refinement {
@@ -272,7 +286,7 @@ impl<'a> Seen<'a> {
             diameter_m,
             ..
         } = self.class;
-        a.away_deg(&b.world_from_obj, symmetry, *diameter_m)
+        symmetry.apart_deg(&a.world_from_obj, &b.world_from_obj, *diameter_m)
     }
 }
 
