@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+import mvtop
+
 # Predicts in this process and compares with what the first prediction gave.
 HEAD = """
 import sys, mvtop
