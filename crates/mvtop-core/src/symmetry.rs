@@ -3,6 +3,8 @@
 use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 use serde::Serialize;
 
+use crate::pose::rotation_error_deg;
+
 /// How far points move by a turn of a radian, as a share of the diameter: weighs turns against
 /// shifts where a symmetry does both.
 const REACH: f64 = 1.0 / 6.0;
@@ -67,7 +69,7 @@ impl Symmetry {
     /// - `diameter_m`: of the object
     pub fn apart_deg(&self, a: &Isometry3<f64>, b: &Isometry3<f64>, diameter_m: f64) -> f64 {
         let alike = self.nearest(b, a, diameter_m);
-        a.rotation.angle_to(&alike.rotation).to_degrees()
+        rotation_error_deg(&a.rotation, &alike.rotation)
     }
 
     /// The one of all poses that look like `pose` that is always given: whose axes are nearest to

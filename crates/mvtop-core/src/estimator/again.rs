@@ -63,12 +63,8 @@ impl Best {
         if self.believed != other.believed {
             return self.believed > other.believed;
         }
-        let Class {
-            symmetry,
-            diameter_m,
-            ..
-        } = class;
-        match symmetry.apart_deg(&self.end, &other.end, *diameter_m) < SAME_DEG {
+        let apart = (class.symmetry).apart_deg(&self.end, &other.end, class.diameter_m);
+        match apart < SAME_DEG {
             true => support(&self.seen.1) > support(&other.seen.1),
             false => self.score() > other.score(),
         }

@@ -281,12 +281,8 @@ impl<'a> Seen<'a> {
 
     /// Angle between two poses, but for symmetries.
     fn apart_deg(&self, a: &Hypothesis, b: &Hypothesis) -> f64 {
-        let Class {
-            symmetry,
-            diameter_m,
-            ..
-        } = self.class;
-        symmetry.apart_deg(&a.world_from_obj, &b.world_from_obj, *diameter_m)
+        let (a, b) = (&a.world_from_obj, &b.world_from_obj);
+        (self.class.symmetry).apart_deg(a, b, self.class.diameter_m)
     }
 }
 

@@ -132,23 +132,9 @@ impl Working {
     }
 }
 
-/// The box around all vertices in a camera's image; `None` where one cannot be imaged.
+/// The box around all vertices in a camera's image; `None` where one cannot be imaged, or there is none.
 pub fn around(vertices: &[Point3<f64>], camera: &Camera, pose: &Isometry3<f64>) -> Option<BBox> {
     let cam_from_obj = camera.world_from_cam().inv_mul(pose);
-    let mut around = [
-        f64::INFINITY,
-        f64::INFINITY,
-        f64::NEG_INFINITY,
-        f64::NEG_INFINITY,
-    ];
-    for vertex in vertices {
-        let at = camera.intrinsics().project(&(cam_from_obj * vertex))?;
-        around = [
-            around[0].min(at.x),
-            around[1].min(at.y),
-            around[2].max(at.x),
-            around[3].max(at.y),
-        ];
-    }
-    Some(around.into())
+    let pixel = |vertex: &Point3<f64>| camera.intrinsics().project(&(cam_from_obj * vertex));
+    BBox::around(vertices.iter().map(pixel))
 }
