@@ -20,6 +20,7 @@ from . import (
     checkpoint,
     confidence,
     deviation,
+    heldout,
     loop,
     prints,
     processes,
@@ -188,12 +189,11 @@ def export(settings: runconfig.RunConfig, weights: Path, bundle: Path, found):
     if settings.pretrained:
         least = support.choose(*support.found_in(bundle, scenes, known))
         print(f"least support: {least:g}")
-        command += ["--support-threshold", str(least)]
-        subprocess.run(command, check=True)
+        heldout.put(bundle, "support_threshold", least)
     most = deviation.choose(deviation.found_in(bundle, scenes))
     if most is not None:
         print(f"most deviation: {most:g}")
-        subprocess.run([*command, "--most-deviation", str(most)], check=True)
+        heldout.put(bundle, "most_deviation", most)
     judged = confidence.judged(bundle, scenes, known, confidence.DISTURBED)
     least = prints.choose([one for one in judged if not one.disturbed])
     if least is not None:

@@ -24,6 +24,7 @@ from .checkpoint import PRETRAINED
 
 MAX_FILE_BYTES = 1 << 20
 SCENES_PER_MINUTE = 8  # of a whole run: two cores render them in a tenth of it
+END_MINUTES = 4.0, 0.08  # of a whole run, and for each held-out scene (a dozen parts, four views)
 
 
 class Table(pydantic.BaseModel):
@@ -312,14 +313,17 @@ def of_parts(
 ) -> RunConfig:
     """What is done about parts of which nothing but meshes and a rig is known."""
     count = round(min(max(SCENES_PER_MINUTE * minutes, 60), 1300))
-    scenes = {"scenes": count, "start": count}
+    held_out, test = min(count // 5, 100), round(min(max(2 * minutes, 20), 60))
+    scenes = {"scenes": count, "start": count, "test": test, "views": 5}
+    reserve = END_MINUTES[0] + END_MINUTES[1] * held_out
     copies = max(2, 4 // generate.get("instances", 1))
     fields = {
         "data": str(out / "data"), "minutes": minutes, "preset": "lite", "backbone": PRETRAINED,
         "images": 64, "searched": 5, "copies": copies, "workers": 1,
         "views": [0.2, 0.4, 0.3, 0.1], "warmup": 100, "backgrounds": backgrounds,
+        "held_out": held_out,
         # All are rendered before features are kept of them: a tenth of the time for each.
-        "generate": {"test": 60, "views": 5, **generate, **scenes, "reserve": 6.0},
+        "generate": {**generate, **scenes, "reserve": reserve},
         "second": {"share": 0.13, "copies": copies, "searched": 0, "views": [0.25, 0.35, 0.3, 0.1]},
     }  # fmt: skip
     return _validated("options", fields, changes)

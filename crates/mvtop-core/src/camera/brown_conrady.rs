@@ -90,6 +90,20 @@ impl BrownConrady {
         }
     }
 
+    /// [`BrownConrady::distort`] without branches, for a sensor that is not tilted; NaN for `None`.
+    #[inline(always)]
+    pub(super) fn distort_or_nan(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let point = Point2::new(x, y);
+        let (image, jacobian) = self.map(&point);
+        let shown = self.in_range(&point, &jacobian);
+        [image.x, image.y].map(|x| if shown { x } else { f64::NAN })
+    }
+
+    /// Whether the sensor is not tilted.
+    pub(super) fn is_upright(&self) -> bool {
+        self.tilt.is_none()
+    }
+
     /// The inverse of [`BrownConrady::distort`]; `None` where it does not settle.
     pub fn undistort(&self, image: &Point2<f64>) -> Option<Point2<f64>> {
         let image = &match &self.tilt {
@@ -121,11 +135,14 @@ impl BrownConrady {
         None
     }
 
+    #[inline(always)]
     fn in_range(&self, point: &Point2<f64>, jacobian: &Matrix2<f64>) -> bool {
-        point.coords.norm() <= self.fold && jacobian.determinant() > 0.0
+        // Not `&&`, which is a branch.
+        (point.coords.norm() <= self.fold) & (jacobian.determinant() > 0.0)
     }
 
     /// The radial factor `g` and its derivative by r².
+    #[inline(always)]
     fn factor(&self, r2: f64) -> (f64, f64) {
         let [k1, k2, _, _, k3, k4, k5, k6, ..] = self.params;
         let over = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
@@ -143,6 +160,7 @@ impl BrownConrady {
     }
 
     /// The distorted point and the derivative of the distortion there.
+    #[inline(always)]
     fn map(&self, point: &Point2<f64>) -> (Point2<f64>, Matrix2<f64>) {
         let [_, _, p1, p2, _, _, _, _, s1, s2, s3, s4, _, _] = self.params;
         let (x, y) = (point.x, point.y);

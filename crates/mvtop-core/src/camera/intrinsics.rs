@@ -2,7 +2,7 @@
 
 use nalgebra::{Point2, Point3, Unit, Vector3};
 
-use super::Projection;
+use super::{BrownConrady, Projection};
 use crate::{Error, Result};
 
 /// Largest skew, as a share of the focal length: the axes of real sensors' images are far less askew.
@@ -189,10 +189,16 @@ impl Intrinsics {
         [self.fx * x + self.skew * y + self.cx, self.fy * y + self.cy]
     }
 
-    /// Itself as an ideal lens, if it is one.
-    pub(crate) fn as_ideal(&self) -> Option<Ideal<'_>> {
-        let ideal = self.is_pinhole() && self.max_angle.is_none();
-        ideal.then_some(Ideal(self))
+    /// Itself as a lens that projects without branches, if it is one.
+    pub(crate) fn as_branchless(&self) -> Option<Branchless<'_>> {
+        match &self.projection {
+            _ if self.max_angle.is_some() => None,
+            Projection::Pinhole => Some(Branchless::Pinhole(self)),
+            Projection::BrownConrady(lens) if lens.is_upright() => {
+                Some(Branchless::BrownConrady(self, lens))
+            }
+            _ => None,
+        }
     }
 
     /// Direction, in the camera frame, of the ray that is imaged at a pixel.
@@ -234,17 +240,42 @@ impl Intrinsics {
     }
 }
 
-/// A pinhole without limits, which projects many points at once: without branches, so that compilers
-/// make vectors of them.
-pub(crate) struct Ideal<'a>(&'a Intrinsics);
+/// Lenses without limits of their own, most of all that there are, which project many points at once:
+/// without branches, so that compilers make vectors of them. Where [`Intrinsics::project`] is `None`,
+/// what they give is not finite.
+pub(crate) enum Branchless<'a> {
+    Pinhole(&'a Intrinsics),
+    BrownConrady(&'a Intrinsics, &'a BrownConrady),
+}
 
-impl Ideal<'_> {
-    /// [`Intrinsics::project`], not finite where that is `None`.
+impl Branchless<'_> {
+    /// x and y of each point's pixel.
     #[inline(always)]
-    pub fn project(&self, point: &Point3<f64>) -> [f64; 2] {
-        let z = if point.z > 0.0 { point.z } else { f64::NAN };
-        self.0.pixel(point.x / z, point.y / z)
+    pub fn project<const N: usize>(&self, point: impl Fn(usize) -> Point3<f64>) -> [[f64; N]; 2] {
+        let (mut x, mut y) = ([0.0; N], [0.0; N]);
+        match *self {
+            Self::Pinhole(lens) => {
+                for i in 0..N {
+                    let [on_x, on_y] = plane(&point(i));
+                    [x[i], y[i]] = lens.pixel(on_x, on_y);
+                }
+            }
+            Self::BrownConrady(lens, distortion) => {
+                for i in 0..N {
+                    let [on_x, on_y] = distortion.distort_or_nan(plane(&point(i)));
+                    [x[i], y[i]] = lens.pixel(on_x, on_y);
+                }
+            }
+        }
+        [x, y]
     }
+}
+
+/// The point on the plane z = 1; not finite unless it lies in front of the camera.
+#[inline(always)]
+fn plane(point: &Point3<f64>) -> [f64; 2] {
+    let z = if point.z > 0.0 { point.z } else { f64::NAN };
+    [point.x / z, point.y / z]
 }
 
 #[inline]

@@ -99,18 +99,15 @@ impl Places {
     #[inline(always)]
     fn of(job: &Job<'_>, u: f64, v: f64) -> Self {
         let lens = job.real.intrinsics();
+        let direction = |lane: usize| job.directions.of(u + lane as f64, v);
+        if let Some(lens) = lens.as_branchless() {
+            let [x, y] = lens.project(direction);
+            return Self { x, y };
+        }
         let (mut x, mut y) = ([f64::NAN; LANES], [f64::NAN; LANES]);
-        if let Some(lens) = lens.as_ideal() {
-            for lane in 0..LANES {
-                let direction = job.directions.of(u + lane as f64, v);
-                [x[lane], y[lane]] = lens.project(&direction);
-            }
-        } else {
-            for lane in 0..LANES {
-                let direction = job.directions.of(u + lane as f64, v);
-                if let Some(at) = lens.project(&direction) {
-                    [x[lane], y[lane]] = [at.x, at.y];
-                }
+        for lane in 0..LANES {
+            if let Some(at) = lens.project(&direction(lane)) {
+                [x[lane], y[lane]] = [at.x, at.y];
             }
         }
         Self { x, y }
@@ -138,6 +135,12 @@ fn split(x: f64, last: f64) -> (u32, f64) {
     let nearest = (x + WHOLE) - WHOLE;
     let whole = nearest - if nearest > x { 1.0 } else { 0.0 };
     ((whole + WHOLE).to_bits() as u32, x - whole)
+}
+
+/// The byte of each number that begins at this bit.
+#[inline(always)]
+fn byte(words: &[u32; LANES], bit: usize) -> [f32; LANES] {
+    words.map(|word| (word >> bit & 0xff) as i32 as f32) // as processors convert it
 }
 
 /// An image, read between its pixels.
@@ -193,19 +196,14 @@ impl<'a> Between<'a> {
                 corner[lane] = word as u32;
             }
         }
-        let mut colors = [[0.0; LANES]; 3];
-        for (channel, color) in colors.iter_mut().enumerate() {
-            for lane in 0..LANES {
-                let [a, b, c, d] = corners.map(|corner| {
-                    let byte = corner[lane] >> (8 * channel) & 0xff;
-                    byte as i32 as f32 // as processors convert it
-                });
-                let above = a + right[lane] * (b - a);
-                let under = c + right[lane] * (d - c);
-                color[lane] = above + below[lane] * (under - above);
-            }
-        }
-        colors
+        let channel = |channel: usize| {
+            let [a, b, c, d] = corners.map(|corner| byte(&corner, 8 * channel));
+            let across = |from: &[f32; LANES], to: &[f32; LANES], share: &[f32; LANES]| {
+                std::array::from_fn(|lane| from[lane] + share[lane] * (to[lane] - from[lane]))
+            };
+            across(&across(&a, &b, &right), &across(&c, &d, &right), &below)
+        };
+        [channel(0), channel(1), channel(2)]
     }
 
     /// The bytes from `start` on, the first one lowest; zeros after the image.

@@ -3,9 +3,10 @@
 //! The box of what is half hidden often ends where that is hidden, and the close-up of such a box
 //! shows the object where it is not. The poses that come of it, refined on the images, tell other
 //! boxes, one of them a better one, that a better pose. The two that are supported most are followed,
-//! as the first steps may lead astray. Of all that was looked at, the pose that the images show best
-//! counts; where not even that one looks like what is printed on the object, it is another thing. Its
-//! pose is the mean of that look and of some through rolled close-ups, which err otherwise.
+//! as the first steps may lead astray, as long as one of them shows something better. Of all that was
+//! looked at, the pose that the images show best counts; where not even that one looks like what is
+//! printed on the object, it is another thing. Its pose is the mean of that look and of some through
+//! rolled close-ups, which err otherwise.
 
 use nalgebra::Isometry3;
 
@@ -23,7 +24,7 @@ use crate::{BBox, Result};
 const LOOKS: usize = 4;
 /// Boxes of an object that are followed at once.
 const PATHS: usize = 2;
-/// Poses of an object whose boxes are tried, at most, refined and as they were.
+/// Poses that a look tells whose boxes are tried, at most, besides the refined one.
 const POSES: usize = 3;
 /// Support of an object that is seen well enough.
 const SEEN_WELL: f64 = 0.25;
@@ -38,6 +39,8 @@ struct Looked {
     index: usize,
     /// As it was looked at last, with other boxes each.
     last: Found,
+    /// All boxes that it was looked at with.
+    tried: Vec<Vec<Option<BBox>>>,
     best: Option<Best>,
 }
 
@@ -84,6 +87,7 @@ impl Pass<'_> {
         let looked = |index: usize| Looked {
             index,
             last: vec![found[index].clone()],
+            tried: vec![found[index].0.boxes.clone()],
             best: None,
         };
         let mut looked: Vec<Looked> = (0..found.len())
@@ -127,19 +131,22 @@ impl Pass<'_> {
         Ok(believed::printed(found, refinements, least).0)
     }
 
-    /// Refines what was looked at last, keeps what is shown best of each object, and gives the boxes
-    /// that the poses tell.
+    /// Refines the likeliest pose of what was looked at last, keeps what is shown best of each object,
+    /// and gives the boxes that the poses tell: new ones, and none once a look has shown nothing better.
     fn told(&self, looked: &mut [Looked]) -> Result<Vec<Vec<Sighting>>> {
         let Estimator {
             bundle, refiners, ..
         } = self.estimator;
         let (views, detector) = (&self.views, &bundle.detector);
         let mut refined: Found = looked.iter().flat_map(|one| one.last.clone()).collect();
+        for (_, pose) in &mut refined {
+            pose.hypotheses.truncate(1);
+        }
         let refinements = refined::on_images(refiners, views, bundle, &mut refined, None)?;
         let mut refined = refined.into_iter().zip(refinements);
         let mut told = Vec::new();
         for one in looked {
-            let mut moved = Vec::new();
+            let (mut moved, mut is_better) = (Vec::new(), false);
             for ((object, was), ((_, pose), refinement)) in one.last.drain(..).zip(&mut refined) {
                 let class = &bundle.classes[object.class];
                 // Where little is seen of an object, refinement may lead astray.
@@ -164,8 +171,19 @@ impl Pass<'_> {
                     .is_none_or(|best| new.is_better(best, class))
                 {
                     one.best = Some(new);
+                    is_better = true;
                 }
             }
+            if !is_better {
+                moved.clear();
+            }
+            moved.retain(|object: &Sighting| {
+                let is_new = !one.tried.iter().any(|boxes| same(boxes, &object.boxes));
+                if is_new {
+                    one.tried.push(object.boxes.clone());
+                }
+                is_new
+            });
             told.push(moved);
         }
         Ok(told)

@@ -151,7 +151,7 @@ fn fit(evidence: &mut Evidence, start: &Isometry3<f64>) -> Option<DecodedPose> {
         }
     }
     let last = FINE[FINE.len() - 1] * diameter;
-    let settled = apart.into_iter().filter_map(|mut pose| {
+    let settled = apart.into_par_iter().filter_map(|mut pose| {
         let mut information = Matrix6::zeros();
         for scale in FINE {
             (pose, information) = stepped(all, &pose, scale * diameter)?;
