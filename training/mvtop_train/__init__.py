@@ -1,7 +1,11 @@
 """Training side of mvtop: data, network, training, export and parity fixtures."""
 
 import os
+import sys
 
 # Both are read when MuJoCo or the GL library load, so they come before any of its imports.
 os.environ.setdefault("MUJOCO_GL", "egl")
 os.environ.setdefault("LP_NUM_THREADS", "1")  # software rendering: one core per process
+# Read when tqdm is imported: progress in a file, which nobody watches, is told now and then.
+if not sys.stderr.isatty():
+    os.environ.setdefault("TQDM_MININTERVAL", "20")

@@ -2,6 +2,7 @@
 
 import contextlib
 import copy
+import dataclasses
 import json
 from pathlib import Path
 
@@ -47,11 +48,7 @@ class TrainingState:
             load_pretrained(self.model.features)
             self.average.load_state_dict(self.model.state_dict())
         elif init:
-            with _fits(init):
-                state = _read(init)
-                grow_hypotheses(state["average"], self.average)
-                self._load_average(state)
-            self.model.load_state_dict(self.average.state_dict())
+            self._start_from(init)
         self.model.train()
         if backbone and backbone != PRETRAINED:
             self._freeze(backbone)
@@ -59,6 +56,21 @@ class TrainingState:
             fixed = Fixed(self.model.features.trunk)  # never trained: the average's is the same
             for model in (self.model, self.average):
                 model.features.trunk.fixed = fixed
+
+    def _start_from(self, path: str):
+        """Take the average of another run; of other objects, what belongs to none, or to one that
+        this network knows as well, by its name."""
+        state = _read(path)
+        with _fits(path):
+            known = configs.from_dict(json.loads(state["config"])).classes
+            names = [[c.name for c in classes] for classes in (known, self.config.classes)]
+            if names[0] == names[1]:
+                grow_hypotheses(state["average"], self.average)
+                self._load_average(state)
+            else:
+                given = of_objects(_average_of(state), *names, self.average)
+                self.average.load_state_dict(given)
+        self.model.load_state_dict(self.average.state_dict())
 
     def _freeze(self, path: str):
         """Take all that works on images alone from another run's average, and keep what poses are
@@ -169,6 +181,24 @@ def _fits(path: Path | str):
             f"{path}: expected weights of this network, got others "
             f"({lines[min(1, len(lines) - 1)].strip()}); fix: the preset it was trained with"
         ) from None
+
+
+def of_objects(given: dict, known: list[str], names: list[str], model: Mvtop) -> dict:
+    """The weights of a network that knows objects of these names, for `model`, which is of others:
+    it keeps its own for objects that are new."""
+    config, weights = model.config, {}
+    more = dataclasses.replace(config, classes=(*config.classes, config.classes[0]))
+    shapes = {name: x.shape for name, x in Mvtop(more).state_dict().items()}
+    for name, own in model.state_dict().items():
+        weights[name] = given[name]
+        if shapes[name] != own.shape:  # it has rows for each object
+            of_each = own.clone().unflatten(0, (len(names), -1))
+            before = given[name].unflatten(0, (len(known), -1))
+            for i, of_object in enumerate(names):
+                if of_object in known:
+                    of_each[i] = before[known.index(of_object)]
+            weights[name] = of_each.flatten(0, 1)
+    return weights
 
 
 def grow_hypotheses(given: dict, model: Mvtop):

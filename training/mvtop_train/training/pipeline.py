@@ -30,6 +30,8 @@ from . import (
 )
 from .validate import pose_views, validate
 
+MOST_VIEWS = 4  # in the report
+
 
 def test_split(settings: runconfig.RunConfig) -> str:
     """What the result is evaluated on."""
@@ -154,7 +156,7 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
     weights = folder / "weights.pt"
     if share:
         poses = settings.second.model_dump(exclude={"share"})
-        poses |= {"backbone": str(weights), "init": "", "minutes": left * share}
+        poses |= {"backbone": str(weights), "minutes": left * share}
         kept = folder / "features"
         if (kept / "state.json").exists() and not (folder / "poses" / "features").exists():
             model, _, _ = checkpoint.load_weights(weights)
@@ -219,7 +221,8 @@ def held_images(settings: runconfig.RunConfig) -> list[bop.Image]:
 def report(settings: runconfig.RunConfig, folder: Path):
     """What a user would get: images in, poses out, on scenes that were never trained on."""
     scenes = bop.whole_scenes(Path(settings.data) / test_split(settings))
-    views = min(3, *(len(bop.read_images(scene)) for scene in scenes))
+    # Scenes that not all cameras see are taken with as many as do.
+    views = min(MOST_VIEWS, max(len(bop.read_images(scene)) for scene in scenes))
     subprocess.run(
         [str(Path(sys.executable).with_name("mvtop-cli")), "eval", "bop",
          "--dataset", settings.data, "--split", test_split(settings), "--views", str(views),

@@ -33,6 +33,9 @@ const SAME: f64 = 0.9;
 /// Refined poses that are turned less from each other are one: it is then as well shown by either.
 const SAME_DEG: f64 = 5.0;
 
+/// An object's box in each view that shows it.
+type Boxes = Vec<Option<BBox>>;
+
 /// An object that is looked at again.
 struct Looked {
     /// Of those that were found.
@@ -40,7 +43,7 @@ struct Looked {
     /// As it was looked at last, with other boxes each.
     last: Found,
     /// All boxes that it was looked at with.
-    tried: Vec<Vec<Option<BBox>>>,
+    tried: Vec<Boxes>,
     best: Option<Best>,
 }
 
@@ -174,17 +177,10 @@ impl Pass<'_> {
                     is_better = true;
                 }
             }
-            if !is_better {
-                moved.clear();
-            }
-            moved.retain(|object: &Sighting| {
-                let is_new = !one.tried.iter().any(|boxes| same(boxes, &object.boxes));
-                if is_new {
-                    one.tried.push(object.boxes.clone());
-                }
-                is_new
+            told.push(match is_better {
+                true => untried(moved, &mut one.tried),
+                false => Vec::new(),
             });
-            told.push(moved);
         }
         Ok(told)
     }
@@ -233,6 +229,18 @@ fn most_supported(mut all: Found) -> Found {
         }
     }
     kept
+}
+
+/// Those whose boxes show something else each than any that were tried, which they then are as well.
+pub(super) fn untried(mut objects: Vec<Sighting>, tried: &mut Vec<Boxes>) -> Vec<Sighting> {
+    objects.retain(|object| {
+        let is_new = !tried.iter().any(|boxes| same(boxes, &object.boxes));
+        if is_new {
+            tried.push(object.boxes.clone());
+        }
+        is_new
+    });
+    objects
 }
 
 /// The object with the boxes of a pose of it; `None` where it has them.

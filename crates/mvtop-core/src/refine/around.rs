@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::solve::Prior;
 use super::working::COARSE;
 use super::{Refiner, View};
+use crate::pose::rotation_error_deg;
 use crate::prediction::Sigma;
 
 /// First and last steps from each start.
@@ -81,7 +82,7 @@ impl Refiner {
 
 /// Angle between two poses, degrees.
 fn apart(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
-    a.rotation.angle_to(&b.rotation).to_degrees()
+    rotation_error_deg(&a.rotation, &b.rotation)
 }
 
 /// Of poses nearer to each other than some degrees, only the first stays.

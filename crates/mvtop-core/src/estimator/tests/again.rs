@@ -2,7 +2,7 @@
 
 use super::completed::surface;
 use super::*;
-use crate::estimator::again::at_pose;
+use crate::estimator::again::{at_pose, untried};
 use crate::estimator::complete::shown;
 
 #[test]
@@ -38,4 +38,36 @@ fn half_a_box_is_made_whole_by_the_pose_and_what_fits_stays() {
     // Where the pose is out of an image, what was seen there stays.
     let beside = world_from_obj * Isometry3::translation(0.0, 50.0, 0.0);
     assert!(at_pose(class, &views, &object(&half), &beside).is_none());
+}
+
+#[test]
+fn boxes_that_show_the_same_are_tried_once() {
+    let object = |x: f64, other: Option<f64>| Sighting {
+        class: 0,
+        score: 0.5,
+        boxes: [Some(x), other]
+            .map(|x| x.map(|x| [x, 0.0, x + 100.0, 100.0].into()))
+            .to_vec(),
+    };
+    let mut tried = vec![object(0.0, None).boxes];
+    let told = vec![
+        object(2.0, None),       // as that one
+        object(20.0, None),      // beside it
+        object(22.0, None),      // as the one before
+        object(0.0, Some(0.0)),  // another view shows it, too
+        object(2.0, Some(40.0)), // elsewhere there
+    ];
+    let places = |objects: &[Sighting]| -> Vec<Vec<Option<f64>>> {
+        let of = |object: &Sighting| object.boxes.iter().map(|b| b.map(|b| b.x0)).collect();
+        objects.iter().map(of).collect()
+    };
+    let new = untried(told.clone(), &mut tried);
+    let expected = [
+        vec![Some(20.0), None],
+        vec![Some(0.0), Some(0.0)],
+        vec![Some(2.0), Some(40.0)],
+    ];
+    assert_eq!(places(&new), expected);
+    assert_eq!(tried.len(), 4);
+    assert!(untried(told, &mut tried).is_empty());
 }
