@@ -5,6 +5,7 @@ mod bop;
 mod bounds;
 mod noise;
 mod outcome;
+mod right;
 mod sample;
 mod samples;
 mod summary;

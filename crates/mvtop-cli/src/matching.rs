@@ -46,9 +46,16 @@ pub fn diameter(classes: &[Class]) -> impl Fn(&str) -> f64 {
     }
 }
 
-/// Number of predictions that are matched with no true object.
-pub fn unmatched(matched: &[Option<&ObjectPose>], prediction: &Prediction) -> usize {
-    prediction.objects.len() - matched.iter().flatten().count()
+/// The predictions that are matched with no true object.
+///
+/// - `matched`: of these predictions
+pub fn unmatched<'a>(
+    matched: &[Option<&ObjectPose>],
+    prediction: &'a Prediction,
+) -> Vec<&'a ObjectPose> {
+    let is_matched = |found: &ObjectPose| matched.iter().flatten().any(|m| std::ptr::eq(*m, found));
+    let objects = prediction.objects.iter();
+    objects.filter(|found| !is_matched(found)).collect()
 }
 
 #[cfg(test)]
@@ -115,7 +122,7 @@ pub mod tests {
         let asked = matched[0].map(|found| found.world_from_obj.translation.x);
         assert_eq!(asked, Some(0.1));
         // Those at 0.3 and 5.
-        assert_eq!(unmatched(&matched, &prediction), 2);
+        assert_eq!(unmatched(&matched, &prediction).len(), 2);
     }
 
     #[test]
@@ -129,10 +136,10 @@ pub mod tests {
         let matched = matches(&truth, &prediction, |_| f64::INFINITY);
         // The second nut is nearer to 0.4 than 9.0 is to it; there is no bolt.
         assert_eq!(places(&matched), [Some(0.1), Some(0.4), None]);
-        assert_eq!(unmatched(&matched, &prediction), 1);
+        assert_eq!(unmatched(&matched, &prediction).len(), 1);
         // What is farther off than the part is large is another thing.
         let matched = matches(&truth, &prediction, |_| 0.5);
         assert_eq!(places(&matched), [Some(0.1), None, None]);
-        assert_eq!(unmatched(&matched, &prediction), 2);
+        assert_eq!(unmatched(&matched, &prediction).len(), 2);
     }
 }

@@ -310,6 +310,7 @@ fn evaluate_group(
         Some(scored.map_err(of_sample))
     };
     let known = sample.truth.iter().zip(&matched);
+    let extra = unmatched(&matched, &prediction);
     let FrameId { sensor, image } = group.views[0].clone();
     Ok(Line {
         group: sample.name.clone(),
@@ -317,7 +318,8 @@ fn evaluate_group(
         sensor,
         image,
         time_s,
-        extra: unmatched(&matched, &prediction),
+        extra: extra.len(),
+        extra_confidences: extra.iter().map(|found| found.confidence).collect(),
         estimates,
         tallies: tallies(plan, &sample, &prediction, &view).map_err(of_sample)?,
         objects: known

@@ -25,7 +25,7 @@ pub fn run(args: &SamplesArgs) -> Result<()> {
     let bar = progress::bar(folders.len() as u64, "{pos}/{len} samples");
     let mut views = None;
     let mut outcomes = Vec::new();
-    let mut extra = 0;
+    let mut extra = Vec::new();
     for folder in &folders {
         let sample = Sample::load(folder, trial.views)?;
         let count = sample.images.len();
@@ -43,7 +43,8 @@ pub fn run(args: &SamplesArgs) -> Result<()> {
             &prediction,
             diameter(&estimator.bundle().classes),
         );
-        extra += unmatched(&matched, &prediction);
+        let unmatched = unmatched(&matched, &prediction);
+        extra.extend(unmatched.iter().map(|found| found.confidence));
         for (object, (known, &found)) in sample.truth.iter().zip(&matched).enumerate() {
             let errors = found.map(|found| errors(known, found, &estimator));
             outcomes.push(Outcome::new(&sample, object, &prediction, found, errors));
@@ -57,7 +58,7 @@ pub fn run(args: &SamplesArgs) -> Result<()> {
         write::whole(out, (lines?.join("\n") + "\n").as_bytes())?;
     }
     let views = views.unwrap_or(0);
-    let summary = Summary::new(views, folders.len(), extra, &outcomes, trial.bounds());
+    let summary = Summary::new(views, folders.len(), &extra, &outcomes, trial.bounds());
     if args.json {
         return write::print(&write::json(&summary)?);
     }

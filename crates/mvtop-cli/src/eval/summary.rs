@@ -8,44 +8,13 @@ use serde::Serialize;
 
 use super::bounds::Bounds;
 use super::outcome::{Errors, Outcome};
+use super::right::{self, ByConfidence, Right};
 
 /// A rotation that is off by more is taken for a wrong one rather than an inexact one.
 const WRONG_DEG: f64 = 30.0;
 
 /// The fewest poses in a bin of the calibration whose means say something.
 const LEAST_IN_BIN: usize = 10;
-
-/// How many of the poses are right, and how many of the objects have one.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Right {
-    /// Objects whose pose is right.
-    pub right: usize,
-    /// Share of the predicted objects; null where there is none.
-    pub precision: Option<f64>,
-    /// Share of the true objects; null where there is none.
-    pub recall: Option<f64>,
-}
-
-impl Right {
-    /// - `predicted`: how many objects there were said to be
-    pub fn new<'a>(
-        outcomes: impl Iterator<Item = &'a Outcome>,
-        predicted: usize,
-        bounds: &Bounds,
-    ) -> Self {
-        let (mut objects, mut right) = (0, 0);
-        for outcome in outcomes {
-            objects += 1;
-            right += usize::from(outcome.errors().is_some_and(|e| e.within(bounds)));
-        }
-        let share = |of: usize| (of > 0).then(|| right as f64 / of as f64);
-        Self {
-            right,
-            precision: share(predicted),
-            recall: share(objects),
-        }
-    }
-}
 
 /// Means are over the found objects, null where there is none.
 #[derive(Debug, Serialize)]
@@ -83,6 +52,8 @@ pub struct Summary {
     confidence_ece: Option<f64>,
     /// Poses in bins of equal count, least confidence first; null for few poses.
     reliability: Option<Vec<Reliability>>,
+    /// What `--min-confidence` would leave; null where poses come without.
+    by_confidence: Option<Vec<ByConfidence>>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -102,11 +73,11 @@ pub struct Bin {
 
 impl Summary {
     /// - `pairs`: number of samples
-    /// - `extra`: predicted objects that no outcome is about
+    /// - `extra`: confidences of predicted objects that no outcome is about
     pub fn new(
         views: usize,
         pairs: usize,
-        extra: usize,
+        extra: &[Option<f64>],
         outcomes: &[Outcome],
         bounds: Bounds,
     ) -> Self {
@@ -140,9 +111,13 @@ impl Summary {
             trans_mean_m: mean_of(&|e| e.trans_m),
             sigma_rot_mean_deg: mean(&expected),
             sigma_t_mean_m: mean(&sigmas.iter().map(|sigma| sigma.t_m).collect::<Vec<_>>()),
-            extra,
+            extra: extra.len(),
             bounds,
-            right: Right::new(outcomes.iter(), found.len() + extra, &bounds),
+            right: Right::new(
+                outcomes.iter().map(Outcome::errors),
+                found.len() + extra.len(),
+                &bounds,
+            ),
             resolved_share: mean_of(&|e| f64::from(u8::from(e.rot_deg <= resolved_deg))),
             sigma_rot_auroc: auroc(&expected, &open),
             sigma_rot_correlation: correlation(&expected, &actual),
@@ -150,11 +125,18 @@ impl Summary {
             confidence_auroc: auroc(&confidences, &rights),
             confidence_ece: reliability.as_deref().map(calibration_error),
             reliability,
+            by_confidence: right::by_confidence(outcomes, extra, &bounds),
         }
     }
 }
 
 impl Summary {
+    /// [`right::table`] of this.
+    pub fn by_confidence(&self) -> Vec<[String; 5]> {
+        let predicted = self.found + self.extra;
+        right::table(&self.right, predicted, self.by_confidence.as_deref())
+    }
+
     /// For people.
     ///
     /// - `of`: what was predicted at once, `samples`
@@ -189,7 +171,7 @@ impl Summary {
              recall {} %\n\
              rotation within {resolved_deg}°: {} % of the found, over {WRONG_DEG}°: {} %\n\
              expected and actual rotation error: AUROC {}, correlation {}\n\
-             confidence: AUROC {}, calibration error {}",
+             confidence: AUROC {}, calibration error {}{}",
             deg(self.rot_mean_deg),
             deg(self.rot_median_deg),
             deg(self.sigma_rot_mean_deg),
@@ -206,6 +188,7 @@ impl Summary {
             number(self.sigma_rot_correlation, 1.0, 2),
             number(self.confidence_auroc, 1.0, 3),
             number(self.confidence_ece, 1.0, 3),
+            right::text(&self.by_confidence()),
         )
     }
 }
@@ -248,11 +231,11 @@ fn calibration_error(bins: &[Reliability]) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
     use mvtop_core::prediction::Timings;
 
-    fn off_by(rot_deg: f64, trans_m: f64, sigma_rot_deg: f64) -> Outcome {
+    pub fn off_by(rot_deg: f64, trans_m: f64, sigma_rot_deg: f64) -> Outcome {
         Outcome {
             sample: "a".into(),
             object: 0,
@@ -274,7 +257,7 @@ mod tests {
         }
     }
 
-    fn bounds(resolved_deg: f64) -> Bounds {
+    pub fn bounds(resolved_deg: f64) -> Bounds {
         Bounds {
             resolved_deg,
             right_deg: 5.0,
@@ -282,7 +265,7 @@ mod tests {
         }
     }
 
-    fn missed() -> Outcome {
+    pub fn missed() -> Outcome {
         Outcome {
             found: false,
             rot_deg: None,
@@ -303,7 +286,7 @@ mod tests {
             off_by(2.0, 0.2, 7.0),
             off_by(30.0, 0.2, 5.0),
         ];
-        let summary = Summary::new(2, 5, 3, &outcomes, bounds(10.0));
+        let summary = Summary::new(2, 5, &[None; 3], &outcomes, bounds(10.0));
         assert_eq!((summary.views, summary.pairs, summary.found), (2, 5, 4));
         assert_eq!(summary.extra, 3);
         assert_eq!(summary.rot_mean_deg, Some(23.0));
@@ -321,26 +304,9 @@ mod tests {
     }
 
     #[test]
-    fn right_is_what_is_within_both_bounds() {
-        // Of five true objects and six predicted.
-        let outcomes = [
-            off_by(4.9, 0.0049, 1.0),
-            off_by(0.0, 0.0051, 1.0),
-            off_by(5.1, 0.0, 1.0),
-            off_by(5.0, 0.0, 1.0),
-            missed(),
-        ];
-        let right = Right::new(outcomes.iter(), 6, &bounds(15.0));
-        assert_eq!(right.right, 2);
-        assert_eq!(right.precision, Some(2.0 / 6.0));
-        assert_eq!(right.recall, Some(2.0 / 5.0));
-        let nothing = Right::new([].iter(), 0, &bounds(15.0));
-        assert_eq!((nothing.precision, nothing.recall), (None, None));
-    }
-
-    #[test]
     fn summary_of_nothing_is_null() {
-        let json = serde_json::to_value(Summary::new(2, 1, 0, &[missed()], bounds(15.0))).unwrap();
+        let json =
+            serde_json::to_value(Summary::new(2, 1, &[], &[missed()], bounds(15.0))).unwrap();
         assert_eq!(json["found"], 0);
         for key in [
             "rot_mean_deg",
@@ -371,13 +337,13 @@ mod tests {
             }
         };
         let outcomes: Vec<Outcome> = (0..200).map(outcome).collect();
-        let summary = Summary::new(2, 200, 0, &outcomes, bounds(15.0));
+        let summary = Summary::new(2, 200, &[], &outcomes, bounds(15.0));
         assert!((summary.confidence_ece.unwrap() - 0.1).abs() < 1e-9);
         // Right and wrong: 80 and 20 surer ones, 40 and 60 others. Of pairs, 80 * 60 are in order,
         // and 80 * 20 + 40 * 60 are even.
         let expected = (80.0 * 60.0 + (80.0 * 20.0 + 40.0 * 60.0) / 2.0) / (120.0 * 80.0);
         assert!((summary.confidence_auroc.unwrap() - expected).abs() < 1e-9);
-        let few = Summary::new(2, 99, 0, &outcomes[..99], bounds(15.0));
+        let few = Summary::new(2, 99, &[], &outcomes[..99], bounds(15.0));
         assert!(few.reliability.is_none() && few.confidence_ece.is_none());
     }
 

@@ -30,6 +30,8 @@ pub struct Line {
     pub time_s: Option<f64>,
     /// Predictions that no object of the truth was matched with.
     pub extra: usize,
+    /// What each of these says of itself; null where it was not refined.
+    pub extra_confidences: Vec<Option<f64>>,
     /// In the reference image.
     pub estimates: Vec<Estimate>,
     /// What BOP's evaluation counts, by object.

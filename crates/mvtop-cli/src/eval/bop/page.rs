@@ -17,6 +17,7 @@ use super::plan::Plan;
 use super::results::{COLUMNS, Results};
 use super::score::Scored;
 use crate::eval::bounds::Bounds;
+use crate::eval::right;
 use crate::failure::{Failure, Result};
 use crate::plot::{histogram, recall_curves};
 use crate::write;
@@ -35,6 +36,8 @@ struct Page<'a> {
     columns: Vec<&'static str>,
     rows: Vec<(String, Vec<String>)>,
     bounds: Bounds,
+    confidence_columns: [&'static str; 5],
+    by_confidence: Vec<[String; 5]>,
     /// SVG.
     plots: [String; 5],
     worst: Vec<Worst>,
@@ -58,6 +61,8 @@ pub fn page(about: &Value, results: &Results, lines: &[Line], plan: &Plan) -> Re
         columns: COLUMNS.iter().map(|column| column.name).collect(),
         rows: rows.into_iter().map(|(name, s)| (name, cells(s))).collect(),
         bounds: results.summary.bounds,
+        confidence_columns: right::COLUMNS,
+        by_confidence: results.summary.by_confidence(),
         plots: plots(lines)?,
         worst: worst(lines, plan)?,
         settings: about.as_object().into_iter().flatten().collect(),

@@ -78,7 +78,8 @@ impl Results {
         let tallies: Vec<&Tally> = lines.iter().flat_map(|line| &line.tallies).collect();
         let outcomes: Vec<Outcome> = scored.iter().map(|s| s.outcome.clone()).collect();
         let views = outcomes.iter().map(|outcome| outcome.views).max();
-        let extra = lines.iter().map(|line| line.extra).sum();
+        let extra = lines.iter().flat_map(|line| &line.extra_confidences);
+        let extra: Vec<Option<f64>> = extra.copied().collect();
         let mut by_object: BTreeMap<u32, (Vec<&Scored>, Vec<&Tally>)> = BTreeMap::new();
         for &scored in &scored {
             by_object.entry(scored.obj_id).or_default().0.push(scored);
@@ -95,7 +96,7 @@ impl Results {
         let with_poses = lines.iter().filter(|line| !line.estimates.is_empty());
         let times: Option<Vec<f64>> = with_poses.map(|line| line.time_s).collect();
         Self {
-            summary: Summary::new(views.unwrap_or(0), lines.len(), extra, &outcomes, bounds),
+            summary: Summary::new(views.unwrap_or(0), lines.len(), &extra, &outcomes, bounds),
             all: Scores::new(&scored, &tallies, &bounds),
             objects: by_object.into_iter().map(scores).collect(),
             time_mean_s: times.filter(|_| !measured).and_then(|times| mean(&times)),

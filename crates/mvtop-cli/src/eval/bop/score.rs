@@ -14,7 +14,7 @@ use super::tally::{Recalls, Tally};
 use super::view::View;
 use crate::eval::bounds::Bounds;
 use crate::eval::outcome::{Errors, Outcome};
-use crate::eval::summary::Right;
+use crate::eval::right::Right;
 use crate::failure::Result;
 
 /// Threshold up to which areas under curves go, as published.
@@ -165,7 +165,7 @@ impl Scores {
             ar_mspd: recalls.mspd,
             ar_vsd: recalls.vsd,
             ar: recalls.all,
-            right: Right::new(scored.iter().map(|s| &s.outcome), predicted, bounds),
+            right: Right::new(scored.iter().map(|s| s.outcome.errors()), predicted, bounds),
         }
     }
 }
