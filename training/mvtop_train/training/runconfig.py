@@ -24,7 +24,8 @@ from .checkpoint import PRETRAINED
 
 MAX_FILE_BYTES = 1 << 20
 SCENES_PER_MINUTE = 8  # of a whole run: two cores render them in a tenth of it
-END_MINUTES = 4.0, 0.08  # of a whole run, and for each held-out scene (a dozen parts, four views)
+# Of the export; of what is chosen and of the report, for each scene (a dozen parts, four views).
+END_MINUTES = 2.0, 0.06, 0.1
 
 
 class Table(pydantic.BaseModel):
@@ -315,7 +316,8 @@ def of_parts(
     count = round(min(max(SCENES_PER_MINUTE * minutes, 60), 1300))
     held_out, test = min(count // 5, 100), round(min(max(2 * minutes, 20), 60))
     scenes = {"scenes": count, "start": count, "test": test, "views": 5}
-    reserve = END_MINUTES[0] + END_MINUTES[1] * held_out
+    export, choices, report = END_MINUTES
+    reserve = export + choices * held_out + report * test
     copies = max(2, 4 // generate.get("instances", 1))
     fields = {
         "data": str(out / "data"), "minutes": minutes, "preset": "lite", "backbone": PRETRAINED,
