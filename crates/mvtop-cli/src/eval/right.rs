@@ -98,14 +98,10 @@ pub const COLUMNS: [&str; 5] = [
 ///
 /// - `all`: of all `predicted`
 pub fn table(all: &Right, predicted: usize, rows: Option<&[ByConfidence]>) -> Vec<[String; 5]> {
-    let percent = |x: Option<f64>| x.map_or("–".into(), |x| format!("{:.1} %", 100.0 * x));
     let line = |least: String, predicted: usize, right: &Right| {
-        let Right {
-            precision, recall, ..
-        } = *right;
-        let counts = [predicted, right.right].map(|count| count.to_string());
-        let [predicted, right] = counts;
-        [least, predicted, right, percent(precision), percent(recall)]
+        let [predicted, count] = [predicted, right.right].map(|count| count.to_string());
+        let [precision, recall] = [right.precision, right.recall].map(percent);
+        [least, predicted, count, precision, recall]
     };
     let Some(rows) = rows else {
         return Vec::new();
@@ -116,6 +112,11 @@ pub fn table(all: &Right, predicted: usize, rows: Option<&[ByConfidence]>) -> Ve
     std::iter::once(line("all".into(), predicted, all))
         .chain(rows)
         .collect()
+}
+
+/// A share, for people.
+pub fn percent(x: Option<f64>) -> String {
+    x.map_or("–".into(), |x| format!("{:.1} %", 100.0 * x))
 }
 
 /// [`table`] for a terminal, after an empty line.

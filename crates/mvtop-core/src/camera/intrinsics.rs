@@ -253,6 +253,7 @@ impl Branchless<'_> {
     #[inline(always)]
     pub fn project<const N: usize>(&self, point: impl Fn(usize) -> Point3<f64>) -> [[f64; N]; 2] {
         let (mut x, mut y) = ([0.0; N], [0.0; N]);
+        // A loop for each, as one that is given what to do as a closure is not made of vectors.
         match *self {
             Self::Pinhole(lens) => {
                 for i in 0..N {

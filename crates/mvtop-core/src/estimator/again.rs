@@ -216,19 +216,11 @@ fn support(pose: &DecodedPose) -> f64 {
     pose.support.unwrap_or(f64::INFINITY)
 }
 
-/// The [`PATHS`] that are supported most of those whose boxes show something else each.
+/// The [`PATHS`] that are supported most.
 fn most_supported(mut all: Found) -> Found {
     all.sort_by(|(_, a), (_, b)| support(b).total_cmp(&support(a)));
-    let mut kept: Found = Vec::new();
-    for one in all {
-        let shown = kept
-            .iter()
-            .any(|(object, _)| same(&object.boxes, &one.0.boxes));
-        if !shown && kept.len() < PATHS {
-            kept.push(one);
-        }
-    }
-    kept
+    all.truncate(PATHS);
+    all
 }
 
 /// Those whose boxes show something else each than any that were tried, which they then are as well.

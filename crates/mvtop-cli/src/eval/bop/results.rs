@@ -10,6 +10,7 @@ use super::score::{Scored, Scores};
 use super::tally::Tally;
 use crate::eval::bounds::Bounds;
 use crate::eval::outcome::Outcome;
+use crate::eval::right::percent;
 use crate::eval::summary::Summary;
 
 /// What `eval samples` says, and BOP's metrics.
@@ -61,10 +62,6 @@ const fn main(name: &'static str, cell: fn(&Scores) -> String) -> Column {
 const fn other(name: &'static str, cell: fn(&Scores) -> String) -> Column {
     let main = false;
     Column { name, cell, main }
-}
-
-fn percent(x: Option<f64>) -> String {
-    x.map_or("–".into(), |x| format!("{:.1} %", 100.0 * x))
 }
 
 fn number(x: Option<f64>, unit: f64) -> String {
