@@ -77,6 +77,7 @@ pub mod tests {
                 rot_deg: 1.0,
                 t_m: 0.01,
             },
+            deviation: None,
             support: None,
             refinement: None,
             confidence: None,

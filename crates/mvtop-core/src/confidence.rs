@@ -12,7 +12,7 @@ use serde::Deserialize;
 use crate::prediction::{ObjectPose, RigConsistency};
 
 /// What the evidence is called, in its order.
-pub const EVIDENCE: [&str; 12] = [
+pub const EVIDENCE: [&str; 13] = [
     "expected_rotation",
     "expected_translation",
     "first_of_hypotheses",
@@ -25,6 +25,7 @@ pub const EVIDENCE: [&str; 12] = [
     "print",
     "deviation",
     "expected_before",
+    "object_deviation",
 ];
 
 /// How far off views are said to be at most: where one shows something else, it may be any number.
@@ -130,7 +131,8 @@ fn shown_by(object: &ObjectPose) -> usize {
 /// What speaks for and against a pose, in the order of [`EVIDENCE`]: logarithms of the expected errors
 /// (degrees, mm), the probability of this hypothesis among the others, the logarithm of the number of
 /// views with a box, the refinement's numbers ([`crate::prediction::Refinement`]), how far the views are
-/// from one pose, and the logarithm of the rotation error that the network expected before refinement.
+/// from one pose, of all objects (by which the rig is judged) and of this one (logarithms of one more),
+/// and that of the rotation error that the network expected before refinement.
 /// `None` of a pose that was not refined.
 pub fn evidence(
     object: &ObjectPose,
@@ -138,7 +140,7 @@ pub fn evidence(
 ) -> Option<[f64; EVIDENCE.len()]> {
     let refinement = object.refinement?;
     let first = object.hypotheses.first();
-    let deviation = rig.map_or(0.0, |rig| rig.deviation.min(MOST_DEVIATION));
+    let deviation = |of: Option<f64>| of.unwrap_or(0.0).min(MOST_DEVIATION).ln_1p();
     let log = |error: f64| error.max(1e-3).ln();
     Some([
         log(object.sigma.rot_deg),
@@ -151,8 +153,9 @@ pub fn evidence(
         refinement.explained,
         refinement.explained_least,
         refinement.print.unwrap_or(0.0),
-        deviation.ln_1p(),
+        deviation(rig.map(|rig| rig.deviation)),
         log(refinement.sigma_before.rot_deg),
+        deviation(object.deviation),
     ])
 }
 
@@ -212,6 +215,7 @@ mod tests {
             ref_from_obj: pose,
             world_from_obj: pose,
             sigma,
+            deviation: None,
             support: None,
             refinement: Some(Refinement {
                 accepted: true,
@@ -269,6 +273,11 @@ mod tests {
         let by_rig = confidence(&[("deviation", -1.0)]);
         let least = by_rig.of(&object(2, 1.0, 0.0), Some(&doubted)).unwrap();
         assert!((least - 1.0 / (1.0 + 51.0 / 1f64.exp())).abs() < 1e-12);
+        let by_object = confidence(&[("object_deviation", -1.0)]);
+        let mut off = object(2, 1.0, 0.0);
+        off.deviation = Some(1.0);
+        let half = by_object.of(&off, None).unwrap();
+        assert!((half - 1.0 / (1.0 + 2.0 / 1f64.exp())).abs() < 1e-12);
     }
 
     #[test]

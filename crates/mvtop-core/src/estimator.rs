@@ -84,6 +84,7 @@ impl Estimator {
         let radii = bundle.classes.iter().map(Class::half_widths).collect();
         let refiner = |class: &Class| {
             let refiner = Refiner::new(class.mesh.as_ref()?, class.diameter_m);
+            let refiner = refiner.with_symmetry(class.symmetry.clone());
             Some(refiner.with_print(&class.points))
         };
         let refiners = bundle.classes.iter().map(refiner).collect();

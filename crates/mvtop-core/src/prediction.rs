@@ -86,6 +86,9 @@ pub struct ObjectPose {
     /// How far the pose is expected to be off, by the network or by the refinement; of the position,
     /// at least what lines of sight miss each other by.
     pub sigma: Sigma,
+    /// How far the views are from one pose of it, in standard deviations; `None` where fewer than two
+    /// show it.
+    pub deviation: Option<f64>,
     /// Of what the object would cover in the images at this pose, the share that shows it so, by the
     /// object coordinates, 0 to 1: less where much of it is hidden or only one of the views has a box
     /// of it, and least where it is something else. `None` where the network gives no object coordinates.

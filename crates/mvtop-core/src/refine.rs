@@ -40,6 +40,7 @@ use crate::Camera;
 use crate::bundle::SurfacePoint;
 use crate::mesh::Mesh;
 use crate::prediction::Sigma;
+use crate::symmetry::Symmetry;
 
 /// Steps of the lines, px of the close-up, one after the other.
 const STEPS: [Steps; 2] = [
@@ -102,6 +103,7 @@ pub struct Refiner {
     part: Part,
     diameter: f64,
     print: Option<Print>,
+    symmetry: Symmetry,
 }
 
 /// Close-ups, and the steps of the lines on them, px.
@@ -125,7 +127,13 @@ impl Refiner {
             part: Part::new(mesh),
             diameter: diameter_m,
             print: None,
+            symmetry: Symmetry::default(),
         }
+    }
+
+    /// The same for a part that looks alike from several sides.
+    pub fn with_symmetry(self, symmetry: Symmetry) -> Self {
+        Self { symmetry, ..self }
     }
 
     /// The same for a part that may be round and printed on.
@@ -186,7 +194,7 @@ impl Refiner {
         Some(Refined {
             world_from_obj: found.world_from_obj,
             sigma: match found.accepted {
-                true => expected(&found.information).unwrap_or(sigma),
+                true => self.expected(&found).unwrap_or(sigma),
                 false => sigma,
             },
             information: found.information,
@@ -302,27 +310,30 @@ impl Refiner {
         working.points.iter().map(edge).collect()
     }
 
+    /// The expected errors of a pose, by its inverse covariance.
+    ///
+    /// The network says one number for turns about any axis, though mostly one axis is what it does
+    /// not know; so the least known axis counts for all of them.
+    fn expected(&self, found: &Search) -> Option<Sigma> {
+        let covariance = found.information.cholesky()?.inverse();
+        let obj_from_world = found.world_from_obj.rotation.to_rotation_matrix().inverse();
+        let turns = covariance.fixed_view::<3, 3>(0, 0);
+        let turns = obj_from_world.matrix() * turns * obj_from_world.matrix().transpose();
+        let turns = self.symmetry.covariance_of_errors(&turns);
+        let shifts = covariance.fixed_view::<3, 3>(3, 3).trace();
+        let widest = turns.symmetric_eigenvalues().max();
+        Some(Sigma {
+            rot_deg: (widest.sqrt() * ANGLE_PER_AXIS).to_degrees(),
+            t_m: (shifts / 3.0).sqrt(),
+        })
+    }
+
     fn working(&self, views: &[View], pose: &Isometry3<f64>, detail: Detail) -> Vec<Working> {
         let views = views.par_iter().enumerate();
         views
             .filter_map(|(index, view)| Working::new(self, index, view, pose, detail))
             .collect()
     }
-}
-
-/// The expected errors of a pose, by its inverse covariance.
-///
-/// The network says one number for turns about any axis, though mostly one axis is what it does not
-/// know; so the least known axis counts for all of them.
-fn expected(information: &Matrix6<f64>) -> Option<Sigma> {
-    let covariance = information.cholesky()?.inverse();
-    let turns = covariance.fixed_view::<3, 3>(0, 0).into_owned();
-    let shifts = covariance.fixed_view::<3, 3>(3, 3).trace();
-    let widest = turns.symmetric_eigenvalues().max();
-    Some(Sigma {
-        rot_deg: (widest.sqrt() * ANGLE_PER_AXIS).to_degrees(),
-        t_m: (shifts / 3.0).sqrt(),
-    })
 }
 
 #[cfg(test)]

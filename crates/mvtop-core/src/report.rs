@@ -268,6 +268,7 @@ mod tests {
                     rot_deg: 4.0,
                     t_m: 0.01,
                 },
+                deviation: None,
                 support: None,
                 refinement: Some(Refinement {
                     accepted: true,

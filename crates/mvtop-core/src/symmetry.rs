@@ -1,6 +1,6 @@
 //! Turns after which an object looks the same: no image tells which of them it has made.
 
-use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 use serde::Serialize;
 
 use crate::pose::rotation_error_deg;
@@ -50,18 +50,27 @@ impl Symmetry {
             let shift = candidate.translation.vector - target.translation.vector;
             turn * turn + shift.norm_squared()
         };
+        self.alike(pose, &target.rotation, away)
+    }
+
+    /// Of all poses that look like `pose` the one that is least away; of turns about the axis the one
+    /// whose rotation is nearest to `target`.
+    fn alike(
+        &self,
+        pose: &Isometry3<f64>,
+        target: &UnitQuaternion<f64>,
+        away: impl Fn(&Isometry3<f64>) -> f64,
+    ) -> Isometry3<f64> {
         let turned = |motion: &Isometry3<f64>| {
             let pose = pose * motion;
             self.axis.map_or(pose, |axis| axis.turned(&pose, target))
         };
-        let mut best = turned(&Isometry3::identity());
-        for motion in &self.discrete {
-            let candidate = turned(motion);
-            if away(&candidate) < away(&best) {
-                best = candidate;
-            }
-        }
-        best
+        let first = turned(&Isometry3::identity());
+        let others = self.discrete.iter().map(turned);
+        let each = std::iter::once(first).chain(others);
+        let each = each.map(|candidate| (away(&candidate), candidate));
+        each.min_by(|a, b| a.0.total_cmp(&b.0))
+            .map_or(first, |(_, nearest)| nearest)
     }
 
     /// Angle between two poses, degrees, but for turns after which the object looks the same.
@@ -74,17 +83,27 @@ impl Symmetry {
 
     /// The one of all poses that look like `pose` that is always given: whose axes are nearest to
     /// those of the frame that it is in.
-    pub fn canonical(&self, pose: &Isometry3<f64>, diameter_m: f64) -> Isometry3<f64> {
-        let upright = Isometry3::from_parts(pose.translation, UnitQuaternion::identity());
-        self.nearest(pose, &upright, diameter_m)
+    pub fn canonical(&self, pose: &Isometry3<f64>) -> Isometry3<f64> {
+        let upright = UnitQuaternion::identity();
+        self.alike(pose, &upright, |candidate| candidate.rotation.angle())
+    }
+
+    /// The covariance of a turn, but for what is about the axis: that is no error.
+    ///
+    /// - `turn`: radians², in the object's frame
+    pub fn covariance_of_errors(&self, turn: &Matrix3<f64>) -> Matrix3<f64> {
+        self.axis.map_or(*turn, |Axis { direction, .. }| {
+            let across = Matrix3::identity() - *direction * direction.transpose();
+            across * turn * across
+        })
     }
 }
 
 impl Axis {
-    /// `pose`, turned about the axis so that its rotation is nearest to the target's.
-    fn turned(&self, pose: &Isometry3<f64>, target: &Isometry3<f64>) -> Isometry3<f64> {
+    /// `pose`, turned about the axis so that its rotation is nearest to the target.
+    fn turned(&self, pose: &Isometry3<f64>, target: &UnitQuaternion<f64>) -> Isometry3<f64> {
         // The part of the rotation from one to the other that is about the axis (swing and twist).
-        let between = pose.rotation.inverse() * target.rotation;
+        let between = pose.rotation.inverse() * target;
         let angle = 2.0 * between.imag().dot(&self.direction).atan2(between.w);
         let rotation = UnitQuaternion::from_axis_angle(&self.direction, angle);
         let moved = self.point - rotation * self.point;
@@ -163,6 +182,35 @@ mod tests {
         assert_relative_eq!(symmetry.nearest(&truth, &target, DIAMETER), truth);
     }
 
+    #[test]
+    fn poses_a_half_turn_beside_the_origin_apart_are_given_as_one() {
+        let half = about(Vector3::z(), Point3::new(0.04, 0.0, 0.0), PI);
+        let symmetry = Symmetry {
+            discrete: vec![half],
+            axis: None,
+        };
+        let seen = pose([0.1, 0.2, 0.9, 0.0, 0.0, 3.0]);
+        let given = symmetry.canonical(&seen);
+        assert_relative_eq!(given, seen * half, epsilon = 1e-12);
+        assert_relative_eq!(symmetry.canonical(&(seen * half)), given, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn turns_about_the_axis_are_no_errors() {
+        let about_z = |axis: Option<Axis>| Symmetry {
+            discrete: Vec::new(),
+            axis,
+        };
+        let z = Axis {
+            direction: Vector3::z_axis(),
+            point: Point3::origin(),
+        };
+        let turn = Matrix3::from_diagonal(&Vector3::new(1.0, 2.0, 100.0));
+        let left = about_z(Some(z)).covariance_of_errors(&turn);
+        assert_relative_eq!(left, Matrix3::from_diagonal(&Vector3::new(1.0, 2.0, 0.0)));
+        assert_relative_eq!(about_z(None).covariance_of_errors(&turn), turn);
+    }
+
     proptest! {
         #[test]
         fn about_an_axis_no_turn_is_nearer(seen in any_pose(), target in any_pose()) {
@@ -188,7 +236,7 @@ mod tests {
             let shaft = shaft();
             let Axis { direction, point } = shaft.axis.unwrap();
             let alike = seen * about(direction.into_inner(), point, angle);
-            let (a, b) = (shaft.canonical(&seen, DIAMETER), shaft.canonical(&alike, DIAMETER));
+            let (a, b) = (shaft.canonical(&seen), shaft.canonical(&alike));
             // Where two turns are equally near, rounding decides: none of these is.
             prop_assert!(a.rotation.angle_to(&b.rotation) < 1e-6);
             prop_assert!((a.translation.vector - b.translation.vector).norm() < 1e-6);

@@ -54,6 +54,8 @@ pub struct Alone {
     sight_from_world: Rotation3<f64>,
     /// How far away the object is, metres.
     distance: f64,
+    /// Whether the image shows the edges; else the box is believed.
+    by_edges: bool,
 }
 
 /// How a view's own pose differs from the one on which all agree best.
@@ -69,6 +71,9 @@ pub struct Difference {
     pub distance: f64,
     /// Radians.
     pub turn: f64,
+    /// Whether the image shows the edges; else the view's box was believed, which ends where the
+    /// object is hidden.
+    pub by_edges: bool,
     /// What of these is most standard deviations.
     pub mostly: Kind,
 }
@@ -120,11 +125,12 @@ impl Alone {
             .flatten()
             .filter(|found| found.supported > LEAST_SUPPORTED)
             .reduce(|a, b| if b.supported > a.supported { b } else { a });
-        let (pose, told, error) =
-            match best.and_then(|best| Some((best.information.cholesky()?.inverse(), best))) {
-                Some((told, best)) => (best.world_from_obj, told * TOGETHER, BY_EDGES),
-                None => (by_box, Matrix6::zeros(), BY_BOX),
-            };
+        let best = best.and_then(|best| Some((best.information.cholesky()?.inverse(), best)));
+        let by_edges = best.is_some();
+        let (pose, told, error) = match best {
+            Some((told, best)) => (best.world_from_obj, told * TOGETHER, BY_EDGES),
+            None => (by_box, Matrix6::zeros(), BY_BOX),
+        };
         let along = to_object(&pose);
         let up = match along.x.abs() < along.y.abs() {
             true => Vector3::x(),
@@ -149,6 +155,7 @@ impl Alone {
             covariance,
             sight_from_world,
             distance,
+            by_edges,
         })
     }
 }
@@ -214,6 +221,7 @@ fn difference(one: &Alone, exact: &Matrix6<f64>, off: &Vector6<f64>) -> Differen
         along: shift.z.abs(),
         distance: one.distance,
         turn: turn.norm(),
+        by_edges: one.by_edges,
         mostly: mostly.map_or(Kind::Across, |(kind, _)| kind),
     }
 }

@@ -30,11 +30,12 @@ pub fn believed(
     }
     let agreed = views_agree(&found);
     let standing = |(object, pose): &(Sighting, DecodedPose)| (object.views(), pose.support);
+    let supported = |(_, pose): &(Sighting, DecodedPose)| pose.support >= Some(least);
     let gives_way = |one: &(Sighting, DecodedPose), other: &(Sighting, DecodedPose)| {
-        together(one, other, radii) && standing(one) < standing(other)
+        supported(other) && together(one, other, radii) && standing(one) < standing(other)
     };
     let keeps = |(one, share): (&(Sighting, DecodedPose), &f64)| match one.1.support {
-        Some(support) => support >= least && !found.iter().any(|other| gives_way(one, other)),
+        Some(_) => supported(one) && !found.iter().any(|other| gives_way(one, other)),
         None => !agreed || *share == 1.0,
     };
     let kept: Vec<bool> = found.iter().zip(shares).map(keeps).collect();
@@ -172,7 +173,10 @@ mod tests {
         let mut witnessed = vec![object(0, 0.0, Some(0.5)), object(1, 0.0, Some(0.9))];
         witnessed[0].0.boxes = vec![Some([0., 0., 9., 9.].into()); 2];
         witnessed[1].0.boxes[0] = Some([0., 0., 9., 9.].into());
-        assert_eq!(left(witnessed), [(0, 0.0)]);
+        assert_eq!(left(witnessed.clone()), [(0, 0.0)]);
+        // But for what is no object.
+        witnessed[0].1.support = Some(0.2);
+        assert_eq!(left(witnessed), [(1, 0.0)]);
     }
 
     #[test]

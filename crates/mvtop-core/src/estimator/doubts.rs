@@ -20,6 +20,8 @@ struct Judged {
     object: usize,
     /// Of each camera that shows it, where all its boxes agree best.
     residuals: Vec<(usize, Residual)>,
+    /// By how much the line of sight through each box then misses it, metres.
+    misses: Vec<f64>,
     /// How far the views are from one pose, in standard deviations.
     deviation: f64,
     /// Index of the camera that is off most.
@@ -31,7 +33,7 @@ struct Judged {
 }
 
 /// How well the rig fits what was found, and what to warn of. Expected errors grow to what lines of
-/// sight miss each other by, and where that is warned of, to all that views are apart.
+/// sight miss each other by, and where the rig is doubted, to all that views are apart.
 ///
 /// - `differences`: of each object, by index of the camera; empty where boxes alone can tell
 pub fn of(
@@ -42,15 +44,20 @@ pub fn of(
 ) -> (Option<RigConsistency>, Vec<Warning>) {
     let cameras = rig.cameras();
     let most = bundle.detector.most_deviation;
-    let judged: Vec<Judged> = objects
-        .iter_mut()
-        .zip(differences)
-        .enumerate()
-        .filter_map(|(index, (object, apart))| judge(bundle, cameras, index, object, &apart))
+    let judged: Vec<Judged> = (objects.iter().zip(&differences).enumerate())
+        .filter_map(|(index, (object, apart))| judge(bundle, cameras, index, object, apart))
         .collect();
+    let overall = overall(&judged);
+    for one in &judged {
+        let object = &mut objects[one.object];
+        let doubted = overall.is_some_and(|deviation| deviation > most);
+        let missed = missed(&differences[one.object], &one.misses, doubted);
+        object.sigma.t_m = object.sigma.t_m.max(missed);
+        object.deviation = Some(one.deviation);
+    }
     let mut warnings = Vec::from_iter(disagreement(most, objects, &judged));
     // Where views agree on an object, the rig fits, and what one finds alone is no object or hidden.
-    let agreed = overall(&judged).is_some_and(|deviation| deviation <= most);
+    let agreed = overall.is_some_and(|deviation| deviation <= most);
     if !agreed {
         warnings.extend(contradiction(bundle, cameras, objects));
     }
@@ -68,7 +75,7 @@ fn judge(
     bundle: &Bundle,
     cameras: &[Camera],
     index: usize,
-    object: &mut ObjectPose,
+    object: &ObjectPose,
     apart: &[(usize, Difference)],
 ) -> Option<Judged> {
     let class = class_of(bundle, object)?;
@@ -96,15 +103,30 @@ fn judge(
         },
         None => by_boxes(cameras, index, residuals)?,
     };
-    let doubted = judged.deviation > bundle.detector.most_deviation;
-    // A view in which the object is hidden tells anything by itself: only where the calibration is
-    // doubted does that count.
-    let misses = match doubted && !apart.is_empty() {
-        true => (apart.iter().map(|(_, off)| off.across.hypot(off.along))).collect(),
-        false => misses,
+    Some(Judged { misses, ..judged })
+}
+
+/// By how much lines of sight miss an object, at most, metres: as two views or more tell by the edges
+/// that they show, else by boxes, which miss more where something hides the object.
+///
+/// A view in which it is hidden may tell anything by itself: only where the calibration is doubted does
+/// that count.
+///
+/// - `apart`: how far its views are from one pose; empty where they do not tell
+/// - `by_boxes`: by how much the lines of sight through its boxes do
+fn missed(apart: &[(usize, Difference)], by_boxes: &[f64], doubted: bool) -> f64 {
+    let by_edges: Vec<f64> = (apart.iter().filter(|(_, off)| off.by_edges))
+        .map(|(_, off)| off.across)
+        .collect();
+    let all: Vec<f64> = (apart.iter())
+        .map(|(_, off)| off.across.hypot(off.along))
+        .collect();
+    let told = match (doubted, by_edges.len()) {
+        (true, _) if !all.is_empty() => &all,
+        (false, 2..) => &by_edges,
+        _ => by_boxes,
     };
-    object.sigma.t_m = misses.into_iter().fold(object.sigma.t_m, f64::max);
-    Some(judged)
+    told.iter().copied().fold(0.0, f64::max)
 }
 
 /// By the pose that each view tells; `None` where they do not tell any.
@@ -129,6 +151,7 @@ fn by_edges(cameras: &[Camera], object: usize, apart: &[(usize, Difference)]) ->
     Some(Judged {
         object,
         residuals: Vec::new(),
+        misses: Vec::new(),
         deviation: squares.sum::<f64>().sqrt(),
         camera,
         kind: worst.mostly,
@@ -159,6 +182,7 @@ fn by_boxes(
     Some(Judged {
         object,
         residuals,
+        misses: Vec::new(),
         deviation: worst.deviation(),
         camera,
         kind,
@@ -310,4 +334,32 @@ fn only(object: &ObjectPose) -> Option<usize> {
     let mut all = boxes(object);
     let (camera, _) = all.next()?;
     all.next().is_none().then_some(camera)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_hidden_views_tell_counts_where_the_rig_is_doubted() {
+        let off = |by_edges, across, along| Difference {
+            deviation: 1.0,
+            across,
+            along,
+            distance: 1.0,
+            turn: 0.0,
+            by_edges,
+            mostly: Kind::Across,
+        };
+        let apart = [
+            (0, off(true, 0.001, 0.02)),
+            (1, off(true, 0.002, 0.0)),
+            (2, off(false, 0.03, 0.04)),
+        ];
+        assert_eq!(missed(&apart, &[0.01], false), 0.002);
+        assert_eq!(missed(&apart, &[0.01], true), 0.05);
+        // Boxes count where edges do not tell.
+        assert_eq!(missed(&apart[1..], &[0.01], false), 0.01);
+        assert_eq!(missed(&[], &[0.01], true), 0.01);
+    }
 }

@@ -166,7 +166,7 @@ fn fit(evidence: &mut Evidence, start: &Isometry3<f64>) -> Option<DecodedPose> {
             (1.0 / FARTHER..FARTHER).contains(&away)
         });
         (in_front && near).then_some(Hypothesis {
-            world_from_obj: all.symmetry.canonical(&pose, diameter),
+            world_from_obj: all.symmetry.canonical(&pose),
             sigma: expected(all, &pose, &information, last)?,
             probability: (agreement(all, &pose, last) / AS_GOOD).exp(),
         })
@@ -351,7 +351,8 @@ fn expected(
         total += weight;
     }
     let covariance = information.try_inverse()? * (ALIKE * squares / total / 2.0);
-    let rotation = covariance.fixed_view::<3, 3>(0, 0).trace().sqrt();
+    let turn = covariance.fixed_view::<3, 3>(0, 0).into_owned();
+    let rotation = evidence.symmetry.covariance_of_errors(&turn).trace().sqrt();
     let position = (covariance.fixed_view::<3, 3>(3, 3).trace() / 3.0).sqrt();
     (rotation.is_finite() && position.is_finite()).then_some(Sigma {
         rot_deg: rotation.to_degrees().min(180.0),

@@ -337,6 +337,7 @@ impl<'a> Pass<'a> {
             ref_from_obj: ref_from_world * pose.world_from_obj,
             world_from_obj: pose.world_from_obj,
             sigma: pose.sigma,
+            deviation: None,
             support: pose.support,
             refinement: None,
             confidence: None,

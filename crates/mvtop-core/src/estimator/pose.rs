@@ -151,7 +151,7 @@ pub fn mean_pose(poses: &[Hypothesis], symmetry: &Symmetry, diameter: f64) -> Hy
         each.sum::<f64>()
     };
     Hypothesis {
-        world_from_obj: symmetry.canonical(&mean_of, diameter),
+        world_from_obj: symmetry.canonical(&mean_of),
         sigma: Sigma {
             rot_deg: mean(|sigma| sigma.rot_deg),
             t_m: mean(|sigma| sigma.t_m),

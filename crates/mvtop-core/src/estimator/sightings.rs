@@ -130,8 +130,8 @@ pub fn given(
                 .filter(|&bbox| BoxRays::new(camera, bbox).is_some());
             if let (Some(&bbox), None) = (bbox, usable) {
                 return Err(Error::Input(format!(
-                    "{role}: expected [x0, y0, x1, y1] with x0 < x1 and y0 < y1 within the image \
-                     and field of view of camera `{}`, got {:?}",
+                    "{role}: expected [x0, y0, x1, y1] with x0 < x1 and y0 < y1, a pixel or more of \
+                     each within the image and field of view of camera `{}`, got {:?}",
                     camera.id(),
                     <[f64; 4]>::from(bbox)
                 )));

@@ -157,6 +157,14 @@ fn change_of_a_line_is_that_of_its_point_through_every_lens() {
 fn turn_that_no_image_tells_stays_as_it_was() {
     let mesh = can();
     let refiner = Refiner::new(&mesh, 0.13);
+    let axis = Axis {
+        direction: Vector3::z_axis(),
+        point: Point3::origin(),
+    };
+    let round = Refiner::new(&mesh, 0.13).with_symmetry(Symmetry {
+        discrete: Vec::new(),
+        axis: Some(axis),
+    });
     let cameras = [0.0, 70.0].map(camera);
     let mut draw = Draw(5);
     for _ in 0..5 {
@@ -182,6 +190,12 @@ fn turn_that_no_image_tells_stays_as_it_was() {
         assert!(found.accepted && tilted < 2.0, "{tilted}");
         // It is known to be open: as open as it was.
         assert!(found.sigma.rot_deg > 4.0, "{:?}", found.sigma);
+        // Of a part that looks alike after any turn about it, nothing is.
+        let round = round.refine(&views, &start, sigma).unwrap().sigma;
+        assert!(
+            tilted < 2.0 * round.rot_deg && round.rot_deg < 3.0,
+            "{round:?}"
+        );
     }
 }
 

@@ -86,6 +86,7 @@ impl Predictions {
                     rot_deg: 0.0,
                     t_m: 0.0,
                 },
+                deviation: None,
                 support: None,
                 refinement: None,
                 confidence: None,

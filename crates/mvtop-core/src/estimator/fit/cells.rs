@@ -75,7 +75,7 @@ impl<'a> Evidence<'a> {
         }
         let turn = |view_from_world: &Isometry3<f64>| {
             let pose = view_from_world * world_from_obj;
-            pose.inv_mul(&self.symmetry.canonical(&pose, self.diameter))
+            pose.inv_mul(&self.symmetry.canonical(&pose))
         };
         self.views.iter().map(turn).collect()
     }

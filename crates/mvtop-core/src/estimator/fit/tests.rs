@@ -168,7 +168,7 @@ fn each_view_may_mean_another_of_the_poses_that_look_alike() {
         let turned = alike.rotation.angle_to(&found.rotation).to_degrees();
         let moved = (alike.translation.vector - found.translation.vector).norm();
         assert!(turned < 2.0 && moved < 0.002, "{turned} degrees, {moved} m");
-        let given = symmetry.canonical(&found, DIAMETER);
+        let given = symmetry.canonical(&found);
         assert!(
             given.rotation.angle_to(&found.rotation) < 1e-6,
             "always the same one"
