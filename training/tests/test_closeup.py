@@ -1,5 +1,6 @@
 """Close-ups are exact cameras, and are exported with the rest."""
 
+import itertools
 import json
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 import torch
 from test_export import decoder_inputs, run
 
-from mvtop_train.data import closeup
+from mvtop_train.data import bop, closeup
 from mvtop_train.data.views import warp
 from mvtop_train.export import bundle, self_test
 
@@ -44,6 +45,23 @@ def test_a_point_is_where_both_cameras_see_it():
     expected = close.k @ close.view_from_cam @ np.linalg.inv(K) @ [151, 201, 1]
     np.testing.assert_allclose(found, expected[:2] / expected[2], atol=0.05)
     assert on_image.all()
+
+
+@pytest.mark.parametrize("turn", [0, 90, 180, 270])
+def test_closeups_are_of_what_the_image_shows(turn):
+    """A cube half off the image is shown by what is seen, whichever way up the camera is."""
+    cube = np.array(list(itertools.product([-0.1, 0.1], repeat=3)))
+    pose = np.eye(4)
+    pose[:3, 3] = (-322.5 / 610, 0.0, 1.0)
+    image = bop.Image(0, None, K, np.eye(4), [bop.Instance(1, pose, None)])
+    rolled = closeup.roll_by(np.radians(turn))
+    box = closeup.cut_box(cube, image, (480, 640, 3), rolled)
+    whole = (cube + pose[:3, 3]) @ K.T
+    right, top = whole[:, 0] / whole[:, 2], whole[:, 1] / whole[:, 2]
+    corners = [[x, y, 1] for x in (-0.5, right.max()) for y in (top.min(), top.max())]
+    turned = corners @ np.linalg.inv(K).T @ rolled.T @ K.T
+    expected = [*turned[:, :2].min(0), *turned[:, :2].max(0)]
+    np.testing.assert_allclose(box, expected, atol=1e-9)
 
 
 def test_boxes_are_jittered_without_bias():

@@ -136,7 +136,7 @@ def test_crops_are_exact_cameras_with_unlike_focal_lengths(dataset):
     for image in load_index(dataset, obj=obj)[0]:
         for _ in range(4):
             choose = Crops(64, Augmentation(scale=1.0, diameter_px=(30, 50)))
-            crop = choose(image, obj.bounds, rng, True)
+            crop = choose(image, (480, 640), obj.bounds, rng, True)
             corner = np.append(obj.bounds[0], 1)
             old = image.k @ (image.cam_from_obj @ corner)[:3]
             new = crop.k @ crop.view_from_cam @ (image.cam_from_obj @ corner)[:3]

@@ -60,6 +60,15 @@ def test_boxes_lie_around_what_they_are_of(image, augment, seed):
         assert inside == 3
 
 
+def test_what_the_image_cuts_off_is_counted_once(image):
+    """Half of a ball at the border is in sight: by its annotation, which is that of the image."""
+    at_border = np.eye(4)
+    at_border[:3, 3] = (-331.5 / 560, 0.0, 1.0)
+    image.instances[:] = [bop.Instance(1, at_border, None, visible_share=0.5)]
+    made = search.Searches(NETWORK, (BALL,)).make(image, np.random.default_rng(0), augment=False)
+    assert made["search_class"].tolist() == [0] + [-1] * (search.MOST - 1)
+
+
 class Screen:
     """In place of a composer: covers most of the first box, then all of the second."""
 

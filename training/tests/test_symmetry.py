@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from mvtop_train.network import symmetry
+from mvtop_train.network import losses, symmetry
 from mvtop_train.network.config import ObjectClass
 
 
@@ -80,3 +80,13 @@ def test_rotation_and_translation_are_of_one_symmetry():
     prediction = turn([0, 0, 1], np.deg2rad(91))
     prediction[:3, 3] = truth[:3, 3]  # rotation says half turn, by a degree; translation says none
     np.testing.assert_allclose(nearest(prediction, truth, known([half])), truth, atol=1e-6)
+
+
+def test_poses_a_half_turn_beside_the_origin_apart_stand_upright_as_one():
+    half = turn([0, 0, 1], np.pi, (0.04, 0, 0))
+    truth = np.linalg.inv(turn([0, 0, 1], 3.0, (0.02, 0.5, 0)))
+    poses = torch.tensor(np.stack([truth, truth @ half])[None], dtype=torch.float32)
+    turns = losses.upright(poses, torch.zeros(1, 1, dtype=torch.long), known([half]))
+    one, other = (poses @ turns)[0].numpy()
+    np.testing.assert_allclose(one, other, atol=1e-6)
+    assert one[0, 0] > 0

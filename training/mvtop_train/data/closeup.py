@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import bop
-from .boxes import amodal_boxes
+from . import bop, boxes
 from .views import VirtualCamera
 
 FILL = 0.6  # what the longer side of the box takes of the picture; the rest shows what is around
@@ -60,6 +59,15 @@ def jittered(box: np.ndarray, rng: np.random.Generator, strength: float) -> np.n
     return np.concatenate([middle - half, middle + half]) + sides
 
 
+def cut_box(bounds: np.ndarray, image: bop.Image, shape, rolled: np.ndarray) -> np.ndarray:
+    """The box [4] of what an image (`shape`: height, width) shows of the object, as detectors give
+    it, in the camera after a turn [3, 3]; px."""
+    (turn, shift), end = (image.cam_from_obj[:3, :3], image.cam_from_obj[:3, 3]), shape[1::-1]
+    seen = boxes.pixels(image.k, bounds @ turn.T + shift).clip(-0.5, np.array(end) - 0.5)
+    rays = np.concatenate([seen, np.ones((len(seen), 1))], 1) @ np.linalg.inv(image.k).T
+    return boxes.around(boxes.pixels(image.k, rays @ rolled.T))
+
+
 @dataclass(frozen=True)
 class CloseUps:
     """Chooses the close-up, `size` px a side, of what a detector might make of the true box.
@@ -69,14 +77,13 @@ class CloseUps:
 
     size: int
 
-    def __call__(self, image: bop.Image, bounds, rng, augment: bool) -> VirtualCamera:
+    def __call__(self, image: bop.Image, shape, bounds, rng, augment: bool) -> VirtualCamera:
         roll, strength = 0.0, 0.5
         if augment:
             roll = rng.uniform(-np.pi, np.pi) if rng.random() < 0.3 else rng.normal(0, 0.3)
             strength = rng.uniform(0, 1.2)
-        rolled = np.eye(4)
-        rolled[:3, :3] = roll_by(roll)
-        box = amodal_boxes(bounds, image.k, rolled @ image.cam_from_obj)
+        rolled = roll_by(roll)
+        box = cut_box(bounds, image, shape, rolled)
         camera = camera_of(image.k, jittered(box, rng, strength), self.size)
-        turn = camera.view_from_cam @ rolled[:3, :3]
+        turn = camera.view_from_cam @ rolled
         return VirtualCamera(camera.k, turn, self.size, camera.box, camera.taps)

@@ -39,7 +39,7 @@ class Crops:
     size: int
     aug: Augmentation
 
-    def __call__(self, image: bop.Image, bounds, rng, augment: bool) -> VirtualCamera:
+    def __call__(self, image: bop.Image, shape, bounds, rng, augment: bool) -> VirtualCamera:
         size, aug = self.size, self.aug
         center = (image.box[:2] + image.box[2:]) / 2
         diameter = (image.box[2:] - image.box[:2]).max()

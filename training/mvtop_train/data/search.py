@@ -12,13 +12,14 @@ from .closeup import roll_by
 from .color import photometric
 from .composite import Composer
 from .objects import Object
-from .views import warp
+from .views import lies_on, warp
 
 ZOOM = (0.7, 2.5)  # of the scale at which inference shows the image
 AIMED = 0.7  # share of the pictures that are made around one of the objects
 SURE, UNSURE = 0.35, 0.1  # shares in sight from which an object shall, and may, be found
-MOST = 16  # objects in an image
+MOST = 32  # objects in a picture
 BEFORE = 0.35  # share of the objects that something else is put before
+GRID = 16  # points along each side of a box, at which it is asked what shows it
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class Searches:
         view_from_image = k @ turn @ np.linalg.inv(image.k)
         scale = k[0, 0] / image.k[0, 0]
         picture, on_image = warp(rgb, view_from_image, size, int(np.ceil(min(1 / scale, 8))))
-        things = self._things(image, k, turn)
+        things = self._things(image, rgb.shape, k, turn)
         if augment and self.composer is not None:
             _, whose = bop.read_coords(image, rgb.shape[:2])
             if whose is not None:
@@ -60,7 +61,8 @@ class Searches:
         if augment:
             picture = photometric(picture, rng)
         boxes, index = np.zeros((MOST, 4), np.float32), np.full(MOST, -1)
-        for n, one in enumerate(one for one in things if one.share >= UNSURE):
+        shown = [one for one in things if one.share >= UNSURE][:MOST]
+        for n, one in enumerate(shown):
             boxes[n], index[n] = one.box, one.kind if one.share >= SURE else -1
         return {
             "search_image": picture,
@@ -69,15 +71,16 @@ class Searches:
             "search_class": index,
         }
 
-    def _things(self, image: bop.Image, k, turn) -> list[Thing]:
-        """What the image shows of the objects, `MOST` at most."""
+    def _things(self, image: bop.Image, shape, k, turn) -> list[Thing]:
+        """What the picture shows of the objects."""
         turned, edge = np.eye(4), np.array([self.config.width, self.config.height] * 2) - 0.5
         turned[:3, :3] = turn
+        view_from_image = k @ turn @ np.linalg.inv(image.k)
         things = []
-        for one, kind in self._known(image)[:MOST]:
+        for one, kind in self._known(image):
             box = amodal_boxes(self.objects[kind].bounds, k, turned @ one.cam_from_obj)
             cut = box.clip(-0.5, edge)
-            inside = np.prod(cut[2:] - cut[:2]) / np.prod(box[2:] - box[:2])
+            inside = _share_inside(box, edge[:2], view_from_image, shape)
             share = (1.0 if one.visible_share is None else one.visible_share) * inside
             if share >= UNSURE and (cut[2:] - cut[:2]).min() > 4:
                 things.append(Thing(cut, kind, share, one.annotation + 1))
@@ -126,3 +129,15 @@ class Searches:
         """What the image holds of the objects, with the numbers of their classes."""
         kinds = {obj.id: n for n, obj in enumerate(self.objects)}
         return [(one, kinds[one.obj_id]) for one in image.instances if one.obj_id in kinds]
+
+
+def _share_inside(box, edge, view_from_image, shape) -> float:
+    """The share of what an image shows of a box that a picture shows of it, too: what the image
+    cuts off is not in sight by its annotation.
+
+    box [4] in the picture, px; edge [2]: where that ends; shape: of the image (height, width)
+    """
+    u, v = (np.linspace(low, high, GRID) for low, high in zip(box[:2], box[2:], strict=True))
+    on_image = lies_on(u, v[:, None], view_from_image, shape)
+    on_picture = ((u >= -0.5) & (u <= edge[0])) & ((v >= -0.5) & (v <= edge[1]))[:, None]
+    return (on_image & on_picture).sum() / max(on_image.sum(), 1)

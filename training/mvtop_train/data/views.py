@@ -46,8 +46,11 @@ class VirtualCamera:
         return self.k @ self.view_from_cam @ np.linalg.inv(k)
 
 
-# (image, the object's outermost points [n, 3] m, random numbers, whether to augment) -> camera
-Choice = Callable[[bop.Image, np.ndarray, np.random.Generator, bool], VirtualCamera]
+# (image, its shape, the object's outermost points [n, 3] m, random numbers, whether to augment)
+# -> camera
+Choice = Callable[
+    [bop.Image, tuple[int, ...], np.ndarray, np.random.Generator, bool], VirtualCamera
+]
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,7 @@ class ViewMaker:
         rgb, instance = bop.read_rgb(image.path), image.only
         index = [obj.id for obj in self.objects].index(instance.obj_id)
         bounds = self.objects[index].bounds
-        camera = self.choose(image, bounds, rng, self.augment)
+        camera = self.choose(image, rgb.shape, bounds, rng, self.augment)
         view_from_image, size = camera.view_from_image(image.k), camera.size
         picture, on_image = warp(rgb, view_from_image, (size, size), camera.taps)
         code, who = bop.read_coords(image, rgb.shape[:2])

@@ -113,7 +113,7 @@ def upright(cam_from_obj, class_index, known: symmetry.Symmetries):
     """
     identity = torch.eye(3, device=cam_from_obj.device).expand_as(cam_from_obj[..., :3, :3])
     index = class_index.expand(cam_from_obj.shape[:2])
-    return symmetry.nearest(identity, cam_from_obj[..., :3, 3], cam_from_obj, index, known)
+    return symmetry.nearest(identity, None, cam_from_obj, index, known)
 
 
 def uncertainty_loss(sigma, rotation_error_deg, t_error):

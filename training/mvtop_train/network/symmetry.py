@@ -49,7 +49,8 @@ def nearest(rotation, translation, truth, class_index, known: Symmetries):
     One for rotation and translation together: an axis off the origin couples them. The true pose
     that counts is `truth @ nearest(...)`.
 
-    rotation [..., 3, 3], translation [..., 3], truth [..., 4, 4], class_index [...]
+    rotation [..., 3, 3], translation [..., 3] (None: rotations alone count), truth [..., 4, 4],
+    class_index [...]
     """
     turns = known.discrete[class_index]  # [..., S, 4, 4]
     axis, offset = known.axis[class_index][..., None, :], known.offset[class_index][..., None, :]
@@ -66,7 +67,8 @@ def nearest(rotation, translation, truth, class_index, known: Symmetries):
     posed = truth[..., None, :, :] @ turns
     away = ((posed[..., :3, :3] - rotation[..., None, :, :]) ** 2).sum((-2, -1))
     cost = away * known.size[class_index][..., None] ** 2
-    cost = cost + ((posed[..., :3, 3] - translation[..., None, :]) ** 2).sum(-1)
+    if translation is not None:
+        cost = cost + ((posed[..., :3, 3] - translation[..., None, :]) ** 2).sum(-1)
     best = cost.argmin(-1)[..., None, None, None].expand(*cost.shape[:-1], 1, 4, 4)
     return turns.gather(-3, best).squeeze(-3)
 

@@ -48,7 +48,7 @@ class Canonical:
 
     jitter: float = 0.02
 
-    def __call__(self, image: bop.Image, bounds, rng, augment: bool) -> VirtualCamera:
+    def __call__(self, image: bop.Image, shape, bounds, rng, augment: bool) -> VirtualCamera:
         extent = image.box[2:] - image.box[:2]
         center = (image.box[:2] + image.box[2:]) / 2 + rng.normal(0, self.jitter, 2) * extent
         roll = rng.uniform(-np.pi, np.pi) if augment else 0.0
