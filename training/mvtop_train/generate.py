@@ -37,7 +37,12 @@ def main():
     size.add_argument("--scenes", type=int, default=3000)
     size.add_argument("--images", type=int, help="as many images, instead of scenes")
     size.add_argument("--paper", action="store_true", help="as many images as the paper's split")
-    parser.add_argument("--views", type=int, default=6, help="images per scene of MV-ball")
+    parser.add_argument(
+        "--views",
+        type=int,
+        default=6,
+        help="images per scene of MV-ball; with --mesh each camera that sees a part gives one",
+    )
     parser.add_argument(
         "--window", type=int, metavar="PX", help="render only a window around the ball (faster)"
     )
@@ -48,12 +53,17 @@ def main():
     own.add_argument("--mesh", action="append", help="obj, stl or ply file; once for each part")
     own.add_argument("--mesh-unit", choices=UNITS, help="of the mesh file")
     own.add_argument("--name", action="append", help="of each part; its file's name if left out")
-    own.add_argument("--id", action="append", type=int, help="of each part; 1, 2, ... if left out")
+    own.add_argument(
+        "--id",
+        action="append",
+        type=int,
+        help="of each part; that of obj_000002.ply is 2 if left out, of others the next free ones",
+    )
     own.add_argument(
         "--rig",
         action="append",
-        help="rig.json: the cameras that will look at the parts; several "
-        "take turns; any rig if left out",
+        help="rig.json: the cameras that will look at the parts; of several, "
+        "each scene has one at random; any rig if left out",
     )
     own.add_argument("--instances", type=int, default=1, help="of each part in a scene, at most")
     own.add_argument("--backgrounds", help="folder of pictures to lay on floors and other things")

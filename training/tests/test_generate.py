@@ -1,16 +1,22 @@
 """Data sets are the same however they were made, and have the size that was asked for."""
 
 import io
+import json
 import os
 import queue
 import signal
+import subprocess
+import sys
+import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import trimesh
 from tqdm import tqdm
 
 from mvtop_train import generate as command
-from mvtop_train.data import bop, objects, pairs
+from mvtop_train.data import bop, objects, pairs, rendered
 from mvtop_train.errors import UserError
 from mvtop_train.study import dataset_report
 from mvtop_train.synthesis import catalogue, generate, recipe, scenes, workers
@@ -119,6 +125,82 @@ def test_bad_options_are_one_sentence(monkeypatch, tmp_path, options, message):
     assert str(error.value).startswith(message) and "; fix: " in str(error.value)
 
 
+def infos(folder, **of_objects):
+    """A folder of meshes with a `models_info.json`, diameter and symmetry of each object."""
+    folder.mkdir()
+    turn = {"diameter": 50, "symmetries_continuous": [{"axis": [0, 0, 1], "offset": [0, 0, 0]}]}
+    content = {number[1:]: turn | about for number, about in of_objects.items()}
+    (folder / objects.INFO).write_text(json.dumps(content))
+    return folder
+
+
+def listed(*meshes, **given) -> list[tuple[int, str, int]]:
+    """Id, name and number of axes of each part."""
+    options = {"id": None, "name": None, "mesh_unit": "mm", **given}
+    files = generate.part_files(SimpleNamespace(mesh=list(map(str, meshes)), **options))
+    return [(part.id, part.name, len(part.symmetries[1])) for part in files]
+
+
+def test_numbered_meshes_keep_their_numbers(tmp_path):
+    bop_ = infos(tmp_path / "bop", _1={"name": "cup"}, _2={"name": "box"})
+    of_bop = bop_ / "obj_000001.ply", bop_ / "obj_000002.ply"
+    assert listed(of_bop[1], "other.obj") == [(2, "box", 1), (1, "other", 0)]
+    assert listed("other.obj", *of_bop) == [(3, "other", 0), (1, "cup", 1), (2, "box", 1)]
+    assert listed(of_bop[1], id=[7]) == [(7, "box", 1)]
+
+
+def test_a_mesh_is_what_the_file_beside_it_tells_of(tmp_path):
+    nut, tee = (infos(tmp_path / name, _1={}) / f"{name}.obj" for name in ("nut", "tee"))
+    assert listed(nut, tee) == [(1, "nut", 1), (2, "tee", 1)]
+    with pytest.raises(
+        UserError, match=r"nut/models_info.json: expected object 2, .*, got \[1\]; fix"
+    ):
+        listed(nut, nut.with_name("bolt.obj"))  # whose the one entry is, is not said
+    several = infos(tmp_path / "several", _1={}, _5={}) / "obj_000003.ply"
+    with pytest.raises(UserError, match=r"expected object 3, .*, got \[1, 5\]; fix: "):
+        listed(several)
+
+
+def box_beside_its_origin(folder) -> list[str]:
+    box = trimesh.creation.box([40, 30, 20]).apply_translation([30, 0, 0])
+    box.export(folder / "box.stl")
+    return ["--out", str(folder), "--mesh", str(folder / "box.stl"), "--mesh-unit", "mm"]
+
+
+def test_notes_are_lines(monkeypatch, tmp_path, capfd):
+    """As `mvtop_train.run` finds them in the log."""
+    lens = {"width": 640, "height": 480, "fx": 600, "fy": 600, "cx": 320, "cy": 240}
+    bent = {"model": "brown_conrady", "params": [0.1, 0, 0, 0, 0]}
+    camera = {"id": "a", **lens, "distortion": bent, "T_world_cam": np.eye(4).tolist()}
+    rig = {"format": "mvtop-rig", "version": 1, "unit": "m", "cameras": [camera]}
+    (tmp_path / "rig.json").write_text(json.dumps(rig))
+    monkeypatch.setattr(generate, "make_split", lambda *_: None)
+    options = [*box_beside_its_origin(tmp_path), "--rig", str(tmp_path / "rig.json")]
+    monkeypatch.setattr("sys.argv", ["generate", *options])
+    command.main()
+    lens_, origin = capfd.readouterr().out.splitlines()
+    assert lens_.startswith("note: images of a are rendered without distortion")
+    assert origin.startswith("note: box: the mesh's origin is 30 mm off its middle")
+
+
+def test_without_opengl_one_sentence_says_so(tmp_path):
+    """MuJoCo asks for it as soon as it is imported."""
+    made = subprocess.run(
+        [sys.executable, "-m", "mvtop_train.generate", *box_beside_its_origin(tmp_path)],
+        env=os.environ | {"MUJOCO_GL": "nonsense"}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert made.returncode == 1 and made.stderr.startswith("error: no off-screen OpenGL (")
+    assert made.stderr.count("\n") == 1 and "; fix: " in made.stderr
+
+
+def test_a_scene_is_not_whole_without_its_images(monkeypatch, tmp_path):
+    view = rendered.View(np.eye(3), np.eye(4), [], np.zeros((4, 4, 3), np.uint8))
+    monkeypatch.setattr(bop.cv2, "imwrite", lambda *_: False)  # as on a full disk
+    with pytest.raises(UserError, match="000000.jpg: expected to write an image, .*; fix: "):
+        bop.write_scene(tmp_path, [view])
+    assert not bop.is_whole(tmp_path)
+
+
 def test_scenes_of_several_parts_come_from_one_command(monkeypatch, tmp_path):
     models = tmp_path / "models"
     objects.write(tmp_path, catalogue.parts()[:2])
@@ -160,15 +242,15 @@ def refuse_the_first(job):
     for task in tasks:
         if task == 0:
             raise UserError("no scene 0")
-        done.put(task)
+        time.sleep(60)
 
 
-def test_what_a_worker_refuses_is_raised_where_it_was_called():
-    """A pool would wait for ever for a process that exits."""
-    bar = tqdm(total=3, disable=False, file=io.StringIO())
+def test_what_a_worker_refuses_is_raised_at_once():
+    """A pool would wait for ever for a process that exits, and for the others."""
+    bar, begun = tqdm(total=3, disable=False, file=io.StringIO()), time.monotonic()
     with pytest.raises(UserError, match="^no scene 0$"):
         workers.run_workers(refuse_the_first, range(3), 2, lambda tasks, done: (tasks, done), bar)
-    assert bar.n == 1  # what the other worker did
+    assert time.monotonic() - begun < 50
 
 
 def crash_at_the_first(job):

@@ -80,6 +80,14 @@ def read_rgb(path: Path) -> np.ndarray:
     return cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
 
 
+def write_image(path: Path, image: np.ndarray, options: list[int] = ()):
+    if not cv2.imwrite(str(path), image, options):
+        raise UserError(
+            f"{path}: expected to write an image, could not (is the disk full?); fix: make room, "
+            "then the same command again"
+        )
+
+
 def write_scene(folder: Path, views: list[View], cameras: list[str] | None = None):
     """Write one scene; the annotation comes last, so a folder that has it is whole.
 
@@ -90,8 +98,8 @@ def write_scene(folder: Path, views: list[View], cameras: list[str] | None = Non
     camera, gt, info = {}, {}, {}
     for i, view in enumerate(views):
         jpeg = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-        cv2.imwrite(str(folder / "rgb" / f"{i:06d}.jpg"), view.rgb[:, :, ::-1], jpeg)
-        cv2.imwrite(str(folder / "coords" / f"{i:06d}.png"), _coords(view))
+        write_image(folder / "rgb" / f"{i:06d}.jpg", view.rgb[:, :, ::-1], jpeg)
+        write_image(folder / "coords" / f"{i:06d}.png", _coords(view))
         camera[i] = {
             "cam_K": view.k.ravel().tolist(),
             "depth_scale": 1.0,

@@ -1,13 +1,14 @@
 """What is known of an object, from MV-ball or from a mesh, and its place in a data set: `models/`.
 
     models/models_info.json   BOP's file (mm), with one more key, `name`
-    models/obj_000001.ply     the mesh in mm, with vertex colors
+    models/obj_000001.ply     the mesh in mm, with vertex colors; made finer where it has a texture
     models_eval/obj_000001.ply  points spread over the surface, on which errors (ADD) are measured
 
 Training, evaluation and export read the object back from there, so that they serve any data set
 in BOP layout; without `models_eval/` the points are drawn from the mesh.
 """
 
+import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,9 @@ from . import mvball
 POINTS = 1200  # on the surface, for ADD and overlays
 DIRECTIONS = 600  # in which the outermost points are kept
 GREY = 160  # of meshes without color
+FAR = 2.0  # diameters from a mesh's middle to its origin; beyond, coordinates have too few bits
+TRIANGLES = 2000  # of a bundle's mesh at most: what refinement draws some times in each view
+NO_PICTURES = (".mtl", ".bin", ".glbin", ".glbuf")  # among the files that a mesh names
 INFO = "models_info.json"
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
@@ -68,13 +72,36 @@ def from_mesh(mesh: trimesh.Trimesh, obj_id: int, name: str, discrete=(), contin
     )  # fmt: skip
 
 
+class _Beside(trimesh.resolvers.FilePathResolver):
+    """The files that a mesh names; trimesh is silent about pictures that it cannot read."""
+
+    def __init__(self, path: Path):
+        super().__init__(str(path), allow_anywhere=True)
+        self.unread = []
+
+    def get(self, name: str) -> bytes:
+        if Path(name).suffix.lower() in NO_PICTURES:
+            return super().get(name)
+        try:
+            from PIL import Image  # not needed for meshes without texture
+
+            content = super().get(name)
+            Image.open(io.BytesIO(content))
+            return content
+        except Exception:
+            self.unread.append(name)
+            raise
+
+
 def load_mesh(path: Path, unit: str) -> trimesh.Trimesh:
     """A mesh file that trimesh reads (obj, stl, ply, ...), in metres."""
     if not Path(path).is_file():
         raise UserError(f"mesh {path}: no such file; fix: check the path")
+    beside = _Beside(path)
     try:
         # Vertices of STL files are not shared between faces: merge them, for smooth shading.
-        mesh = trimesh.load(path, force="mesh", process=Path(path).suffix.lower() == ".stl")
+        merged = Path(path).suffix.lower() == ".stl"
+        mesh = trimesh.load(path, force="mesh", process=merged, resolver=beside)
         faces = len(mesh.faces)
     except Exception as error:
         raise UserError(
@@ -85,6 +112,13 @@ def load_mesh(path: Path, unit: str) -> trimesh.Trimesh:
         raise UserError(
             f"mesh {path}: expected triangles, got none; fix: export the part as a mesh"
         )
+    if beside.unread:
+        raise UserError(
+            f"mesh {path}: expected the picture {beside.unread[0]} of a material, got none "
+            "that can be read; fix: put it there, or take its line out of the material"
+        )
+    _keep_given_colors(mesh)
+    mesh.remove_unreferenced_vertices()
     mesh.apply_scale(UNITS[unit])
     size = diameter(outermost(np.asarray(mesh.vertices)))
     if not 0.002 <= size <= 5:
@@ -92,7 +126,33 @@ def load_mesh(path: Path, unit: str) -> trimesh.Trimesh:
             f"mesh {path}: expected a part of 2 mm to 5 m, got {size:.3g} m in unit "
             f"{unit!r}; fix: --mesh-unit ({', '.join(UNITS)})"
         )
+    off = float(np.linalg.norm(mesh.bounds.mean(0)))
+    if off > FAR * size:
+        raise UserError(
+            f"mesh {path}: expected its origin in the part or near it, got one {off:.3g} m off the "
+            f"middle of a part of {size:.3g} m; fix: move the origin into the part, export it again"
+        )
     return mesh
+
+
+def picture(material):
+    """The texture of a trimesh material, a PIL image, if it has one."""
+    return getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
+
+
+def _keep_given_colors(mesh: trimesh.Trimesh):
+    """Leaves a texture and its place on the mesh, or colors, or none: what the file has."""
+    if mesh.visual.kind != "texture":
+        return
+    material, visuals = mesh.visual.material, trimesh.visual
+    if picture(material) == visuals.material.color_image():  # trimesh's own, where there is none
+        colors = mesh.vertex_attributes.get("color")
+        mesh.visual = visuals.ColorVisuals(mesh, vertex_colors=colors)
+    elif mesh.visual.uv is None or picture(material) is None:
+        color = visuals.color.to_float(material.main_color)
+        if isinstance(material, visuals.material.PBRMaterial):  # whose colors are linear
+            color[:3] = visuals.color.linear_to_srgb(color[:3])
+        mesh.visual = visuals.ColorVisuals(mesh, face_colors=color)
 
 
 def directions(n: int) -> np.ndarray:
@@ -150,15 +210,49 @@ def write(root: Path, parts: list[tuple[Object, trimesh.Trimesh]]):
     for obj, mesh in parts:
         file = f"obj_{obj.id:06d}.ply"
         colors = None  # it has any, and stays so when it is read
-        if mesh.visual.kind is not None:
-            visual = mesh.visual.to_color() if mesh.visual.kind == "texture" else mesh.visual
-            colors = np.asarray(visual.vertex_colors)[:, :3]
+        if mesh.visual.kind == "texture":
+            mesh = finer(mesh)
+            colors = np.asarray(mesh.visual.to_color().vertex_colors)[:, :3]
+        elif mesh.visual.kind is not None:
+            colors = np.asarray(mesh.visual.vertex_colors)[:, :3]
         plain = trimesh.Trimesh(
             mesh.vertices * 1e3, mesh.faces, process=False, vertex_colors=colors
         )
         plain.export(root / "models" / file, vertex_normal=False)
         cloud = trimesh.PointCloud(obj.points * 1e3, colors=obj.colors.round().astype(np.uint8))
         cloud.export(root / "models_eval" / file)
+
+
+def finer(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """A textured mesh in up to `TRIANGLES`, the longest edges cut first, to be colored at vertices.
+
+    An edge is cut where it is the longest of all its triangles, so that no gap comes about. More
+    triangles would be decimated again, which fails where vertices lie on a line.
+    """
+    vertices = np.hstack([mesh.vertices, mesh.visual.uv])
+    faces = np.array(mesh.faces)
+    while True:
+        # Vertices in one place are one where seams of the texture part them.
+        places, place = np.unique(vertices[:, :3], axis=0, return_inverse=True)
+        sides = np.sort(place.reshape(-1)[np.stack([faces, np.roll(faces, -1, 1)], 2)], 2)
+        edges, edge = np.unique(sides.reshape(-1, 2), axis=0, return_inverse=True)
+        edge = edge.reshape(-1, 3)  # of each side of each triangle
+        length = np.linalg.norm(places[edges[:, 0]] - places[edges[:, 1]], axis=1)
+        rank = length.argsort().argsort()  # no two are alike, as lengths may be
+        side = rank[edge].argmax(1)
+        mine = edge[np.arange(len(faces)), side]
+        agreed = np.bincount(mine, minlength=len(edges)) == np.bincount(edge.ravel())
+        cut = np.flatnonzero((agreed & (length > length.max() / 2))[mine])
+        if not len(cut) or len(faces) + len(cut) > TRIANGLES:
+            break
+        a, b, c = (faces[cut, (side[cut] + n) % 3] for n in range(3))
+        ends, middle = np.unique(np.sort(np.stack([a, b], 1), 1), axis=0, return_inverse=True)
+        middle = middle.reshape(-1) + len(vertices)
+        vertices = np.vstack([vertices, vertices[ends].mean(1)])
+        faces[cut, (side[cut] + 1) % 3] = middle
+        faces = np.vstack([faces, np.stack([middle, b, c], 1)])
+    visual = trimesh.visual.TextureVisuals(vertices[:, 3:], mesh.visual.material)
+    return trimesh.Trimesh(vertices[:, :3], faces, visual=visual, process=False)
 
 
 def _info(obj: Object, mesh: trimesh.Trimesh) -> dict:

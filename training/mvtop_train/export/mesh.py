@@ -17,7 +17,7 @@ from .. import description
 from ..data import mvball, objects
 from ..errors import UserError, argument_parser, command
 
-TRIANGLES = 2000  # at most: what refinement draws some times in each view
+TRIANGLES = objects.TRIANGLES
 COLOR_POINTS = 40_000  # on the surface, from which vertices of decimated meshes take their colors
 NEAREST = 4  # of these points, whose mean a vertex has
 # As in core/refine/part.rs: colors that differ by less in each channel are one, and a mesh of more

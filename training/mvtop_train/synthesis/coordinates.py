@@ -17,7 +17,7 @@ from tqdm import tqdm
 from ..data import bop, objects, rendered
 from ..errors import argument_parser, command
 from .gl import open_gl
-from .parts import SCENE_DIAMETER, Part
+from .parts import Kit, Part
 from .render import Renderer
 
 
@@ -27,10 +27,10 @@ class CoordinateRenderer:
     def __init__(self, root: Path, obj: objects.Object):
         mesh = objects.read_mesh(root, obj.id)
         self.part = Part(mesh, obj)
-        self.scale = SCENE_DIAMETER / obj.diameter_m
+        self.kit = Kit([self.part])
         body = self.part.body(np.random.default_rng(0), "one", np.zeros(3))
         xml = f"<mujoco>{self.part.asset()}{body}</mujoco>"
-        self.model = mujoco.MjModel.from_xml_string(xml, self.part.files(self.scale))
+        self.model = mujoco.MjModel.from_xml_string(xml, self.kit.files)
         self.data = mujoco.MjData(self.model)
         self.data.qpos[:] = [0, 0, 0, 1, 0, 0, 0]
         mujoco.mj_forward(self.model, self.data)
@@ -40,14 +40,14 @@ class CoordinateRenderer:
         """Object coordinates [h, w, 3] in metres, NaN off the object. size  (w, h), px"""
         if size not in self.renderers:
             self.model.vis.global_.offwidth, self.model.vis.global_.offheight = size
-            self.renderers[size] = Renderer(self.model, *size, self.gl)
+            self.renderers[size] = Renderer(self.model, *size, self.gl, self.kit.near)
         scaled = cam_from_obj.copy()
-        scaled[:3, 3] *= self.scale
+        scaled[:3, 3] *= self.kit.scale
         self.renderers[size].aim(self.data, k, scaled)
         ids, depth = self.renderers[size].geom_ids_depth()
         mask = ids >= 0
         seen = rendered.Seen(self.part.obj, np.eye(4), mask, int(mask.sum()))
-        view = rendered.View(k, cam_from_obj, [seen], depth=depth / self.scale)
+        view = rendered.View(k, cam_from_obj, [seen], depth=depth / self.kit.scale)
         return rendered.object_coordinates(view, seen)
 
 
@@ -63,7 +63,7 @@ def write(image: bop.Image, render: CoordinateRenderer, obj: objects.Object) -> 
     x, y = (0, 0) if image.visible_box is None else np.maximum(image.visible_box[:2], 0)
     code = bop.encode_coords(coords, obj.extent_m)[int(y) :, int(x) :]
     (folder / "coords").mkdir(exist_ok=True)
-    cv2.imwrite(str(folder / "coords" / f"{stem}.png"), code[:, :, ::-1])
+    bop.write_image(folder / "coords" / f"{stem}.png", code[:, :, ::-1])
     return masked
 
 

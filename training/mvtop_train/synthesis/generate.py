@@ -6,6 +6,7 @@ What imports MuJoCo is imported late: `gl.open_gl` says first where OpenGL is mi
 """
 
 import hashlib
+import itertools
 import re
 from pathlib import Path
 
@@ -50,22 +51,16 @@ def kit_of(recipe: Recipe):
 
     meshes = [objects.load_mesh(part.mesh, part.unit) for part in recipe.parts]
     known = [
-        objects.from_mesh(mesh, part.id, part.name, *_symmetries(part))
+        objects.from_mesh(mesh, part.id, part.name, *part.symmetries)
         for mesh, part in zip(meshes, recipe.parts, strict=True)
     ]
     kit = parts.Kit([parts.Part(*x) for x in zip(meshes, known, strict=True)], recipe.most)
     return kit, list(zip(known, meshes, strict=True))
 
 
-def _symmetries(part: PartFile) -> tuple:
-    """Those that a `models_info.json` beside the mesh gives."""
-    beside = Path(part.mesh).with_name(objects.INFO)
-    info = objects.read_infos(beside).get(part.id) if beside.exists() else None
-    return ((), ()) if info is None else objects.symmetries(info)
-
-
 def _part_work(job):
     recipe, out, tasks, queue = job
+    gl = open_gl()
     from . import parts, rigs, scenes
 
     kit, _ = kit_of(recipe)
@@ -76,7 +71,6 @@ def _part_work(job):
     def rig_of(rng):
         return own[rng.integers(len(own))] if own else rigs.random_rig(rng, kit.diameter, width)
 
-    gl = open_gl()
     for number, _ in while_asked_for(tasks):
         folder = Path(out) / recipe.split / f"{number:06d}"
         if not bop.is_whole(folder):
@@ -108,6 +102,7 @@ def prepare(args) -> tuple[Recipe, object]:
         args.seed, "", (args.width, 0), "+".join(part.name for part in listed), listed,
         args.instances, rigs, args.backgrounds, digest.hexdigest()[:16],
     )  # fmt: skip
+    open_gl()  # refuses what would come up in every worker
     kit, known = kit_of(recipe)  # refuses what cannot fall
     from . import parts
 
@@ -117,14 +112,18 @@ def prepare(args) -> tuple[Recipe, object]:
             parts.check_rig(cameras, obj, path)
         bent = [camera.id for camera in cameras if camera.distorted]
         if bent:
-            print(f"note: images of {', '.join(bent)} are rendered without distortion and skew, as "
-                  "undistorted images with the same fx, fy, cx, cy would be")  # fmt: skip
+            print(
+                f"note: images of {', '.join(bent)} are rendered without distortion and skew, as "
+                "undistorted images with the same fx, fy, cx, cy would be",
+                flush=True,
+            )
     for obj, mesh in known:
         offset = abs(mesh.bounds.mean(0)).max()
         if offset > 0.2 * obj.diameter_m:
             print(
                 f"note: {obj.name}: the mesh's origin is {offset * 1e3:.0f} mm off its middle; "
-                "poses are of this origin, but are learnt better if it is inside the part"
+                "poses are of this origin, but are learnt better if it is inside the part",
+                flush=True,
             )
     objects.write(out, known)
     return recipe, _part_work
@@ -132,7 +131,7 @@ def prepare(args) -> tuple[Recipe, object]:
 
 def part_files(args) -> tuple[PartFile, ...]:
     """The parts that --mesh, --id and --name give; files of BOP's sets are numbered already, and
-    `models_info.json` beside them may name them."""
+    `models_info.json` beside them says more of them."""
     for option in ("id", "name"):
         given = getattr(args, option)
         if given and len(given) != len(args.mesh):
@@ -140,19 +139,15 @@ def part_files(args) -> tuple[PartFile, ...]:
                 f"--{option}: expected one for each --mesh ({len(args.mesh)}), got {len(given)}; "
                 "fix: as many, in the same order"
             )
-    numbered = [re.fullmatch(r"obj_(\d{6})", Path(path).stem) for path in args.mesh]
-    infos = {}
-    for path in args.mesh:
-        beside = Path(path).with_name(objects.INFO)
-        infos[path] = objects.read_infos(beside) if beside.exists() else {}
-    ids = args.id or (
-        [int(match[1]) for match in numbered]
-        if all(numbered)
-        else list(range(1, len(args.mesh) + 1))
-    )
+    matches = [re.fullmatch(r"obj_(\d{6})", Path(path).stem) for path in args.mesh]
+    own = [int(match[1]) if match else None for match in matches]
+    free = (number for number in itertools.count(1) if number not in own)
+    ids = args.id or [next(free) if number is None else number for number in own]
+    numbers = [mine if mine is not None else given for mine, given in zip(own, ids, strict=True)]
+    infos = _infos(args.mesh, numbers)
     names = args.name or [
-        getattr(infos[path].get(number), "name", None) or Path(path).stem
-        for path, number in zip(args.mesh, ids, strict=True)
+        getattr(info, "name", None) or Path(path).stem
+        for path, info in zip(args.mesh, infos, strict=True)
     ]
     for option, values in (("id", ids), ("name", names)):
         twice = [x for x in values if values.count(x) > 1]
@@ -161,9 +156,26 @@ def part_files(args) -> tuple[PartFile, ...]:
                 f"--{option}: expected each once, got {twice[0]} twice; fix: --{option} for each"
             )
     return tuple(
-        PartFile(path, args.mesh_unit, number, name)
-        for path, number, name in zip(args.mesh, ids, names, strict=True)
+        PartFile(path, args.mesh_unit, number, name, objects.symmetries(info) if info else ((), ()))
+        for path, number, name, info in zip(args.mesh, ids, names, infos, strict=True)
     )
+
+
+def _infos(meshes: list[str], numbers: list[int]) -> list:
+    """What the `models_info.json` beside each mesh says of it, None where there is no such file."""
+    files, found = [Path(path).with_name(objects.INFO) for path in meshes], []
+    for path, file, number in zip(meshes, files, numbers, strict=True):
+        infos = objects.read_infos(file) if file.exists() else {number: None}
+        if number not in infos and len(infos) == 1 and files.count(file) == 1:
+            (number,) = infos  # of the one mesh there, whatever its number
+        if number not in infos:
+            raise UserError(
+                f"{file}: expected object {number}, which {Path(path).name} is, got "
+                f"{sorted(infos)}; fix: say there what is known of it, its diameter at least, or "
+                "move the mesh to another folder"
+            )
+        found.append(infos[number])
+    return found
 
 
 def make_split(recipe: Recipe, work, args, shard: int, shards: int):

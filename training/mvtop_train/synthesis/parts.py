@@ -12,12 +12,12 @@ import mujoco
 import numpy as np
 import trimesh
 
-from ..data.objects import Object
+from ..data.objects import Object, picture
 from ..data.rendered import Seen, View
 from ..data.rig import Camera
 from ..errors import UserError
 from . import scenes
-from .render import GROUP, Renderer
+from .render import GROUP, NEAR, Renderer
 
 # The scene is built around parts of this mean size and scaled back: gravity, time step and
 # distractors then suit a screw as well as a gearbox.
@@ -27,6 +27,7 @@ LEAST_PIXELS = 100
 SIZES = (0.1, 0.85)  # of a part's diameter in the image, of the image's shorter side
 TRIES = 300  # points in front of the rig, and turns of it, to choose from
 CREASE = 30  # degrees by which two triangles are turned at an edge that looks sharp
+NEAREST = 0.1  # of the smallest part's diameter: what is nearer to a camera is cut off
 TEXTURE = 1024  # px a side at most: the whole texture goes through the compiler for every scene
 
 
@@ -105,6 +106,8 @@ class Kit:
         self.parts, self.most = parts, most
         self.diameter = float(np.exp(np.mean([np.log(p.obj.diameter_m) for p in parts])))
         self.scale = SCENE_DIAMETER / self.diameter
+        smallest = min(p.obj.diameter_m for p in parts)
+        self.near = min(NEAR, NEAREST * smallest * self.scale)
         self.files = {k: x for part in parts for k, x in part.files(self.scale).items()}
 
     def texture(self, rng: np.random.Generator) -> bytes:
@@ -145,16 +148,11 @@ def _look(mesh: trimesh.Trimesh):
     """(uv [faces, 3, 2], texture [h, w, 3] uint8), or (None, None) for a mesh without colors."""
     visual, corners = mesh.visual, len(mesh.faces) * 3
     if visual.kind == "texture":
-        material = visual.material
-        image = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
-        if visual.uv is not None and image is not None:
-            uv = np.asarray(visual.uv)[np.asarray(mesh.faces).ravel()]
-            return uv.reshape(-1, 3, 2), np.asarray(image.convert("RGB"))
-        colors = np.tile(np.asarray(material.main_color)[:3], (len(mesh.faces), 1))
-    elif visual.kind is None:
+        uv = np.asarray(visual.uv)[np.asarray(mesh.faces).ravel()]
+        return uv.reshape(-1, 3, 2), np.asarray(picture(visual.material).convert("RGB"))
+    if visual.kind is None:
         return None, None
-    else:
-        colors = np.asarray(visual.face_colors)[:, :3]
+    colors = np.asarray(visual.face_colors)[:, :3]
     # One texel per color; every corner of a face points to the middle of its texel.
     table, index = np.unique(colors, axis=0, return_inverse=True)
     side = int(np.ceil(np.sqrt(len(table))))
@@ -301,7 +299,7 @@ def views_of_scene(rng, gl, pool, kit: Kit, cameras: list[Camera], places=4):
             for camera in cameras:
                 size = camera.width, camera.height
                 if size not in renderers:
-                    renderers[size] = Renderer(model, *size, gl)
+                    renderers[size] = Renderer(model, *size, gl, kit.near)
                 cam_from_world = camera.cam_from_rig @ np.linalg.inv(world_from_rig)
                 view = _view(data, renderers[size], kit.scale, placed, camera, cam_from_world)
                 if view is not None:

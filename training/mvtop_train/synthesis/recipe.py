@@ -23,6 +23,7 @@ class PartFile:
     unit: str
     id: int
     name: str
+    symmetries: tuple[tuple, tuple] = ((), ())  # discrete and continuous, see `ObjectClass`
 
 
 @dataclass(frozen=True)

@@ -3,18 +3,19 @@
 import mujoco
 import numpy as np
 
-NEAR, FAR = 0.05, 20.0  # m
+NEAR, FAR = 0.05, 20.0  # m; the near plane may be set nearer
 GROUP = 2  # geom group of the object, to render it alone
 
 
 class Renderer:
     """Off-screen renderer of one compiled model at a fixed image size."""
 
-    def __init__(self, model: mujoco.MjModel, width: int, height: int, gl: mujoco.GLContext):
-        self.model, self.width, self.height = model, width, height
+    def __init__(
+        self, model: mujoco.MjModel, width: int, height: int, gl: mujoco.GLContext, near=NEAR
+    ):
+        self.model, self.width, self.height, self.near = model, width, height, near
         gl.make_current()
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._scene = mujoco.MjvScene(model, maxgeom=1000)
         self._option, self._alone = mujoco.MjvOption(), mujoco.MjvOption()
         self._alone.geomgroup[:] = np.arange(len(self._alone.geomgroup)) == GROUP
@@ -25,6 +26,8 @@ class Renderer:
 
     def aim(self, data: mujoco.MjData, k: np.ndarray, cam_from_world: np.ndarray, alone=False):
         """Set the camera; `k` [3, 3] with pixel centers at integers. `alone`: only the object."""
+        # A renderer that was made since has bound its own buffer.
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         option = self._alone if alone else self._option
         mujoco.mjv_updateScene(
             self.model, data, option, None, mujoco.MjvCamera(),
@@ -37,12 +40,12 @@ class Renderer:
             gl_camera.pos[:] = center
             gl_camera.forward[:] = rotation[2]
             gl_camera.up[:] = -rotation[1]
-            gl_camera.frustum_near, gl_camera.frustum_far = NEAR, FAR
-            gl_camera.frustum_top = cy / f * NEAR
-            gl_camera.frustum_bottom = -(self.height - cy) / f * NEAR
-            gl_camera.frustum_center = (self.width / 2 - cx) / fx * NEAR
+            gl_camera.frustum_near, gl_camera.frustum_far = self.near, FAR
+            gl_camera.frustum_top = cy / f * self.near
+            gl_camera.frustum_bottom = -(self.height - cy) / f * self.near
+            gl_camera.frustum_center = (self.width / 2 - cx) / fx * self.near
             # 0: left and right follow from the aspect ratio, which makes the pixels square.
-            gl_camera.frustum_width = 0 if fx == f else self.width / 2 / fx * NEAR
+            gl_camera.frustum_width = 0 if fx == f else self.width / 2 / fx * self.near
             gl_camera.orthographic = 0
 
     def rgb_depth(self) -> tuple[np.ndarray, np.ndarray]:
@@ -81,7 +84,7 @@ class Renderer:
     def _metres(self, z: np.ndarray) -> np.ndarray:
         if self._context.readDepthMap == mujoco.mjtDepthMap.mjDEPTH_ZEROFAR:
             z = 1.0 - z
-        return (NEAR * FAR / (FAR - z.astype(np.float64) * (FAR - NEAR)))[::-1]
+        return (self.near * FAR / (FAR - z.astype(np.float64) * (FAR - self.near)))[::-1]
 
     def _segment(self, z: np.ndarray | None) -> np.ndarray:
         flags = self._scene.flags

@@ -37,7 +37,7 @@ def write(folder: Path, name: str, world_from_obj: np.ndarray, views: list[tuple
     rig, boxes = [], {}
     for i, (rgb, k, cam_from_world, box) in enumerate(views):
         camera, (height, width) = f"cam{i}", rgb.shape[:2]
-        cv2.imwrite(str(folder / f"{camera}.png"), rgb[:, :, ::-1])
+        bop.write_image(folder / f"{camera}.png", rgb[:, :, ::-1])
         world_from_cam = np.linalg.inv(cam_from_world)
         rig.append(mvtop.Camera(k, (width, height), world_from_cam=world_from_cam, id=camera))
         boxes[camera] = box.tolist()

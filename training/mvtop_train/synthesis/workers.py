@@ -2,6 +2,7 @@
 
 import multiprocessing
 import signal
+import time
 
 from tqdm import tqdm
 
@@ -28,7 +29,8 @@ def _children() -> set[int | None]:
 def run_workers(work, tasks, workers: int, job_of, bar: tqdm):
     """Run `work(job_of(part of tasks, queue))` in processes; each puts a number per task done.
 
-    Processes are spawned: a GL context does not survive a fork.
+    What one of them raises is raised at once, and the others are ended. Processes are spawned: a GL
+    context does not survive a fork.
     """
     context = multiprocessing.get_context("spawn")
     workers = max(1, min(workers, len(tasks)))
@@ -37,12 +39,17 @@ def run_workers(work, tasks, workers: int, job_of, bar: tqdm):
         queue = manager.Queue()
         jobs = [job_of(list(tasks[i::workers]), queue) for i in range(workers)]
         begun = _children()
-        result = pool.map_async(work, jobs, chunksize=1)
-        while not result.ready() or not queue.empty():
-            result.wait(0.2)
+        failed = []
+        results = [pool.apply_async(work, (job,), error_callback=failed.append) for job in jobs]
+
+        def at_work() -> bool:
+            return not all(result.ready() for result in results)
+
+        while not failed and (at_work() or not queue.empty()):
+            time.sleep(0.1)
             # A pool puts another one in the place of a process that has crashed, and waits for its
             # job for ever.
-            if not begun <= _children() and not result.ready():
+            if not begun <= _children() and at_work():
                 raise UserError(
                     f"{bar.desc or 'work'}: expected {workers} processes to the end, got one that "
                     "crashed (the graphics driver?); fix: the same command again, which goes on "
@@ -51,4 +58,5 @@ def run_workers(work, tasks, workers: int, job_of, bar: tqdm):
             while not queue.empty():
                 queue.get()
                 bar.update()
-        result.get()  # raises what a worker raised
+        if failed:
+            raise failed[0]

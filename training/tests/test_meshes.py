@@ -1,0 +1,133 @@
+"""Meshes of users: what their files give is kept, and what cannot be used is refused."""
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from mvtop_train.data import objects
+from mvtop_train.errors import UserError
+from mvtop_train.export import mesh as bundled
+from mvtop_train.synthesis import parts
+
+BOX = trimesh.creation.box([40, 30, 20])
+COLORED = "newmtl a\nKd 0.8 0.1 0.1\n"
+PRINTED = "newmtl a\nKd 1 1 1\nmap_Kd print.png\n"
+
+
+def wavefront(folder, material: str | None, uv=True, color=""):
+    """The box as OBJ, its material in a file beside it; None: in a file that is missing."""
+    lines = ["mtllib box.mtl", "usemtl a", "vt 0 0", "vt 1 0", "vt 1 1"]
+    lines += [f"v {x} {y} {z} {color}" for x, y, z in BOX.vertices]
+    for face in BOX.faces + 1:
+        corners = [
+            f"{vertex}/{place}" if uv else f"{vertex}" for place, vertex in enumerate(face, 1)
+        ]
+        lines.append("f " + " ".join(corners))
+    (folder / "box.obj").write_text("\n".join(lines) + "\n")
+    if material is not None:
+        (folder / "box.mtl").write_text(material)
+    return folder / "box.obj"
+
+
+def colors_of(mesh) -> set[tuple[int, ...]]:
+    """Those of its surface, after what is generated has looked at it; none: without color."""
+    obj = objects.from_mesh(mesh, 1, "box")
+    if parts.Part(mesh, obj).texture is None:
+        return set()
+    return {tuple(color) for color in obj.colors.astype(int).tolist()}
+
+
+@pytest.mark.parametrize("uv", [True, False])
+def test_colors_of_materials_are_kept(tmp_path, uv):
+    mesh = objects.load_mesh(wavefront(tmp_path, COLORED, uv), "mm")
+    assert colors_of(mesh) == {(204, 26, 26)}
+    objects.write(tmp_path, [(objects.from_mesh(mesh, 1, "box"), mesh)])
+    assert colors_of(objects.read_mesh(tmp_path, 1)) == {(204, 26, 26)}
+
+
+def test_colors_of_gltf_are_linear(tmp_path):
+    material = trimesh.visual.material.PBRMaterial(baseColorFactor=[0.5, 0, 1, 1])
+    box = BOX.copy()
+    box.visual = trimesh.visual.TextureVisuals(material=material)
+    box.export(tmp_path / "box.glb")
+    assert colors_of(objects.load_mesh(tmp_path / "box.glb", "mm")) == {(188, 0, 255)}
+
+
+@pytest.mark.parametrize("picture", [None, b"no picture"])
+def test_a_texture_that_cannot_be_read_is_refused(tmp_path, picture):
+    path = wavefront(tmp_path, PRINTED)
+    if picture is not None:
+        (tmp_path / "print.png").write_bytes(picture)
+    with pytest.raises(UserError, match="box.obj: expected the picture print.png .*; fix: "):
+        objects.load_mesh(path, "mm")
+
+
+def test_a_texture_in_another_folder_is_found(tmp_path):
+    (tmp_path / "meshes").mkdir()
+    cv2.imwrite(str(tmp_path / "print.png"), np.full((8, 8, 3), (30, 20, 10), np.uint8))
+    path = wavefront(tmp_path / "meshes", PRINTED.replace("print", "../print"))
+    assert colors_of(objects.load_mesh(path, "mm")) == {(10, 20, 30)}
+
+
+def test_without_a_material_a_mesh_has_the_colors_of_its_vertices_or_none(tmp_path):
+    assert colors_of(objects.load_mesh(wavefront(tmp_path, None), "mm")) == set()
+    red = objects.load_mesh(wavefront(tmp_path, None, color="0.8 0.1 0.1"), "mm")
+    assert colors_of(red) == {(204, 26, 26)}
+
+
+def test_vertices_without_triangles_do_not_count(tmp_path):
+    stray = trimesh.Trimesh([*BOX.vertices, [500, 0, 0]], BOX.faces, process=False)
+    stray.export(tmp_path / "stray.ply")
+    obj = objects.from_mesh(objects.load_mesh(tmp_path / "stray.ply", "mm"), 1, "box")
+    assert obj.diameter_m == pytest.approx(np.linalg.norm([0.04, 0.03, 0.02]))
+    trimesh.PointCloud(BOX.vertices).export(tmp_path / "points.ply")
+    with pytest.raises(UserError, match="points.ply: expected triangles, got none; fix: "):
+        objects.load_mesh(tmp_path / "points.ply", "mm")
+
+
+def test_an_origin_far_from_the_part_is_refused(tmp_path):
+    diameter = np.linalg.norm(BOX.extents)
+    for diameters in (1.9, 2.1):
+        away = BOX.copy().apply_translation([0, 0, diameters * diameter])
+        away.export(tmp_path / f"{diameters}.stl")
+    objects.load_mesh(tmp_path / "1.9.stl", "mm")
+    with pytest.raises(
+        UserError, match="2.1.stl: expected its origin in the part or near it, .* fix"
+    ):
+        objects.load_mesh(tmp_path / "2.1.stl", "mm")
+
+
+def printed_box() -> trimesh.Trimesh:
+    """In metres; seen from above it shows four squares by four, each in a color of its own."""
+    # Each triangle has vertices of its own, as at the seams of a texture.
+    box = trimesh.Trimesh(BOX.triangles.reshape(-1, 3), np.arange(36).reshape(-1, 3), process=False)
+    cells = np.random.default_rng(0).integers(0, 256, (4, 4, 3)).astype(np.uint8)
+    image = Image.fromarray(cells.repeat(30, 0).repeat(30, 1))
+    box.visual = trimesh.visual.TextureVisuals(
+        box.vertices[:, :2] / BOX.extents[:2] + 0.5, image=image
+    )
+    return box.apply_scale(1e-3)
+
+
+def test_a_print_on_few_triangles_is_kept(tmp_path):
+    box = printed_box()
+    obj = objects.from_mesh(box, 1, "box")
+    objects.write(tmp_path, [(obj, box)])
+    mesh = bundled.meshes_of(tmp_path, objects.read_all(tmp_path))["box"]
+    assert len(box.faces) < len(mesh.faces) <= bundled.TRIANGLES
+    np.testing.assert_allclose(mesh.bounds, box.bounds, atol=1e-8)
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    assert mesh.is_watertight and mesh.volume == pytest.approx(box.volume)
+    # Most of the surface is not next to a border of two squares.
+    points, colors = objects.sample_surface(box, 2000)
+    _, _, face = trimesh.proximity.closest_point(mesh, points)
+    assert (abs(mesh.visual.face_colors[face, :3] - colors).max(1) < 30).mean() > 0.5
+
+
+def test_meshes_of_many_triangles_are_not_made_finer():
+    fine = trimesh.creation.icosphere(4, 0.05)
+    image = Image.fromarray(np.zeros((4, 4, 3), np.uint8))
+    fine.visual = trimesh.visual.TextureVisuals(fine.vertices[:, :2], image=image)
+    assert np.array_equal(objects.finer(fine).faces, fine.faces)
