@@ -11,37 +11,60 @@ run folder gets `bundle/`, `evaluation.json`, of your own parts `report/`, and a
 writes. See docs/parts.md.
 """
 
+import math
+
 from .data.objects import UNITS
 from .errors import UserError, argument_parser, command
-from .training import pipeline, runconfig
+from .training import own_parts, pipeline, runconfig
 
 OWN = ("mesh", "name", "id", "rig")  # options that may be given several times
+ONCE = ("mesh_unit", "instances", "backgrounds")
+
+
+def duration(text: str) -> float:
+    try:
+        minutes = float(text)
+    except ValueError:
+        minutes = math.nan
+    if not 0 < minutes < math.inf:
+        raise UserError(f"--minutes: expected a number over 0, got {text}; fix: --minutes 30")
+    return minutes
+
+
+def _option(name: str) -> str:
+    return "--" + name.replace("_", "-")
 
 
 def of_parts(args) -> runconfig.RunConfig:
     """The config that the options for one's own parts stand for."""
     for name in ("mesh_unit", "out", "minutes"):
         if not getattr(args, name):
-            option = "--" + name.replace("_", "-")
-            raise UserError(f"{option}: expected with --mesh, got none; fix: add it")
+            raise UserError(f"{_option(name)}: expected with --mesh, got none; fix: add it")
     generate = {name: tuple(getattr(args, name) or ()) for name in OWN}
-    generate |= {"mesh_unit": args.mesh_unit, "instances": args.instances}
-    return runconfig.of_parts(args.out, args.minutes, generate, args.backgrounds or "", args.set)
+    instances = 1 if args.instances is None else args.instances
+    generate |= {"mesh_unit": args.mesh_unit, "instances": instances}
+    return own_parts.config(args.out, args.minutes, generate, args.backgrounds or "", args.set)
 
 
 @command
 def main():
     parser = argument_parser(__doc__)
-    parser.add_argument("--minutes", type=float, help="for everything (those of the config)")
+    parser.add_argument("--minutes", type=duration, help="for everything (those of the config)")
     own = parser.add_argument_group("your own parts, instead of --config (see generate --help)")
     own.add_argument("--mesh", action="append", help="obj, stl or ply file; once for each part")
     own.add_argument("--mesh-unit", choices=UNITS, help="of the mesh files")
     own.add_argument("--name", action="append", help="of each part")
     own.add_argument("--id", action="append", type=int, help="of each part")
     own.add_argument("--rig", action="append", help="rig.json; any rig if left out")
-    own.add_argument("--instances", type=int, default=1, help="of each part in a scene, at most")
+    own.add_argument("--instances", type=int, help="of each part in a scene, at most")
     own.add_argument("--backgrounds", help="folder of pictures, best of the empty cell")
     args, settings, folder = runconfig.parse(parser, of_parts)
+    for name in (*OWN, *ONCE) if args.config else ():
+        if getattr(args, name) is not None:
+            raise UserError(
+                f"{_option(name)}: expected with --mesh, got it with --config; fix: leave it out, "
+                "and write it into the config"
+            )
     minutes = args.minutes or settings.minutes
     if not minutes:
         raise UserError("--minutes: expected a number over 0, got none; fix: --minutes 25")

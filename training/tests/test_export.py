@@ -9,6 +9,7 @@ import pytest
 import torch
 from conftest import MVBALL
 
+from mvtop_train.export import __main__ as command
 from mvtop_train.export import bundle, self_test
 from mvtop_train.network import config
 from mvtop_train.network.model import Mvtop
@@ -119,6 +120,11 @@ def test_model_json_lists_every_file_with_its_checksum(tiny, tmp_path):
     bundle.write_bundle(tiny, tmp_path, {}, agree_threshold=0.2)
     detector = json.loads((tmp_path / "model.json").read_text())["detector"]
     assert detector == {"score_threshold": 0.3, "agree_threshold": 0.2, "nms_iou": 0.5}
+
+
+def test_without_git_a_bundle_is_of_no_commit(monkeypatch):
+    monkeypatch.setenv("PATH", "")
+    assert command._commit() is None
 
 
 def test_the_paper_preset_builds_exports_and_runs(tmp_path):

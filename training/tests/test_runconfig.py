@@ -10,7 +10,7 @@ from mvtop_train.errors import UserError
 from mvtop_train.files import read_json
 from mvtop_train.network import config as configs
 from mvtop_train.network import losses
-from mvtop_train.training import runconfig
+from mvtop_train.training import own_parts, runconfig
 
 RUNS = sorted((Path(__file__).parents[1] / "runs").glob("*.toml"))
 
@@ -56,6 +56,29 @@ def test_a_kept_config_with_only_the_keys_that_were_given_is_the_same_run(tmp_pa
         runconfig.keep_copy(other, tmp_path)
 
 
+def test_other_parts_are_another_run_and_other_counts_and_spellings_are_not(path, monkeypatch):
+    folder = path.parent
+    given = ["backgrounds=photos", "generate.mesh=['a.obj']", "generate.rig=['rig.json']"]
+    runconfig.keep_copy(runconfig.load(path, given), folder)
+    (folder / "below").mkdir()
+    monkeypatch.chdir(folder)
+    runconfig.keep_copy(runconfig.load(path, given), folder)
+    spelt = [f"backgrounds={folder}/photos/", "generate.mesh=['below/../a.obj']"]
+    runconfig.refuse_another(runconfig.load(path, [*given, *spelt, "generate.scenes=9"]), folder)
+    for change in ("mesh=['b.obj']", "mesh_unit=cm", "id=[2]", "instances=2", "name=['x']"):
+        other = runconfig.load(path, [*given, f"generate.{change}"])
+        with pytest.raises(UserError, match=f"started with generate.{change.split('=')[0]} = "):
+            runconfig.refuse_another(other, folder)
+
+
+def test_of_a_checkpoint_whose_features_are_kept_the_path_may_change(path):
+    changes = ["preset=tiny", "backbone=a/weights.pt"]
+    runconfig.keep_copy(runconfig.load(path, changes), path.parent)
+    runconfig.refuse_another(runconfig.load(path, [*changes, "backbone=b.pt"]), path.parent)
+    with pytest.raises(UserError, match='started with backbone = "a checkpoint", got ""'):
+        runconfig.refuse_another(runconfig.load(path, ["preset=tiny"]), path.parent)
+
+
 @pytest.mark.parametrize(
     ("change", "error"),
     [
@@ -79,6 +102,8 @@ def test_a_kept_config_with_only_the_keys_that_were_given_is_the_same_run(tmp_pa
         ("generate=3", "key 'generate': expected a table, got 3"),
         ("generate.scenes=0", "key 'generate.scenes': expected at least 1, got 0"),
         ("generate.scnes=9", "unknown key 'generate.scnes', expected one of id, instances, mesh,"),
+        ("generate.name=['cap/red']", "expected names that files can have, got 'cap/red'; fix: "),
+        ("generate.name=['']", "key 'generate.name': expected names that files can have"),
         ("loss.detection=-1", "key 'loss.detection': expected at least 0, got -1"),
         ("network.heads=x", "expected a whole number, got 'x'; fix: for example network.heads = 8"),
         ("network.mean=[1, 2]", "key 'network.mean': expected more entries, got (1, 2)"),
@@ -116,7 +141,8 @@ def test_a_file_that_is_no_config_is_named(path, content):
         runconfig.load(path.parent)
 
 
-PARTS = ("--mesh", "a.obj", "--mesh-unit", "mm", "--rig", "rig.json", "--out", "runs/mine")
+RIG = str(RUNS[0].with_name("four.rig.json"))
+PARTS = ("--mesh", "a.obj", "--mesh-unit", "mm", "--rig", RIG, "--out", "runs/mine")
 
 
 def test_meshes_and_a_rig_stand_for_a_config(monkeypatch):
@@ -126,7 +152,7 @@ def test_meshes_and_a_rig_stand_for_a_config(monkeypatch):
     run.main()
     ((settings, folder, minutes),) = called
     assert (settings.preset, settings.minutes, settings.generate.test) == ("lite", 9, 4)
-    assert settings.generate.mesh == ("a.obj",) and settings.generate.rig == ("rig.json",)
+    assert settings.generate.mesh == ("a.obj",) and settings.generate.rig == (RIG,)
     assert (folder, minutes) == (Path("runs/mine"), 9)
 
 
@@ -137,6 +163,50 @@ def test_what_meshes_need_is_asked_for(monkeypatch, option):
     monkeypatch.setattr("sys.argv", ["run", *given[:at], *given[at + 2 :]])
     with pytest.raises(SystemExit, match=f"{option}: expected with --mesh, got none"):
         run.main()
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        ([*PARTS, "--minutes", "nan"], "--minutes: expected a number over 0, got nan"),
+        ([*PARTS, "--minutes", "-3"], "--minutes: expected a number over 0, got -3"),
+        ([*PARTS, "--minutes", "9", "--instances", "0"], "generate.instances': expected at least"),
+        ([*PARTS, "--minutes", "9", "--name", "a/b"], "generate.name': expected names that files"),
+        (["--config", str(RUNS[0]), "--rig", RIG], "--rig: expected with --mesh, got it with"),
+        (["--config", str(RUNS[0]), "--mesh-unit", "mm"], "--mesh-unit: expected with --mesh"),
+        (["--config", str(RUNS[0]), "--instances", "1"], "--instances: expected with --mesh"),
+    ],
+)
+def test_options_that_cannot_be_or_do_not_count_are_refused(monkeypatch, options, error):
+    monkeypatch.setattr("sys.argv", ["run", *options])
+    with pytest.raises(SystemExit, match=error):
+        run.main()
+
+
+def of_parts(out, minutes, parts=4, instances=3, rigs=(RIG,)):
+    meshes = tuple(f"{n}.obj" for n in range(parts))
+    generate = {"mesh": meshes, "mesh_unit": "mm", "instances": instances, "rig": rigs}
+    return own_parts.config(out, minutes, generate, "")
+
+
+def test_a_run_keeps_its_scenes_whatever_its_minutes(tmp_path):
+    begun = of_parts(tmp_path, 10)
+    assert (begun.generate.scenes, begun.held_out, begun.generate.test) == (80, 16, 20)
+    runconfig.keep_copy(begun, tmp_path)
+    longer = of_parts(tmp_path, 60)
+    assert longer == begun.model_copy(update={"minutes": 60})
+    runconfig.refuse_another(longer, tmp_path)
+    assert of_parts(tmp_path / "other", 60).generate.scenes == 480
+
+
+def test_more_is_kept_for_the_end_of_more_parts_and_views(tmp_path):
+    four = of_parts(tmp_path, 30).generate.reserve
+    assert four == pytest.approx(2 + 0.06 * 48 + 0.1 * 60)
+    assert of_parts(tmp_path, 30, rigs=()).generate.reserve == four
+    three = of_parts(tmp_path, 30, rigs=(RIG.replace("four", "three"),)).generate.reserve
+    assert three - 2 == pytest.approx((four - 2) * 3 / 4, abs=0.01)
+    assert of_parts(tmp_path, 30, parts=12).generate.reserve - 2 == pytest.approx((four - 2) * 2)
+    assert of_parts(tmp_path, 30, parts=1, instances=1).generate.reserve > 2 + (four - 2) / 2
 
 
 def test_values_that_are_nested_without_end_are_no_traceback(path):

@@ -1,5 +1,8 @@
 """The least support of an object that is believed."""
 
+from pathlib import Path
+
+import mvtop
 import numpy as np
 import pytest
 
@@ -27,6 +30,19 @@ def test_of_thresholds_that_are_as_good_the_least_is_taken():
 
 def test_without_objects_none_is_refused():
     assert support.choose([], 3) == support.choose([(0.3, False)], 0) == 0
+
+
+def test_of_a_network_that_gives_no_poses_what_is_there_is_counted(monkeypatch):
+    class Hopeless:
+        def predict(self, *args, **options):
+            raise mvtop.Error("poses that cannot be")
+
+    monkeypatch.setattr(mvtop.Estimator, "load", lambda bundle: Hopeless())
+    monkeypatch.setattr(support, "rig_of", lambda images: (None, {}))
+    thing = bop.Instance(1, np.eye(4), None)
+    image = bop.Image(0, Path("0.png"), np.eye(3), np.eye(4), [thing])
+    monkeypatch.setattr(bop, "sightings", lambda images, by_id: [images, images])
+    assert support.found_in(Path("bundle"), [[image]], ()) == ([], 2)
 
 
 def test_images_are_told_apart_by_scene(tmp_path):

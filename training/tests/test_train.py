@@ -149,6 +149,12 @@ def test_a_run_is_not_resumed_with_another_config(dataset, tmp_path):
     assert kept == runconfig.load(config_of(dataset, tmp_path), ["steps=1"])
 
 
+def test_a_folder_without_pictures_is_no_config_to_keep(dataset, tmp_path):
+    with pytest.raises(UserError, match="backgrounds .*: expected a folder of pictures"):
+        run_of(dataset, tmp_path / "run", f"backgrounds={tmp_path}/none")
+    assert not (tmp_path / "run" / "config.toml").exists()
+
+
 @pytest.mark.parametrize("closeups", [(), CLOSEUPS])
 def test_from_nothing_to_a_bundle(dataset, tmp_path, closeups):
     """The scenes of the data set are whole, so that the generator adds those of the test split."""
@@ -262,8 +268,8 @@ def test_features_of_closeups_are_completed_after_a_kill(dataset, tmp_path, monk
 
     maker = ViewMaker(CloseUps(64), config, (obj,))
 
-    def make(folder, copies=2):
-        return bank.Bank(folder, scenes, maker, model.features, copies, seed=4, workers=0)
+    def make(folder, copies=2, backbone=""):
+        return bank.Bank(folder, scenes, maker, model.features, copies, 4, 0, backbone)
 
     whole = make(tmp_path / "whole")
     fill = bank.Bank._fill
@@ -284,6 +290,8 @@ def test_features_of_closeups_are_completed_after_a_kill(dataset, tmp_path, monk
     assert np.abs(whole.arrays["features_0"]).max(1).min() > 0, "every cell is there"
     with pytest.raises(UserError, match="expected features of"):
         make(tmp_path / "cut", copies=1)
+    with pytest.raises(UserError, match="expected features of .*'backbone': 'another'"):
+        make(tmp_path / "cut", backbone="another")
     batch = batches.Batches(whole, 6, (0, 1.0), 0, 0, 1)[0]
     # What the network says of cached features is what it says of the pictures.
     pictures = bank.Copies([image for s in scenes for image in s] * 2, maker, 4)

@@ -4,8 +4,11 @@ A step then costs neither pictures nor that part: of a frozen backbone, as in th
 encoder, decoder and heads are left. A bank is a folder of arrays; making one goes on after a kill.
 """
 
+import errno
 import json
+import math
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +21,7 @@ from .inputs import normalised
 from .views import COORDINATE_STRIDE, ViewMaker
 
 BATCH = 64  # views through the backbone at once
+FULL = errno.ENOSPC, errno.EDQUOT
 META = {
     "k": ((3, 3), np.float64),
     "cam_from_world": ((4, 4), np.float64),
@@ -48,11 +52,13 @@ class Bank:
               and those of `META` [N, ...]
     numbers   which of the N show what, by the image's path and the annotation in it
     features  of the network, whose `cache` these are
+    backbone  digest of the checkpoint that it has them from, if any
     """
 
     def __init__(
-        self, folder: Path, scenes, maker: ViewMaker, features, copies: int, seed: int, workers=1
-    ):
+        self, folder: Path, scenes, maker: ViewMaker, features, copies: int, seed: int, workers=1,
+        backbone: str = "",
+    ):  # fmt: skip
         self.scenes, self.config, self.numbers = scenes, maker.config, {}
         config, size = self.config, self.config.closeup
         images = [image for scene in scenes for image in scene] * copies
@@ -60,7 +66,7 @@ class Bank:
             self.numbers.setdefault((image.path, image.annotation), []).append(n)
         recipe = {
             "images": len(images), "copies": copies, "seed": seed, "size": size,
-            "strides": list(config.pose_strides),
+            "strides": list(config.pose_strides), **_of(backbone),
         }  # fmt: skip
         state = folder / "state.json"
         done = self._done(state, recipe)
@@ -71,19 +77,16 @@ class Bank:
         with torch.no_grad():
             maps = features.cache(torch.zeros(1, 3, size, size, device=device))
         kinds |= {f"features_{n}": (one.shape[1:], np.float16) for n, one in enumerate(maps)}
-        folder.mkdir(parents=True, exist_ok=True)
-        self.arrays = {
-            name: np.lib.format.open_memmap(folder / f"{name}.npy", "r+")
-            if done
-            else np.lib.format.open_memmap(
-                folder / f"{name}.npy", "w+", kind, (len(images), *shape)
-            )
-            for name, (shape, kind) in kinds.items()
-        }
+        if done:
+            self.arrays = {
+                name: np.lib.format.open_memmap(folder / f"{name}.npy", "r+") for name in kinds
+            }
+        else:
+            self.arrays = new_arrays(folder, len(images), kinds)
         if done < len(images):
             views = Copies(images, maker, seed)
             for count in self._fill(features, views, done, workers):
-                state.write_text(json.dumps({**recipe, "done": count}))
+                bop.write_json(state, {**recipe, "done": count})
 
     def view(self, image: bop.Image, rng) -> dict[str, np.ndarray]:
         """One of the image's copies, its features instead of its picture."""
@@ -130,29 +133,76 @@ class Bank:
                 yield done
 
 
+def new_arrays(folder: Path, count: int, kinds: dict) -> dict[str, np.memmap]:
+    """Arrays [count, *shape] by name, in files. Their room on the disk is taken at once: without,
+    a disk that gets full ends the process without a word.
+
+    kinds  shape and type by name
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = {name: folder / f"{name}.npy" for name in kinds}
+    arrays = {}
+    try:
+        for name, (shape, kind) in kinds.items():
+            arrays[name] = np.lib.format.open_memmap(paths[name], "w+", kind, (count, *shape))
+            _take_room(paths[name])
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        for path in paths.values():
+            path.unlink(missing_ok=True)
+        size = sum(math.prod(shape) * np.dtype(kind).itemsize for shape, kind in kinds.values())
+        raise UserError(
+            f"{folder}: expected room for {count * size / 1e9:.1f} GB, the features of {count} "
+            "views, got a full disk; fix: make room, or another --out with fewer of them "
+            "(--set copies=N or generate.scenes=N)"
+        ) from None
+    return arrays
+
+
+def _take_room(path: Path):
+    if not hasattr(os, "posix_fallocate"):
+        return
+    with open(path, "r+b") as file:
+        try:
+            os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
+        except OSError as error:  # that a file system cannot do it is no harm
+            if error.errno in FULL:
+                raise
+
+
+def _of(backbone: str) -> dict:
+    return {"backbone": backbone} if backbone else {}
+
+
+def is_of(folder: Path, backbone: str) -> bool:
+    """Whether the bank `folder` is there, of this checkpoint."""
+    state = folder / "state.json"
+    return state.exists() and json.loads(state.read_text()).get("backbone") == backbone
+
+
 @torch.no_grad()
-def carry_on(trunk: Path, folder: Path, features):
+def carry_on(trunk: Path, folder: Path, features, backbone: str = ""):
     """From a bank of a trunk's maps, the bank `folder` of what `features` makes of these.
 
-    Nothing is rendered or read anew; what the two have in common is on disk once.
+    Nothing is rendered or read anew; what the two have in common is on disk once, where it can.
     """
     source = np.load(trunk / "features_0.npy", mmap_mode="r")
-    folder.mkdir(parents=True, exist_ok=True)
-    device, arrays = next(features.parameters()).device, []
+    device, arrays = next(features.parameters()).device, {}
     for start in tqdm(range(0, len(source), BATCH), unit="batch", desc="features"):
         x = torch.from_numpy(source[start : start + BATCH].astype(np.float32)).to(device)
         with torch.autocast(device.type, dtype=torch.bfloat16):
             maps = features.look(x.contiguous(memory_format=torch.channels_last))
-        arrays = arrays or [
-            np.lib.format.open_memmap(
-                folder / f"features_{n}.npy", "w+", np.float16, (len(source), *one.shape[1:])
-            )
-            for n, one in enumerate(maps)
-        ]
-        for array, one in zip(arrays, maps, strict=True):
+        kinds = {f"features_{n}": (one.shape[1:], np.float16) for n, one in enumerate(maps)}
+        arrays = arrays or new_arrays(folder, len(source), kinds)
+        for array, one in zip(arrays.values(), maps, strict=True):
             array[start : start + len(one)] = one.half().cpu().numpy()
     for path in trunk.glob("*.npy"):
         if not path.name.startswith("features_"):
             (folder / path.name).unlink(missing_ok=True)
-            os.link(path, folder / path.name)
-    (folder / "state.json").write_text((trunk / "state.json").read_text())
+            try:
+                os.link(path, folder / path.name)
+            except OSError:  # as of exFAT
+                shutil.copy(path, folder / path.name)
+    state = json.loads((trunk / "state.json").read_text())
+    bop.write_json(folder / "state.json", state | _of(backbone))

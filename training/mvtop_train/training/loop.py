@@ -10,7 +10,7 @@ from ..data import backgrounds, bank, batches, crops, objects, search
 from ..data.composite import Composer
 from ..data.views import ViewMaker
 from . import processes
-from .checkpoint import TrainingState
+from .checkpoint import TrainingState, digest
 from .monitor import Monitor
 from .optimise import learning_rate, optimise
 from .progress import Clock
@@ -23,6 +23,7 @@ def train(settings: RunConfig, folder: Path):
     me = processes.join()
     known = settings.known()
     scenes = batches.Scenes(Path(settings.data), known, settings.held_out)
+    composer = composer_of(settings)  # refuses before a config is kept
     if me.rank == 0:
         keep_copy(settings, folder)
     torch.manual_seed(settings.seed)  # all processes start from the same weights
@@ -31,7 +32,7 @@ def train(settings: RunConfig, folder: Path):
     # Torchvision's FPN makes maps that are not used.
     model = processes.distributed(state.model, me, unused=config.backbone not in ("conv", "lite"))
     clock = Clock(settings, state, alone=me.count == 1)
-    stream = batches_of(settings, state, scenes, me)
+    stream = batches_of(settings, state, scenes, composer, me)
     loader = batches.loader(stream, state.step, settings.workers, pinned=me.device != "cpu")
     monitor = Monitor(settings, state, scenes, me.count) if me.rank == 0 else None
     train_steps(settings, state, model, loader, clock, monitor)
@@ -57,11 +58,12 @@ def train_steps(
 
 
 def batches_of(
-    settings: RunConfig, state: TrainingState, scenes: batches.Scenes, me: processes.Processes
-) -> batches.Batches:
+    settings: RunConfig, state: TrainingState, scenes: batches.Scenes, composer: Composer | None,
+    me: processes.Processes,
+) -> batches.Batches:  # fmt: skip
     """Crops for all of the network; where its backbone is frozen, cached features of close-ups."""
     shared = settings.images, settings.views, settings.seed, me.rank, me.count
-    config, composer = state.config, composer_of(settings)
+    config = state.config
     more: batches.Negatives | batches.Searched | None = None
     if not config.shares_backbone and settings.searched:
         searches = search.Searches(config, scenes.objects, composer)
@@ -71,6 +73,7 @@ def batches_of(
         features = functools.partial(
             bank.Bank, state.folder / "features", scenes.training, closeups,
             state.average.features, settings.copies, settings.seed, settings.workers,
+            digest(settings.backbone),
         )  # fmt: skip
         made = features() if me.rank == 0 else None
         processes.from_first(0.0, me.device)  # the others wait until they are all there

@@ -4,18 +4,17 @@ Scenes are rendered by all cores while the network already trains on those that 
 context and PyTorch are for different processes: generating and exporting are commands of their own.
 """
 
-import contextlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
 from pathlib import Path
 
-from tqdm import tqdm
-
 from ..data import bank, batches, bop, search
 from ..errors import UserError
+from ..network import lite
 from . import (
     checkpoint,
     confidence,
@@ -28,76 +27,11 @@ from . import (
     support,
     thresholds,
 )
+from .generator import Generator, test_split
 from .validate import pose_views, validate
 
 MOST_VIEWS = 4  # in the report
-
-
-def test_split(settings: runconfig.RunConfig) -> str:
-    """What the result is evaluated on."""
-    return "test" if settings.generate.mesh else "hard"
-
-
-class Generator:
-    """The generator in processes of its own, behind those that train when cores are short."""
-
-    def __init__(self, settings: runconfig.RunConfig, folder: Path):
-        self.data, self.log = Path(settings.data), folder / "generate.log"
-        folder.mkdir(parents=True, exist_ok=True)
-        recipe = settings.generate
-        parts = ((test_split(settings), recipe.test, 2), ("train", recipe.scenes, None))
-        commands = [
-            [*_command(settings), "--split", split, "--scenes", str(scenes),
-             "--views", str(views or recipe.views)]
-            for split, scenes, views in parts
-        ]  # fmt: skip
-        script = "import os, subprocess; os.nice(10)\n"
-        script += f"for command in {commands!r}: subprocess.run(command, check=True)"
-        with open(self.log, "w") as log:
-            self.process = subprocess.Popen(
-                [sys.executable, "-c", script], stdout=log, stderr=log, start_new_session=True
-            )
-
-    def wait_for(self, split: str, scenes: int):
-        """Until the split has `scenes` whole ones; they come in about their order."""
-        folder = self.data / split
-        with tqdm(total=scenes, unit="scene", desc=f"first of {split}") as bar:
-            while bar.n < scenes:
-                whole = sum(bop.is_whole(p) for p in folder.iterdir()) if folder.is_dir() else 0
-                bar.update(min(whole, scenes) - bar.n)
-                if bar.n < scenes:
-                    self.check()
-                    time.sleep(0.5)
-
-    def check(self):
-        if self.process.poll():
-            lines = [x for x in self.log.read_text().splitlines() if "error: " in x] or ["?"]
-            told = lines[-1].removeprefix("error: ")
-            raise UserError(f"generating scenes failed: {told}; see {self.log}")
-
-    def stop(self):
-        """End it with all its workers; scenes that are not whole are made anew next time."""
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(self.process.pid, 15)
-        self.process.wait()
-
-
-def _command(settings: runconfig.RunConfig) -> list[str]:
-    """Of the generator, without the split and its size."""
-    recipe = settings.generate
-    command = [
-        sys.executable, "-m", "mvtop_train.generate", "--out", settings.data,
-        "--workers", str(recipe.workers or os.cpu_count()),
-    ]  # fmt: skip
-    if not recipe.mesh:
-        return command + (["--window", str(recipe.window)] if recipe.window else [])
-    for option in ("mesh", "name", "id", "rig"):
-        for value in getattr(recipe, option):
-            command += [f"--{option}", str(value)]
-    for option in ("mesh_unit", "instances", "width"):
-        if getattr(recipe, option):
-            command += ["--" + option.replace("_", "-"), str(getattr(recipe, option))]
-    return command + (["--backgrounds", settings.backgrounds] if settings.backgrounds else [])
+RENDERED = 75  # scenes a minute by each core, of four views of a dozen parts
 
 
 class Stages:
@@ -134,35 +68,26 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
     stages = Stages(minutes)
     # What is pretrained learns to tell a part's places first, and is frozen before poses.
     first = settings.model_copy(update={"poses": settings.poses and not settings.pretrained})
-    runconfig.keep_copy(first, folder)
+    refuse_early(first, folder)
+    training_minutes(settings, stages, rendering_minutes(settings))
     generator = Generator(settings, folder)
     try:
-        recipe = settings.generate
-        generator.wait_for(test_split(settings), recipe.test)
-        generator.wait_for("train", min(recipe.start, recipe.scenes))
+        for split, scenes in first_scenes(settings).items():
+            generator.wait_for(split, scenes)
+        for note in generator.notes():
+            print(note)
         stages.done("first scenes")
-        left = stages.left() - recipe.reserve
-        if left <= 0:
-            raise UserError(
-                f"--minutes: expected more than {minutes - left:.1f} (first scenes, and "
-                f"generate.reserve for the end), got {minutes:g}; fix: more of them"
-            )
+        left = training_minutes(settings, stages)
         share = settings.second.share if settings.closeup else 0.0
-        loop.train(first.model_copy(update={"minutes": left * (1 - share)}), folder)
+        bound = kept_minutes(folder, minutes, left * (1 - share))
+        loop.train(first.model_copy(update={"minutes": bound}), folder)
         generator.check()
     finally:
         generator.stop()
     stages.done("first stage, boxes and features")
     weights = folder / "weights.pt"
     if share:
-        poses = settings.second.model_dump(exclude={"share"})
-        poses |= {"backbone": str(weights), "minutes": left * share}
-        kept = folder / "features"
-        if (kept / "state.json").exists() and not (folder / "poses" / "features").exists():
-            model, _, _ = checkpoint.load_weights(weights)
-            bank.carry_on(kept, folder / "poses" / "features", model.features)
-        loop.train(settings.model_copy(update=poses), folder / "poses")
-        weights = folder / "poses" / "weights.pt"
+        weights = second_stage(settings, folder, stages, left * share)
         stages.done("second stage, poses")
     model, _, step = checkpoint.load_weights(weights)
     model.to(processes.join().device)
@@ -175,6 +100,81 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
         report(settings, folder)
         stages.done("report")
     print(f"{folder}: {minutes - stages.left():.1f} minutes of {minutes:g}")
+
+
+def refuse_early(settings: runconfig.RunConfig, folder: Path):
+    """UserError where scenes would be rendered for nothing."""
+    runconfig.refuse_another(settings, folder)
+    loop.composer_of(settings)
+    if settings.pretrained and settings.second.copies not in (0, settings.copies):
+        raise UserError(
+            f"second.copies: expected {settings.copies}, the `copies` of the first stage, whose "
+            f"features it takes, got {settings.second.copies}; fix: leave it out"
+        )
+    if settings.pretrained and not settings.init:
+        lite.pretrained_file()
+
+
+def first_scenes(settings: runconfig.RunConfig) -> dict[str, int]:
+    """How many of each split there must be before the training begins."""
+    recipe = settings.generate
+    return {test_split(settings): recipe.test, "train": min(recipe.start, recipe.scenes)}
+
+
+def rendering_minutes(settings: runconfig.RunConfig) -> float:
+    """About how long those of `first_scenes` take that are not there."""
+    missing = (
+        max(0, scenes - len(bop.whole_scenes(Path(settings.data) / split)))
+        for split, scenes in first_scenes(settings).items()
+    )
+    return sum(missing) / RENDERED / (settings.generate.workers or os.cpu_count() or 1)
+
+
+def training_minutes(settings: runconfig.RunConfig, stages: Stages, rendering=0.0) -> float:
+    """What is left for the training, after that many minutes more of rendering."""
+    left = stages.left() - settings.generate.reserve - rendering
+    if left <= 0:
+        raise UserError(
+            f"--minutes: expected more than {stages.minutes - left:.1f} (first scenes, and "
+            f"generate.reserve for the end), got {stages.minutes:g}; fix: more of them"
+        )
+    return left
+
+
+def kept_minutes(stage: Path, asked: float, minutes: float) -> float:
+    """Of a stage's training: those of when it began, unless others are `asked` for now. A run that
+    is resumed trains for as long as if it had not been stopped."""
+    path = stage / "minutes.json"
+    kept = json.loads(path.read_text()) if path.exists() else {}
+    if kept.get("asked") != asked:
+        kept = {"asked": asked, "training": minutes}
+        stage.mkdir(parents=True, exist_ok=True)
+        bop.write_json(path, kept)
+    return kept["training"]
+
+
+def second_stage(
+    settings: runconfig.RunConfig, folder: Path, stages: Stages, minutes: float
+) -> Path:
+    """Poses, on what the first stage has made of the features: where that has trained on since they
+    were learnt, they are learnt anew. The weights."""
+    weights, poses, first = folder / "weights.pt", folder / "poses", folder / "features"
+    backbone = checkpoint.digest(weights)
+    if not bank.is_of(poses / "features", backbone):
+        if poses.exists():
+            shutil.rmtree(poses)
+        if (first / "state.json").exists():
+            model, _, _ = checkpoint.load_weights(weights)
+            bank.carry_on(first, poses / "features", model.features, backbone)
+    # Validation and features were on no clock; poses are learnt even where these took too long.
+    most = max(stages.left() - settings.generate.reserve, minutes / 2)
+    changes = settings.second.model_dump(exclude={"share"})
+    changes |= {
+        "backbone": str(weights), "copies": settings.second.copies or settings.copies,
+        "minutes": kept_minutes(poses, stages.minutes, min(minutes, most)),
+    }  # fmt: skip
+    loop.train(settings.model_copy(update=changes), poses)
+    return poses / "weights.pt"
 
 
 def export(settings: runconfig.RunConfig, weights: Path, bundle: Path, found):

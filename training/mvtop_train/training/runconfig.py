@@ -5,6 +5,7 @@ import dataclasses
 import difflib
 import functools
 import json
+import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -23,9 +24,6 @@ from ..network import losses
 from .checkpoint import PRETRAINED
 
 MAX_FILE_BYTES = 1 << 20
-SCENES_PER_MINUTE = 8  # of a whole run: two cores render them in a tenth of it
-# Of the export; of what is chosen and of the report, for each scene (a dozen parts, four views).
-END_MINUTES = 2.0, 0.06, 0.1
 
 
 class Table(pydantic.BaseModel):
@@ -57,7 +55,14 @@ def _shares(views: tuple) -> tuple:
     return views
 
 
+def _file_name(text: str) -> str:
+    if not re.fullmatch(r'[^/\\:*?"<>|\x00-\x1f]+', text):
+        raise PydanticCustomError("file_name", "names that files can have")
+    return text
+
+
 Count = Annotated[int, Field(ge=1)]
+FileName = Annotated[str, pydantic.AfterValidator(_file_name)]
 Shares = Annotated[tuple[NonNegativeFloat, ...], pydantic.AfterValidator(_shares)]
 NetworkChanges = _changes_to(configs.PRESETS["small"], "classes")
 AugmentationChanges = _changes_to(Augmentation(scale=0.8))
@@ -71,7 +76,7 @@ class Generate(Table):
 
     mesh: tuple[str, ...] = ()  # as the options of `mvtop_train.generate`, and those that follow
     mesh_unit: str = ""
-    name: tuple[str, ...] = ()
+    name: Annotated[tuple[FileName, ...], Field(examples=[["box", "can"]])] = ()
     id: tuple[NonNegativeInt, ...] = ()
     rig: tuple[str, ...] = ()
     instances: Count = 1
@@ -90,7 +95,7 @@ class SecondStage(Table):
     """The second stage of `mvtop_train.run`, of networks with close-ups."""
 
     share: Annotated[float, Field(gt=0, lt=1)] = 0.4  # of the time of the training
-    copies: Count = 5  # as in `RunConfig`, and those that follow
+    copies: NonNegativeInt = 0  # as in `RunConfig`, and those that follow; 0: as many as there
     searched: NonNegativeInt = 1
     views: Shares = (0.15, 0.6, 0.15, 0.1)
     lr: PositiveFloat = 1e-3
@@ -205,8 +210,10 @@ class RunConfig(Table):
 # What may differ when a run is resumed: how long, where and how often, but not what is learnt.
 MAY_CHANGE = {
     "data", "init", "steps", "minutes", "workers", "log_steps", "save_minutes",
-    "validate_minutes", "generate", "second",
+    "validate_minutes", "second", "generate.scenes", "generate.test", "generate.views",
+    "generate.start", "generate.workers", "generate.reserve",
 }  # fmt: skip
+PATHS = "backgrounds", "generate.mesh", "generate.rig"
 # Where pydantic's own "Input should be ..." is not what these pages say.
 EXPECTED = {
     "int_type": "a whole number",
@@ -265,10 +272,10 @@ def load(path: Path, changes: list[str] = ()) -> RunConfig:
         fields = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise UserError(f"{path}: expected TOML, got: {error}; fix: the file") from None
-    return _validated(path, fields, changes)
+    return validated(path, fields, changes)
 
 
-def _validated(source, fields: dict, changes: list[str]) -> RunConfig:
+def validated(source, fields: dict, changes: list[str]) -> RunConfig:
     for change in changes:
         _change(fields, change)
     try:
@@ -291,44 +298,48 @@ def dump(config: RunConfig) -> str:
     return "\n".join([*(f"{k} = {_toml(v)}" for k, v in fields.items()), *lines]) + "\n"
 
 
+def begun(folder: Path) -> RunConfig | None:
+    """The config of the run that was begun in a folder."""
+    path = folder / "config.toml"
+    return load(path) if path.exists() else None
+
+
+def _lasting(config: RunConfig) -> dict:
+    """What may not differ when a run is resumed, by key; of paths where they lead."""
+    fields = config.model_dump(exclude_none=True)
+    fields |= {f"generate.{key}": value for key, value in fields.pop("generate").items()}
+    for key in PATHS:
+        paths = [fields[key]] if isinstance(fields[key], str) else fields[key]
+        fields[key] = [str(Path(path).resolve()) for path in paths if path]
+    # Which one it is, is known where its features are kept (`data.bank`).
+    if fields["backbone"] not in ("", PRETRAINED):
+        fields["backbone"] = "a checkpoint"
+    return {key: value for key, value in fields.items() if key not in MAY_CHANGE}
+
+
+def refuse_another(config: RunConfig, folder: Path):
+    """UserError where another run than this one was begun in the folder."""
+    kept = begun(folder)
+    if kept is None:
+        return
+    was, now = _lasting(kept), _lasting(config)
+    for key in now:
+        if was[key] != now[key]:
+            raise UserError(
+                f"{folder}: this run was started with {key} = {_toml(was[key])}, got "
+                f"{_toml(now[key])}; fix: another --out (may change: "
+                f"{', '.join(sorted(MAY_CHANGE))})"
+            )
+
+
 def keep_copy(config: RunConfig, folder: Path):
     """Write `config.toml` into the run's folder; refuse to resume a run that was another one."""
+    refuse_another(config, folder)
     path = folder / "config.toml"
-    if path.exists():
-        before, now = (x.model_dump(exclude_none=True) for x in (load(path), config))
-        for key in now:
-            if before[key] != now[key] and key not in MAY_CHANGE:
-                raise UserError(
-                    f"{folder}: this run was started with {key} = {_toml(before[key])}, got "
-                    f"{_toml(now[key])}; fix: another --out (may change: "
-                    f"{', '.join(sorted(MAY_CHANGE))})"
-                )
     folder.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(".part")
     part.write_text(dump(config))
     part.replace(path)
-
-
-def of_parts(
-    out: Path, minutes: float, generate: dict, backgrounds: str, changes: list[str] = ()
-) -> RunConfig:
-    """What is done about parts of which nothing but meshes and a rig is known."""
-    count = round(min(max(SCENES_PER_MINUTE * minutes, 60), 1300))
-    held_out, test = min(count // 5, 100), round(min(max(2 * minutes, 20), 60))
-    scenes = {"scenes": count, "start": count, "test": test, "views": 5}
-    export, choices, report = END_MINUTES
-    reserve = export + choices * held_out + report * test
-    copies = max(2, 4 // generate.get("instances", 1))
-    fields = {
-        "data": str(out / "data"), "minutes": minutes, "preset": "lite", "backbone": PRETRAINED,
-        "images": 64, "searched": 5, "copies": copies, "workers": 1,
-        "views": [0.2, 0.4, 0.3, 0.1], "warmup": 100, "backgrounds": backgrounds,
-        "held_out": held_out,
-        # All are rendered before features are kept of them: a tenth of the time for each.
-        "generate": {**generate, **scenes, "reserve": reserve},
-        "second": {"share": 0.13, "copies": copies, "searched": 0, "views": [0.25, 0.35, 0.3, 0.1]},
-    }  # fmt: skip
-    return _validated("options", fields, changes)
 
 
 def add_arguments(parser: argparse.ArgumentParser, required: bool = True):

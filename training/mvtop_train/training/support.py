@@ -59,7 +59,11 @@ def found_in(bundle: Path, scenes: list[list[bop.Image]], known: tuple[Object, .
             place = np.linalg.inv(image.cam_from_world) @ one.cam_from_obj
             there.append([one.obj_id, place[:3, 3], False])
         wanted += len(there)
-        for one in estimator.predict(pictures, rig, refine=False).objects:
+        try:
+            prediction = estimator.predict(pictures, rig, refine=False)
+        except mvtop.Error:  # of a network that has hardly learnt, poses that cannot be
+            continue
+        for one in prediction.objects:
             if one.support is None:
                 continue
             reach = RIGHT * by_id[one.class_id].diameter_m

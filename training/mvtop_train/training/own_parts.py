@@ -1,0 +1,49 @@
+"""The config that one's own parts stand for, of which nothing but meshes and a rig is known."""
+
+from pathlib import Path
+
+from ..data import rig
+from . import runconfig
+from .checkpoint import PRETRAINED
+
+SCENES_PER_MINUTE = 8  # of a whole run: two cores render them in a tenth of it
+# Of the export; of what is chosen and of the report, for each scene of so many parts and views.
+END_MINUTES = 2.0, 0.06, 0.1
+END_PARTS, END_VIEWS = 12, 4
+
+
+def config(
+    out: Path, minutes: float, generate: dict, backgrounds: str, changes: list[str] = ()
+) -> runconfig.RunConfig:
+    """A run that was begun keeps its scenes, however many minutes it is given now."""
+    kept = runconfig.begun(out)
+    if kept is None:
+        count = round(min(max(SCENES_PER_MINUTE * minutes, 60), 1300))
+        held_out, test = min(count // 5, 100), round(min(max(2 * minutes, 20), 60))
+        scenes = {"scenes": count, "start": count, "test": test}
+    else:
+        held_out = kept.held_out
+        scenes = kept.generate.model_dump(include={"scenes", "start", "test"})
+    instances = generate["instances"]
+    reserve = end_minutes(
+        held_out, scenes["test"], len(generate["mesh"]) * instances, generate["rig"]
+    )
+    fields = {
+        "data": str(out / "data"), "minutes": minutes, "preset": "lite", "backbone": PRETRAINED,
+        "images": 64, "searched": 5, "copies": max(2, 4 // max(instances, 1)), "workers": 1,
+        "views": [0.2, 0.4, 0.3, 0.1], "warmup": 100, "backgrounds": backgrounds,
+        "held_out": held_out,
+        # All are rendered before features are kept of them: a tenth of the time for each.
+        "generate": {**generate, **scenes, "views": 5, "reserve": reserve},
+        "second": {"share": 0.13, "searched": 0, "views": [0.25, 0.35, 0.3, 0.1]},
+    }  # fmt: skip
+    return runconfig.validated("options", fields, changes)
+
+
+def end_minutes(held_out: int, test: int, parts: int, rigs: tuple[str, ...]) -> float:
+    """What is kept for what follows the training. Half of what a scene takes is reckoned to be for
+    its images, however many parts they show."""
+    export, choices, report = END_MINUTES
+    views = max((len(rig.load(Path(path))) for path in rigs), default=END_VIEWS)
+    work = views / END_VIEWS * (1 + parts / END_PARTS) / 2
+    return round(export + work * (choices * held_out + report * test), 2)
