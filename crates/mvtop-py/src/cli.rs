@@ -4,14 +4,15 @@ use std::path::PathBuf;
 use pyo3::prelude::*;
 
 use crate::error::value;
+use crate::process::compute;
 
 /// The command line `mvtop-cli`: `args` begin with the program's name. Returns the exit code.
 ///
 /// - shipped: the folder with the package's model and example
 #[pyfunction]
-pub fn run_cli(py: Python, args: Vec<OsString>, shipped: PathBuf) -> u8 {
+pub fn run_cli(py: Python, args: Vec<OsString>, shipped: PathBuf) -> PyResult<u8> {
     mvtop_cli::ship(shipped);
-    py.detach(|| mvtop_cli::run(args))
+    compute(py, || mvtop_cli::run(args))
 }
 
 /// What `mvtop-cli eval bop --json` prints; `args` follow these words.
@@ -19,5 +20,5 @@ pub fn run_cli(py: Python, args: Vec<OsString>, shipped: PathBuf) -> u8 {
 /// Raises ValueError for what it refuses.
 #[pyfunction]
 pub fn eval_bop(py: Python, args: Vec<OsString>) -> PyResult<String> {
-    py.detach(|| mvtop_cli::eval_bop(args)).map_err(value)
+    compute(py, || mvtop_cli::eval_bop(args))?.map_err(value)
 }

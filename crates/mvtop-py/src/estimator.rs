@@ -19,7 +19,7 @@ use pyo3::prelude::*;
 use crate::calibration::RigCheck;
 use crate::convert::{self, F64, Rgb, shaped};
 use crate::error::{python, value};
-use crate::process::{compute, let_forks_exit};
+use crate::process::{compute, in_pool, let_forks_exit};
 use crate::rig::Rig;
 
 /// An object's class, and its boxes by camera id.
@@ -165,10 +165,10 @@ impl NativeEstimator {
         let images = load(py, rig, images)?;
         let estimator: &Estimator = &self.estimator;
         let classes = &estimator.bundle().classes;
-        let drawn = py.detach(|| match edges {
+        let drawn = compute(py, || match edges {
             true => overlay::draw_prediction_edges(prediction, estimator, rig, &images),
             false => overlay::draw_prediction(prediction, classes, rig, &images),
-        });
+        })?;
         Ok(drawn.into_iter().map(Rgb).collect())
     }
 
@@ -222,7 +222,10 @@ impl NativeTracker {
         refine: Option<bool>,
     ) -> PyResult<NativePrediction> {
         let options = options(reference, boxes, min_views, refine);
-        let prediction = compute(py, || self.lock().predict(&options))?;
+        let prediction = py.detach(|| {
+            let tracker = &mut *self.lock();
+            in_pool(|| tracker.predict(&options))
+        })?;
         Ok(NativePrediction {
             prediction: prediction.map_err(python)?,
             rig: self.rig.clone(),

@@ -19,6 +19,11 @@ use pyo3::prelude::*;
 
 #[pymodule]
 mod _mvtop {
+    #[pymodule_init]
+    fn init() {
+        super::process::note_first();
+    }
+
     #[pymodule_export]
     #[expect(non_upper_case_globals)] // as Python spells it
     const __version__: &str = env!("CARGO_PKG_VERSION");

@@ -13,7 +13,7 @@ use rayon::ThreadPool;
 
 use crate::error::value;
 
-/// The process in which rayon's global pool has its threads.
+/// The process that loaded the module, in which rayon's global pool has its threads.
 static FIRST: OnceLock<u32> = OnceLock::new();
 /// As [`set_num_threads`] has it.
 static THREADS: AtomicUsize = AtomicUsize::new(0);
@@ -36,15 +36,24 @@ pub fn set_num_threads(count: usize) {
     THREADS.store(count, Ordering::Relaxed);
 }
 
+/// To be called when the module is loaded.
+pub fn note_first() {
+    FIRST.get_or_init(process::id);
+}
+
 /// Does some work, in this process's own rayon threads and without Python's lock.
 pub fn compute<T: Send>(py: Python, work: impl FnOnce() -> T + Send) -> PyResult<T> {
-    py.detach(|| {
-        let first = *FIRST.get_or_init(process::id) == process::id();
-        match THREADS.load(Ordering::Relaxed) {
-            0 if first => Ok(work()),
-            count => Ok(own(count)?.threads.install(work)),
-        }
-    })
+    py.detach(|| in_pool(work))
+}
+
+/// The same for work under a lock, to be taken outside: a thread of the pool that waits for a part
+/// of its work takes up other work meanwhile, and would wait for a lock that it holds itself.
+pub fn in_pool<T: Send>(work: impl FnOnce() -> T + Send) -> PyResult<T> {
+    let first = FIRST.get() == Some(&process::id());
+    match THREADS.load(Ordering::Relaxed) {
+        0 if first => Ok(work()),
+        count => Ok(own(count)?.threads.install(work)),
+    }
 }
 
 fn own(count: usize) -> PyResult<&'static Pool> {

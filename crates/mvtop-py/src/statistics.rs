@@ -11,7 +11,7 @@ use crate::error::value;
 /// and McNeil 1982).
 ///
 /// - scores: (N,)
-/// - labels: (N,), whether each sample is one of those that should score high
+/// - labels: (N,), whether each sample is one of those that should score high: bools, or 0 and 1
 /// - returns: 0 to 1; None where all labels are alike
 #[pyfunction]
 pub fn auroc(scores: ArrayLike, labels: ArrayLike) -> PyResult<Option<f64>> {
@@ -56,9 +56,21 @@ pub fn calibration(expected: ArrayLike, actual: ArrayLike, bins: usize) -> PyRes
 
 fn labelled(scores: &ArrayLike, labels: &ArrayLike) -> PyResult<(Vec<f64>, Vec<bool>)> {
     let scores = scores.list("scores")?;
-    let labels = labels.any_number::<bool>("labels", Some(0), &[0])?;
+    let labels = labels.any_number::<f64>("labels", Some(0), &[0])?;
     as_many(["scores", "labels"], [scores.len(), labels.len()])?;
-    Ok((scores, labels.into_iter().collect()))
+    let labels = labels.into_iter().enumerate().map(label);
+    Ok((scores, labels.collect::<PyResult<_>>()?))
+}
+
+fn label((index, number): (usize, f64)) -> PyResult<bool> {
+    match number {
+        0.0 => Ok(false),
+        1.0 => Ok(true),
+        _ => Err(value(format!(
+            "labels: expected bools, or 0 and 1, got {number} at index {index}; compare with a \
+             threshold, as in `labels > 0.5`"
+        ))),
+    }
 }
 
 fn pair(names: [&str; 2], arrays: [&ArrayLike; 2]) -> PyResult<[Vec<f64>; 2]> {

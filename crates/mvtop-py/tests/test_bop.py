@@ -172,6 +172,39 @@ def test_results_are_scored(dataset, tmp_path):
         mvtop.bop.evaluate(dataset, tmp_path / "nothing.csv")
 
 
+THEN = {
+    "evaluate": "mvtop.bop.evaluate(dataset, results)",
+    "the command": """
+command = ["eval", "bop", "--dataset", dataset, "--predictions", results]
+assert mvtop._mvtop.run_cli(["mvtop-cli", *command], "") == 0
+""",
+    "others": "mvtop.camera_rays(mvtop.Camera(np.eye(3), (64, 48)), [8])",
+}
+
+
+@pytest.mark.parametrize("then", THEN)
+def test_forked_processes_compute_after_an_evaluation(then, dataset, tmp_path, in_new_process):
+    depth = dataset / "test" / "000001" / "depth"
+    depth.mkdir()
+    for name in ("000000.png", "000001.png"):
+        cv2.imwrite(str(depth / name), np.full((480, 640), 900, np.uint16))
+    results = tmp_path / "results.csv"
+    results.write_text("1,0,3,0.9,1 0 0 0 1 0 0 0 1,3 0 900,0.5\n")
+    script = """
+import os, signal, sys
+import numpy as np, mvtop
+dataset, results, then = sys.argv[1:]
+assert mvtop.bop.evaluate(dataset, results)["all"]["ar_vsd"] > 0
+child = os.fork()
+if child == 0:
+    signal.alarm(60)  # what hangs dies
+    exec(then)
+    os._exit(0)
+assert os.waitpid(child, 0)[1] == 0
+"""
+    in_new_process(script, dataset, results, THEN[then])
+
+
 def test_rotations_that_are_off_are_made_exact_with_a_warning(scene):
     content = json.loads((scene / "scene_gt.json").read_text())
     content["7"][1]["cam_R_m2c"] = [entry * 1.005 for entry in TURNED]

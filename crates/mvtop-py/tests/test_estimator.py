@@ -2,6 +2,8 @@
 
 import json
 import pickle
+import threading
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -299,3 +301,24 @@ def test_a_tracker_keeps_the_latest_image_of_each_camera(estimator, rig, arrays,
     tracker.remove(ids[0])
     del images[ids[0]]
     assert_same(tracker.predict(boxes=truth), estimator.predict(images, rig, boxes=truth))
+
+
+def test_a_tracker_s_prediction_is_drawn_onto_the_images_that_it_was_made_from(
+    estimator, rig, arrays, truth
+):
+    tracker = mvtop.Tracker(estimator, rig)
+    tracker.update(arrays)
+    native = tracker._native
+    black = [np.zeros_like(image) for image in arrays]
+    update = threading.Thread(target=tracker.update, args=(black,))
+
+    def predict(*options):
+        prediction = native.predict(*options)
+        update.start()
+        update.join(timeout=0.5)  # it has to wait
+        return prediction
+
+    tracker._native = SimpleNamespace(predict=predict, update=native.update)
+    prediction = tracker.predict(boxes=truth)
+    update.join()
+    assert all(np.median(picture) > 0 for picture in prediction.overlay().values())

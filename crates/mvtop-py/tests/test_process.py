@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import mvtop
+from mvtop import _runtime
 
 # Predicts in this process and compares with what the first prediction gave.
 HEAD = """
@@ -69,6 +70,33 @@ assert all(p == poses[0] for p in poses)
 """
     )
     in_new_process(script)
+
+
+def test_threads_share_a_tracker_in_a_pool_of_its_own(in_new_process):
+    # Of the compiled part, to which the tracker's own lock lets one thread at a time. The second
+    # call comes at any moment of the first, so that a thread of the pool that waits takes it up.
+    script = """
+import time, mvtop
+from concurrent.futures import ThreadPoolExecutor
+mvtop.set_num_threads(2)
+rig, images = mvtop.example()
+tracker = mvtop.Tracker(mvtop.Estimator.load("models/mvball", threads=1), rig)
+tracker.update(images)
+def predict():
+    tracker._native.predict(None, None, 1, None)
+predict()
+start = time.perf_counter()
+predict()
+took = time.perf_counter() - start
+with ThreadPoolExecutor(2) as threads:
+    for part in range(20):
+        calls = [threads.submit(predict)]
+        time.sleep(took * part / 20)
+        calls.append(threads.submit(predict))
+        for call in calls:
+            call.result()
+"""
+    in_new_process(script, timeout=120)
 
 
 def test_python_runs_on_while_it_computes(in_new_process):
@@ -176,6 +204,22 @@ assert pose(estimator) == here
     in_new_process(script)
 
 
+def test_forked_processes_draw_the_same_edges(in_new_process):
+    script = """
+import os, signal, mvtop
+rig, images = mvtop.example()
+prediction = mvtop.Estimator.load("models/mvball").predict(images, rig)
+here = prediction.overlay(edges=True)
+child = os.fork()
+if child == 0:
+    signal.alarm(60)  # what hangs dies
+    there = prediction.overlay(edges=True)
+    os._exit(any((there[camera] != here[camera]).any() for camera in here))
+assert os.waitpid(child, 0)[1] == 0
+"""
+    in_new_process(script)
+
+
 def test_a_number_of_threads_holds_in_forked_processes_too(in_new_process):
     script = """
 import os
@@ -196,6 +240,18 @@ if child == 0:
 assert os.waitpid(child, 0)[1] == 0
 """
     in_new_process(script)
+
+
+def test_the_newest_library_of_the_package_is_taken(tmp_path, monkeypatch):
+    capi = tmp_path / "onnxruntime" / "capi"
+    capi.mkdir(parents=True)
+    (capi.parent / "__init__.py").touch()
+    for version in ("1.9.0", "1.20.1"):
+        (capi / f"libonnxruntime.so.{version}").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "onnxruntime", raising=False)
+    monkeypatch.delenv("ORT_DYLIB_PATH", raising=False)
+    assert _runtime.library() == capi / "libonnxruntime.so.1.20.1"
 
 
 def test_interrupt_ends_the_command_at_once():

@@ -1,5 +1,6 @@
 //! Where an ONNX Runtime library may be.
 
+use std::cmp::Reverse;
 use std::ffi::OsString;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -130,12 +131,20 @@ fn libraries_of(prefix: &Path) -> Vec<PathBuf> {
         .collect()
 }
 
-/// Sorted from last to first, so that the newest of several versions comes first.
+/// Sorted from last to first by the numbers in the names, so that the newest of several versions
+/// comes first.
 fn sorted_entries(dir: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(dir).into_iter().flatten();
     let mut paths: Vec<_> = entries.filter_map(|e| Some(e.ok()?.path())).collect();
-    paths.sort_by(|a, b| b.cmp(a));
+    paths.sort_by_cached_key(|path| Reverse((numbers(path), path.clone())));
     paths
+}
+
+/// 3 and 12 of `python3.12`.
+fn numbers(path: &Path) -> Vec<u64> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let digits = name.split(|c: char| !c.is_ascii_digit());
+    digits.filter_map(|digits| digits.parse().ok()).collect()
 }
 
 /// The folder of the `onnxruntime` package of a Python interpreter, which is not imported.
@@ -247,6 +256,19 @@ mod tests {
         };
         let all = paths(candidates(None, around));
         assert_eq!(all, [beside, installed, SYSTEM_LIBRARY.into()]);
+    }
+
+    #[test]
+    fn versions_are_compared_as_numbers() {
+        let root = tempfile::tempdir().unwrap();
+        let wheels = [
+            ("python3.9", "libonnxruntime.so.1.31.1"),
+            ("python3.12", "libonnxruntime.so.1.9.0"),
+            ("python3.12", "libonnxruntime.so.1.20.1"),
+        ];
+        let installed = wheels.map(|(python, library)| wheel(root.path(), python, library));
+        let newest_first: Vec<_> = installed.into_iter().rev().collect();
+        assert_eq!(libraries_of(root.path()), newest_first);
     }
 
     #[cfg(unix)]

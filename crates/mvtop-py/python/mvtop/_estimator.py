@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 class Estimator:
     """A loaded network, ready for any number of predictions with any rigs.
 
-    Threads may share it; their predictions run one after the other. It can be pickled, and used in
-    a forked process: both load the network anew.
+    Threads may share it: its network runs one call after the other, refinement of one caller beside
+    it. It can be pickled, and used in a forked process: both load the network anew.
     """
 
     _path: str

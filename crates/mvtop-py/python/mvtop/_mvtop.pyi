@@ -604,7 +604,7 @@ def auroc(scores: ArrayLike, labels: ArrayLike) -> float | None:
     and McNeil 1982).
 
     - scores: (N,)
-    - labels: (N,), whether each sample is one of those that should score high
+    - labels: (N,), whether each sample is one of those that should score high: bools, or 0 and 1
     - returns: 0 to 1; None where all labels are alike
     """
 

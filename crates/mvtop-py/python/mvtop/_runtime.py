@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import re
 from pathlib import Path
 
 
@@ -16,6 +17,10 @@ def library() -> Path | None:
     package = importlib.util.find_spec("onnxruntime")
     for folder in (package and package.submodule_search_locations) or ():
         for name in ("libonnxruntime.so*", "libonnxruntime.*dylib", "onnxruntime.dll"):
-            if found := sorted(Path(folder, "capi").glob(name)):
-                return found[-1]
+            if found := max(Path(folder, "capi").glob(name), key=_version, default=None):
+                return found
     return None
+
+
+def _version(library: Path) -> list[int]:
+    return [int(digits) for digits in re.findall(r"\d+", library.name)]

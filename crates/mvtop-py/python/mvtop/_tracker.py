@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import threading
 from typing import TYPE_CHECKING, Any
 
 from mvtop._estimator import Estimator, boxes_by_camera, images_by_camera
@@ -14,8 +15,8 @@ class Tracker:
     """Keeps the latest image of each camera of a rig, and what the network has said of it, so that
     a new image of one camera does not compute those of the others again.
 
-    A prediction is that of `Estimator.predict` on the same images. It is used in the process that
-    it was made in.
+    A prediction is that of `Estimator.predict` on the same images. Threads may share a tracker: its
+    calls run one after the other. It is used in the process that it was made in.
     """
 
     def __init__(self, estimator: Estimator, rig: Rig) -> None:
@@ -23,6 +24,8 @@ class Tracker:
         self._rig = rig
         self._native = NativeTracker(self._estimator, rig)
         self._images: dict[int, Any] = {}
+        # Without it, a prediction would be drawn onto images that came while it was computed.
+        self._lock = threading.Lock()
 
     def update(self, images: Images) -> None:
         """Takes over new images, each in the place of the one of its camera.
@@ -32,8 +35,9 @@ class Tracker:
         Raises ValueError where they do not fit the rig; none is then taken over.
         """
         new = images_by_camera(images, self._rig)
-        self._native.update(new)
-        self._images |= new
+        with self._lock:
+            self._native.update(new)
+            self._images |= new
 
     def predict(
         self,
@@ -50,8 +54,9 @@ class Tracker:
         Raises what that raises.
         """
         given = boxes_by_camera(boxes)
-        prediction = self._native.predict(reference, given, min_views, refine)
-        shown = sorted(self._images.items(), key=lambda of: of[0])
+        with self._lock:
+            prediction = self._native.predict(reference, given, min_views, refine)
+            shown = sorted(self._images.items(), key=lambda of: of[0])
         return Prediction.of(self._rig, Source(self._estimator, prediction, shown))
 
     def remove(self, camera: str) -> None:
@@ -64,8 +69,9 @@ class Tracker:
             raise ValueError(
                 f"camera: expected one of {', '.join(ids)}, as in the rig, got `{camera}`"
             )
-        self._native.remove(ids.index(camera))
-        self._images.pop(ids.index(camera), None)
+        with self._lock:
+            self._native.remove(ids.index(camera))
+            self._images.pop(ids.index(camera), None)
 
     def __repr__(self) -> str:
         return f"Tracker({len(self._images)} of {len(self._rig.cameras)} cameras)"
