@@ -199,13 +199,7 @@ impl Pictures {
         files.push(dir.join(SHEET));
         for path in &files {
             may_write(path, force)?;
-            if let Some(input) = inputs.iter().find(|input| write::same_file(input, path)) {
-                return Err(Failure(format!(
-                    "{} is one of the files that are read, {}; give --overlay another folder",
-                    path.display(),
-                    input.display()
-                )));
-            }
+            write::spare(path, inputs, "give --overlay another folder")?;
         }
         let dir = dir.to_owned();
         Ok(Self { dir, files })

@@ -5,6 +5,8 @@ mod observed;
 mod picture;
 mod views;
 
+use std::path::PathBuf;
+
 use mvtop_core::Rig;
 
 use self::args::{Check, Import, Rig as Command, Show};
@@ -15,7 +17,7 @@ use crate::write;
 pub fn run(command: &Command) -> Result<()> {
     match command {
         Command::Import(args) => import(args),
-        Command::Show(args) => show(args).map(|_| ()),
+        Command::Show(args) => show(args, &[]).map(|_| ()),
         Command::Check(args) => check(args),
         Command::Refine(args) => observed::refine(args),
     }
@@ -24,6 +26,7 @@ pub fn run(command: &Command) -> Result<()> {
 fn import(args: &Import) -> Result<()> {
     write::may_write(&args.out, args.force)?;
     let imported = mvtop_import::import(&args.files, &args.options())?;
+    write::spare(&args.out, &imported.files, "name another file")?;
     let text = imported.rig.to_json();
     // What is written here must be read everywhere.
     Rig::from_json(&text)?;
@@ -41,7 +44,7 @@ fn import(args: &Import) -> Result<()> {
 }
 
 fn check(args: &Check) -> Result<()> {
-    let mut problem = show(&args.show)?;
+    let mut problem = show(&args.show, &observed::files(&args.images))?;
     if !args.images.is_empty() {
         problem = observed::check(args)?.or(problem);
     }
@@ -53,9 +56,13 @@ fn check(args: &Check) -> Result<()> {
 }
 
 /// What cannot be meant, if anything.
-fn show(args: &Show) -> Result<Option<String>> {
+///
+/// - `images`: files that are read as well
+fn show(args: &Show, images: &[PathBuf]) -> Result<Option<String>> {
     if let Some(path) = &args.picture {
         write::may_write(path, args.force)?;
+        let read = images.iter().chain([&args.rig]);
+        write::spare(path, read, "name another file")?;
     }
     let rig = Rig::load(&args.rig)?;
     let views = Views::of(&rig);

@@ -79,8 +79,27 @@ pub fn may_write(path: &Path, force: bool) -> Result<()> {
     Ok(())
 }
 
+/// Refuses to overwrite a file that is read, whatever is forced.
+///
+/// - `fix`: what to do about it, `name another file`
+pub fn spare<P: AsRef<Path>>(
+    path: &Path,
+    read: impl IntoIterator<Item = P>,
+    fix: &str,
+) -> Result<()> {
+    let mut read = read.into_iter();
+    match read.find(|read| same_file(read.as_ref(), path)) {
+        None => Ok(()),
+        Some(read) => Err(Failure(format!(
+            "{} is one of the files that are read, {}; {fix}",
+            path.display(),
+            read.as_ref().display()
+        ))),
+    }
+}
+
 /// Whether two names are of one file.
-pub fn same_file(a: &Path, b: &Path) -> bool {
+fn same_file(a: &Path, b: &Path) -> bool {
     #[cfg(unix)]
     {
         use std::os::unix::fs::MetadataExt;

@@ -1,7 +1,5 @@
 //! BOP's `scene_camera.json`, one file per camera (`scene_camera_cam1.json`), or one of all frames.
 
-use serde_json::Value;
-
 use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Lens, Plane};
 use crate::node::Node;
@@ -34,21 +32,18 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
         };
         if let Some(sensor) = sensor.filter(|_| sources.len() > 1) {
             // A rig has a camera per file, so the file must say one and the same in all images.
-            let (first, node) = (*first, &images[0].1);
-            let what = |value: &Value| {
-                ["cam_K", "cam_R_w2c", "cam_t_w2c"].map(|key| value.get(key).cloned())
-            };
-            if let Some((other, _)) = images
-                .iter()
-                .find(|(_, n)| what(n.value) != what(node.value))
-            {
-                return Err(format!(
-                    "{}: the camera of image {first} is not that of image {other}; give `image` \
-                     (--image N), the image whose cameras make the rig",
-                    source.name
-                ));
+            let mut still = None;
+            for (other, node) in &images {
+                let camera = camera(sensor.clone(), node)?;
+                if *still.get_or_insert_with(|| camera.clone()) != camera {
+                    return Err(format!(
+                        "{}: the camera of image {first} is not that of image {other}; give `image` \
+                         (--image N), the image whose cameras make the rig",
+                        source.name
+                    ));
+                }
             }
-            cameras.push(camera(sensor, node)?);
+            cameras.extend(still);
         } else {
             for (number, node) in &images {
                 cameras.push(camera(format!("{number:06}"), node)?);

@@ -21,6 +21,7 @@ pub struct Draft {
 }
 
 /// A camera as a file has it.
+#[derive(Clone, PartialEq)]
 pub struct DraftCamera {
     pub id: String,
     pub size: Option<[u32; 2]>,
@@ -30,6 +31,7 @@ pub struct DraftCamera {
 }
 
 /// Where a camera is, in the file's unit.
+#[derive(Clone, PartialEq)]
 pub struct Pose {
     pub transform: Isometry3<f64>,
     /// `None` where the file does not say.

@@ -14,7 +14,7 @@ pub use foreign::Foreign;
 const WORST_FIT: f64 = 0.5;
 
 /// Focal lengths, principal point and skew, px; pixel centers are integers.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plane {
     pub fx: f64,
     pub fy: f64,
@@ -24,7 +24,7 @@ pub struct Plane {
 }
 
 /// Between rays and the plane of unit focal length.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Lens {
     /// One that a rig file can name.
     Native(Projection),

@@ -38,6 +38,8 @@ pub struct Imported {
     pub rig: Rig,
     /// The format that was read.
     pub format: Format,
+    /// The files that were read, also those of a folder.
+    pub files: Vec<PathBuf>,
     /// Sentences: what was taken for what, and the errors of lenses that were fitted.
     pub notes: Vec<String>,
 }
@@ -91,5 +93,11 @@ pub fn import(paths: &[PathBuf], options: &Options) -> Result<Imported> {
     let (rig, notes) = read(&sources, options)
         .and_then(|draft| draft.finish(options))
         .map_err(of(all))?;
-    Ok(Imported { rig, format, notes })
+    let files = sources.into_iter().map(|source| source.path).collect();
+    Ok(Imported {
+        rig,
+        format,
+        files,
+        notes,
+    })
 }

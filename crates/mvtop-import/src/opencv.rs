@@ -1,7 +1,8 @@
 //! OpenCV: FileStorage as YAML or JSON, of one camera, of a stereo pair, or of several cameras with
 //! `rvec` and `tvec` or `R` and `T` each; also other files with its names.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::f64::consts::TAU;
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use serde_json::{Map, Value};
@@ -79,6 +80,16 @@ const NAMES: &[(&str, &[&str])] = &[
 /// What is said of one camera, by the names above.
 type Fields = Map<String, Value>;
 
+/// What files say, in their order.
+#[derive(Default)]
+struct Found {
+    cameras: Vec<(String, Fields)>,
+    /// R and T of no camera: of a pair.
+    shared: Vec<(String, Fields)>,
+    /// Of two cameras, whether nothing says which one comes first.
+    unordered: bool,
+}
+
 /// Which of the names a key is, and what it says of which camera: "1" of `M1`, "left" of `K_left`.
 fn split(key: &str) -> Option<(&'static str, String)> {
     let plain: String = key.to_lowercase().chars().filter(|c| *c != '_').collect();
@@ -105,16 +116,25 @@ pub fn has_camera(value: &Value) -> bool {
 }
 
 pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
-    let mut cameras: BTreeMap<String, Fields> = BTreeMap::new();
-    // R and T of no camera: of a pair.
-    let mut shared: Vec<(String, Fields)> = Vec::new();
+    let mut found = Found::default();
     for source in sources {
         let document = yaml::document(source)?;
-        collect(&source.stem(), &document, &mut cameras, &mut shared)
+        collect(&source.stem(), &document, &mut found)
             .map_err(|problem| format!("{}: {problem}", source.name))?;
     }
+    let Found {
+        cameras,
+        shared,
+        unordered,
+    } = found;
     if cameras.is_empty() {
         return Err("expected camera matrices (K, M1, camera_matrix, ...), got none".into());
+    }
+    let mut ids = BTreeSet::new();
+    if let Some((id, _)) = cameras.iter().find(|(id, _)| !ids.insert(id)) {
+        return Err(format!(
+            "two cameras are called `{id}`; give each file its own name"
+        ));
     }
     let pair = match shared.as_slice() {
         [] => None,
@@ -136,9 +156,20 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
             cameras.len()
         ));
     }
+    if pair.is_some() && unordered {
+        return Err(format!(
+            "R and T map the first camera to the second, but the keys `{}` and `{}` do not say which one is \
+             the first; give each camera a file of its own, in that order",
+            cameras[0].0, cameras[1].0
+        ));
+    }
     let mut draft = Vec::new();
     let mut notes = Vec::new();
-    for (index, (id, fields)) in cameras.into_iter().enumerate() {
+    for (index, (id, mut fields)) in cameras.into_iter().enumerate() {
+        // R1 and R2 of a pair turn its images to rectified ones.
+        if pair.is_some() && !fields.contains_key("T") {
+            fields.remove("R");
+        }
         let value = Value::Object(fields);
         let mut camera = camera(&id, &Node::new(&value, &id), options, &mut notes)?;
         if let Some(second_from_first) = pair {
@@ -162,13 +193,9 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
 }
 
 /// Sorts what an object says by camera.
-fn collect(
-    name: &str,
-    value: &Value,
-    cameras: &mut BTreeMap<String, Fields>,
-    shared: &mut Vec<(String, Fields)>,
-) -> Checked<()> {
-    let mut found: BTreeMap<String, Fields> = BTreeMap::new();
+fn collect(name: &str, value: &Value, found: &mut Found) -> Checked<()> {
+    let mut numbered: BTreeMap<String, Fields> = BTreeMap::new();
+    let mut by_key: Vec<String> = Vec::new();
     let items: Vec<(String, &Value)> = match value {
         Value::Object(map) => map
             .iter()
@@ -198,13 +225,13 @@ fn collect(
             Some((field, suffix)) => {
                 let fields = match suffix.is_empty() {
                     true => &mut named,
-                    false => found.entry(suffix).or_default(),
+                    false => numbered.entry(suffix).or_default(),
                 };
                 if fields.insert(field.to_owned(), value.clone()).is_some() {
                     return Err(format!("`{key}` is there twice, under different names"));
                 }
             }
-            None if value.is_array() && key == "cameras" => collect(name, value, cameras, shared)?,
+            None if value.is_array() && key == "cameras" => collect(name, value, found)?,
             None if has_camera(value) => {
                 let inner = value.get("cameras").unwrap_or(value);
                 let flat = inner.as_object().is_some_and(|map| {
@@ -213,44 +240,52 @@ fn collect(
                     })
                 });
                 let id = key.rsplit('/').next().unwrap_or(&key);
-                collect(if flat { id } else { name }, inner, cameras, shared)?;
+                collect(if flat { id } else { name }, inner, found)?;
+                by_key.push(id.to_owned());
             }
             None => {}
         }
     }
     // R1, R2, P1, P2 and Q are about rectified images, which these are not.
-    found.retain(|_, fields| fields.contains_key("K"));
-    let mut add = |id: String, fields: Fields| match cameras.insert(id.clone(), fields) {
-        None => Ok(()),
-        Some(_) => Err(format!(
-            "two cameras are called `{id}`; give each file its own name"
-        )),
+    numbered.retain(|_, fields| fields.contains_key("K"));
+    // Keys come in the order of text, not in the file's.
+    found.unordered |= match by_key.as_slice() {
+        [first, second] => value.is_object() && !is_in_order(first, second),
+        _ => false,
     };
     if named.contains_key("K") {
-        add(draft::id(name), named)?;
+        found.cameras.push((draft::id(name), named));
     } else {
         let mut pair = Fields::new();
         for key in ["R", "T", "rvec"] {
             pair.extend(named.remove_entry(key));
         }
         if !pair.is_empty() {
-            shared.push((name.to_owned(), pair));
+            found.shared.push((name.to_owned(), pair));
         }
         // What is left is of both cameras: the size of their images.
-        for fields in found.values_mut() {
+        for fields in numbered.values_mut() {
             fields.extend(named.clone());
         }
     }
-    for (suffix, fields) in found {
+    for (suffix, fields) in numbered {
         let id = match suffix.as_str() {
             "l" => "left".to_owned(),
             "r" => "right".to_owned(),
             digits if digits.parse::<u32>().is_ok() => format!("cam{digits}"),
             other => other.to_owned(),
         };
-        add(id, fields)?;
+        found.cameras.push((id, fields));
     }
     Ok(())
+}
+
+/// Whether names say that one camera comes before another: by their numbers, or as left and right.
+fn is_in_order(first: &str, second: &str) -> bool {
+    let stem = |id: &str| id.trim_end_matches(|c: char| c.is_ascii_digit()).to_owned();
+    let of_one_stem = stem(first) == stem(second) && stem(first) != first;
+    (of_one_stem && first.len() == second.len())
+        || (first.contains("left") && second.contains("right"))
 }
 
 fn camera(
@@ -334,15 +369,28 @@ fn pose(node: &Node) -> Checked<Option<Pose>> {
     }))
 }
 
-/// R, or a Rodrigues vector, with T.
+/// R, or a Rodrigues vector that is called one, with T.
 fn transform(node: &Node) -> Checked<Isometry3<f64>> {
     let t: [f64; 3] = node.get(&["T"])?.vector()?;
     let rotation = node.get(&["R", "rvec"])?;
-    match rotation.numbers()?.as_slice() {
-        &[x, y, z] => {
-            let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(x, y, z));
-            Ok(Isometry3::from_parts(Vector3::from(t).into(), rotation))
-        }
-        _ => draft::rotation_and_translation(&rotation.place, &rotation.vector()?, t),
+    let &[x, y, z] = rotation.numbers()?.as_slice() else {
+        return draft::rotation_and_translation(&rotation.place, &rotation.vector()?, t);
+    };
+    let place = &rotation.place;
+    if node.has("R") {
+        return Err(format!(
+            "{place}: expected a 3x3 matrix, got 3 numbers, which may be a Rodrigues vector or Euler \
+             angles; give the former as `rvec`, the latter as a matrix"
+        ));
     }
+    let turn = Vector3::new(x, y, z);
+    if turn.norm() > TAU {
+        return Err(format!(
+            "{place}: expected a Rodrigues vector in radians, not longer than a whole turn (6.28), got \
+             a length of {:.2}; turn degrees into radians, give other angles as a matrix `R`",
+            turn.norm()
+        ));
+    }
+    let rotation = UnitQuaternion::from_scaled_axis(turn);
+    Ok(Isometry3::from_parts(Vector3::from(t).into(), rotation))
 }

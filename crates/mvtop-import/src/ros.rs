@@ -14,6 +14,10 @@ use crate::node::Node;
 use crate::source::Source;
 use crate::{Checked, Options, yaml};
 
+/// What to do about cameras whose places are not known.
+const POSING: &str = "a camera_info has no pose, so give a file of transforms as well (ros2 topic echo \
+    --once /tf_static), the robot's URDF, or a list `FRAME: {parent: FRAME, xyz: [x, y, z], rpy: [r, p, y]}`";
+
 struct Info {
     /// Name of the camera, and of its frame where the file has it.
     name: String,
@@ -21,7 +25,7 @@ struct Info {
     camera: DraftCamera,
     /// Rectified from raw camera frame.
     rectification: Isometry3<f64>,
-    /// Of a rectified pair: x of its center in the frame of the left one, metres.
+    /// Of a rectified pair or row: x of its center in the frame of the first one, metres.
     baseline: Option<f64>,
 }
 
@@ -57,11 +61,13 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
                   `rectified` (--rectified)"
             .to_owned(),
     }];
-    let pair = tree.is_empty()
+    let row = tree.is_empty()
+        && infos.len() > 1
         && infos
             .iter()
             .any(|info| info.baseline.is_some_and(|x| x != 0.0));
-    if pair {
+    if row {
+        check_row(&infos)?;
         notes.push(
             "the cameras stand apart by the baseline in their P and turned by their R".into(),
         );
@@ -69,7 +75,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let mut cameras = Vec::new();
     let mut root: Option<(String, String)> = None;
     for mut info in infos {
-        let pose = match (pair, info.baseline) {
+        let pose = match (row, info.baseline) {
             (true, Some(x)) => Some(Isometry3::translation(x, 0.0, 0.0) * info.rectification),
             _ if tree.is_empty() => None,
             _ => {
@@ -111,10 +117,27 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     Ok(Draft {
         cameras,
         metres: Some(1.0),
-        posing: "a camera_info has no pose, so give a file of transforms as well (ros2 topic echo \
-                 --once /tf_static), the robot's URDF, or a list `FRAME: {parent: FRAME, xyz: [x, y, z], rpy: [r, p, y]}`",
+        posing: POSING,
         notes,
     })
+}
+
+/// Refuses cameras of several pairs: the P of each says where it stands in its own pair.
+fn check_row(infos: &[Info]) -> Checked<()> {
+    let places: Vec<f64> = infos.iter().filter_map(|info| info.baseline).collect();
+    let taken = |(i, x): (usize, &f64)| places[..i].contains(x);
+    if places.contains(&0.0) && !places.iter().enumerate().any(taken) {
+        return Ok(());
+    }
+    let got = infos.iter().map(|info| {
+        let x = info.baseline.map_or("no P".into(), |x| format!("{x:.4} m"));
+        format!("`{}` at {x}", info.camera.id)
+    });
+    Err(format!(
+        "without transforms, P (-Tx / fx) says where the cameras of one rectified pair or row stand: expected \
+         one at 0 and the others elsewhere, got {}; {POSING}",
+        got.collect::<Vec<_>>().join(", ")
+    ))
 }
 
 fn info(top: &Node, source: &Source, options: &Options) -> Checked<Info> {
@@ -183,7 +206,7 @@ fn info(top: &Node, source: &Source, options: &Options) -> Checked<Info> {
         frame,
         rectification,
         // Tx = -fx' B, so a camera to the right has a negative one.
-        baseline: p.map(|p| -p[3] / p[0]),
+        baseline: p.map(|p| -p[3] / p[0] + 0.0), // No -0.
     })
 }
 

@@ -13,7 +13,7 @@ mod tally;
 mod view;
 
 use std::collections::{BTreeSet, HashSet};
-use std::path::Path;
+use std::path::{Component, Path, PathBuf};
 use std::time::Instant;
 
 use indicatif::ProgressBar;
@@ -33,7 +33,7 @@ use self::results::{Results, side_by_side};
 use self::score::Scored;
 use self::tally::Tally;
 use self::view::View;
-use super::args::BopArgs;
+use super::args::{BopArgs, SplitArgs};
 use super::outcome::Outcome;
 use super::sample::Sample;
 use crate::failure::{Failure, Result};
@@ -108,6 +108,11 @@ fn of_files(args: &BopArgs) -> Result<Answer> {
             "--predictions: expected files of different names, got one twice; rename one".into(),
         ));
     }
+    let compared = args.report.as_ref().filter(|_| several);
+    let compared = compared.map(|folder| folder.join("compared.html"));
+    if let Some(file) = &compared {
+        write::may_write(file, args.force)?;
+    }
     let (mut rows, mut json, mut texts) = (Vec::new(), Map::new(), Vec::new());
     for path in &args.predictions {
         let predictions = Predictions::load(path, args, &plan)?;
@@ -139,7 +144,7 @@ fn of_files(args: &BopArgs) -> Result<Answer> {
         });
     }
     let mut text = side_by_side(rows.iter().map(|(name, done)| (name, &done.results)));
-    if let Some(folder) = &args.report {
+    if let Some(file) = &compared {
         let about = about(args, &[], &plan)?;
         let name = |id| format!("{id} {}", plan.classes.get(&id).map_or("", |name| name));
         let scored = rows.iter().map(|(name, done)| compared::Scored {
@@ -148,8 +153,7 @@ fn of_files(args: &BopArgs) -> Result<Answer> {
             lines: &done.lines,
         });
         let scored: Vec<compared::Scored> = scored.collect();
-        let file = folder.join("compared.html");
-        write::whole(&file, compared::page(&about, &scored, name)?.as_bytes())?;
+        write::whole(file, compared::page(&about, &scored, name)?.as_bytes())?;
         text += &format!("\n\n{}: written", file.display());
     }
     Ok(Answer {
@@ -171,6 +175,17 @@ struct Done {
     written: Vec<String>,
 }
 
+/// File name of the poses, as BOP has it.
+fn poses_name(split: &SplitArgs) -> String {
+    let parts = Path::new(&split.split).components();
+    let names = parts.filter_map(|part| match part {
+        Component::Normal(name) => Some(name.to_string_lossy()),
+        _ => None,
+    });
+    let split_name = names.collect::<Vec<_>>().join("-");
+    format!("mvtop_{}-{split_name}.csv", folder_name(&split.dataset))
+}
+
 /// - `folder`: where results are written to, if anywhere
 fn evaluate_all(
     args: &BopArgs,
@@ -179,10 +194,16 @@ fn evaluate_all(
     about: &Value,
     folder: Option<&Path>,
 ) -> Result<Done> {
-    let split = &args.split;
-    let poses = format!("mvtop_{}-{}.csv", folder_name(&split.dataset), split.split);
+    let poses = poses_name(&args.split);
     let files = [poses.as_str(), "summary.json", "report.html"];
-    let journal = folder.map(|folder| Journal::open(folder, about, &files, args.force));
+    // Poses of a file are not written again.
+    let files = match source {
+        Source::Network(_) => &files[..],
+        Source::File(_) => &files[1..],
+    };
+    let read = args.predictions.iter().chain(&args.split.targets);
+    let read: Vec<&Path> = read.map(PathBuf::as_path).collect();
+    let journal = folder.map(|folder| Journal::open(folder, about, files, &read, args.force));
     let (mut journal, mut lines) = match journal.transpose()? {
         Some((journal, lines)) => (Some(journal), lines),
         None => (None, Vec::new()),

@@ -63,28 +63,28 @@ impl Noise {
     }
 
     /// Moves the four sides of an object's box in every camera; a box of which nothing is left
-    /// within the image goes.
+    /// within the image goes, also without noise.
     ///
     /// - `object`: its place in the sample's truth
     pub fn disturb_boxes(&self, seen: &mut GivenBoxes, rig: &Rig, sample: &str, object: usize) {
-        if self.boxes == 0.0 {
-            return;
-        }
         seen.boxes.retain(|id, bbox| {
+            let (width, height) = (bbox.width(), bbox.height());
+            let camera = rig.index_of(id).map(|index| &rig.cameras()[index]);
+            let Some(camera) = camera.filter(|_| width >= 0.0 && height >= 0.0) else {
+                return true; // A mistake, for the estimator to name.
+            };
             let mut rng = self.generator(&format!("{sample}/{id}/box{object}"));
             let mut moved = |side: f64, size: f64| {
                 let off: f64 = StandardNormal.sample(&mut rng);
                 side + self.boxes * size * off
             };
-            let (width, height) = (bbox.width(), bbox.height());
             *bbox = BBox {
                 x0: moved(bbox.x0, width),
                 y0: moved(bbox.y0, height),
                 x1: moved(bbox.x1, width),
                 y1: moved(bbox.y1, height),
             };
-            let camera = rig.index_of(id).map(|index| &rig.cameras()[index]);
-            let clipped = camera.and_then(|camera| bbox.clip(camera.width(), camera.height()));
+            let clipped = bbox.clip(camera.width(), camera.height());
             *bbox = clipped.unwrap_or(*bbox);
             clipped.is_some()
         });
@@ -256,6 +256,24 @@ mod tests {
             let deviation = (square / 2000.0).sqrt();
             assert!((deviation - 0.05).abs() < 0.005, "{deviation}");
         }
+    }
+
+    #[test]
+    fn box_that_is_not_in_the_image_goes_without_noise_and_others_stay_as_they_are() {
+        let mut boxes = seen();
+        let add = |boxes: &mut GivenBoxes, id: &str, sides: [f64; 4]| {
+            boxes.boxes.insert(id.into(), sides.into());
+        };
+        add(&mut boxes, "cam1", [700.0, 100.0, 800.0, 150.0]);
+        add(&mut boxes, "cam2", [100.0, 100.0, 100.5, 150.0]);
+        Noise::default().disturb_boxes(&mut boxes, &rig(), "a", 0);
+        let left: Vec<_> = boxes.boxes.iter().collect();
+        assert_eq!(left, [(&"cam0".to_owned(), &seen().boxes["cam0"])]);
+        // What is no box, or of no camera, is left for the estimator to refuse.
+        add(&mut boxes, "cam1", [200.0, 100.0, 100.0, 150.0]);
+        add(&mut boxes, "cam7", [100.0, 100.0, 200.0, 150.0]);
+        Noise::default().disturb_boxes(&mut boxes, &rig(), "a", 0);
+        assert_eq!(boxes.boxes.len(), 3);
     }
 
     #[test]

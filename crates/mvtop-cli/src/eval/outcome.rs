@@ -19,6 +19,9 @@ pub struct Outcome {
     pub found: bool,
     pub rot_deg: Option<f64>,
     pub trans_m: Option<f64>,
+    /// See [`Errors::by_symmetry`].
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub by_symmetry: Vec<[f64; 2]>,
     pub add_m: Option<f64>,
     pub score: Option<f64>,
     pub sigma: Option<Sigma>,
@@ -33,10 +36,13 @@ pub struct Outcome {
 }
 
 /// How far a pose is off.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Errors {
     pub rot_deg: f64,
     pub trans_m: f64,
+    /// Where these two are the least over symmetries, each of another one: both errors of each symmetry
+    /// than which none is better in both.
+    pub by_symmetry: Vec<[f64; 2]>,
     /// `None` where the object has no points.
     pub add_m: Option<f64>,
 }
@@ -44,7 +50,12 @@ pub struct Errors {
 impl Errors {
     /// Whether the pose counts as right.
     pub fn within(&self, bounds: &Bounds) -> bool {
-        self.rot_deg <= bounds.right_deg && self.trans_m * 1e3 <= bounds.right_mm
+        let within = |[rot_deg, trans_m]: [f64; 2]| {
+            rot_deg <= bounds.right_deg && trans_m * 1e3 <= bounds.right_mm
+        };
+        let mut by_symmetry = self.by_symmetry.iter().copied();
+        within([self.rot_deg, self.trans_m])
+            && (self.by_symmetry.is_empty() || by_symmetry.any(within))
     }
 }
 
@@ -65,9 +76,10 @@ impl Outcome {
             class: sample.truth[object].seen.class.clone(),
             views: sample.images.len(),
             found: found.is_some(),
-            rot_deg: errors.map(|errors| errors.rot_deg),
-            trans_m: errors.map(|errors| errors.trans_m),
-            add_m: errors.and_then(|errors| errors.add_m),
+            rot_deg: errors.as_ref().map(|errors| errors.rot_deg),
+            trans_m: errors.as_ref().map(|errors| errors.trans_m),
+            add_m: errors.as_ref().and_then(|errors| errors.add_m),
+            by_symmetry: errors.map_or(Vec::new(), |errors| errors.by_symmetry),
             score: found.map(|found| found.score),
             sigma: found.map(|found| found.sigma),
             confidence: found.and_then(|found| found.confidence),
@@ -85,6 +97,7 @@ impl Outcome {
         Some(Errors {
             rot_deg: self.rot_deg?,
             trans_m: self.trans_m?,
+            by_symmetry: self.by_symmetry.clone(),
             add_m: self.add_m,
         })
     }

@@ -93,16 +93,32 @@ impl Sample {
     /// Boxes of the objects that some image shows: others cannot be predicted, and count as not
     /// found.
     fn boxes(&self, noise: &Noise) -> Vec<GivenBoxes> {
-        let has_image = |id: &String| {
-            let mut images = self.images.iter();
-            images.any(|view| self.rig.cameras()[view.camera].id() == *id)
-        };
-        let disturbed = |(object, known): (usize, &TruePose)| {
+        let disturbed = self.disturbed(noise);
+        disturbed.filter(|seen| self.shown(seen) > 0).collect()
+    }
+
+    /// How many of the true boxes in its images are not used, as nothing of them lies within these.
+    pub fn boxes_left_out(&self, noise: &Noise) -> usize {
+        let all = self.truth.iter().map(|known| self.shown(&known.seen));
+        let left = self.disturbed(noise).map(|seen| self.shown(&seen));
+        all.sum::<usize>() - left.sum::<usize>()
+    }
+
+    /// The true boxes of each object, after noise.
+    fn disturbed(&self, noise: &Noise) -> impl Iterator<Item = GivenBoxes> {
+        self.truth.iter().enumerate().map(|(object, known)| {
             let mut seen = known.seen.clone();
             noise.disturb_boxes(&mut seen, &self.rig, &self.name, object);
-            seen.boxes.keys().any(has_image).then_some(seen)
-        };
-        let known = self.truth.iter().enumerate();
-        known.filter_map(disturbed).collect()
+            seen
+        })
+    }
+
+    /// How many boxes are in its images.
+    fn shown(&self, seen: &GivenBoxes) -> usize {
+        let ids = self
+            .images
+            .iter()
+            .map(|view| self.rig.cameras()[view.camera].id());
+        ids.filter(|id| seen.boxes.contains_key(*id)).count()
     }
 }

@@ -26,6 +26,7 @@ pub fn run(args: &SamplesArgs) -> Result<()> {
     let mut views = None;
     let mut outcomes = Vec::new();
     let mut extra = Vec::new();
+    let mut left_out = 0;
     for folder in &folders {
         let sample = Sample::load(folder, trial.views)?;
         let count = sample.images.len();
@@ -35,6 +36,9 @@ pub fn run(args: &SamplesArgs) -> Result<()> {
                  --views to use as many of each",
                 folder.display()
             )));
+        }
+        if trial.true_boxes {
+            left_out += sample.boxes_left_out(&trial.noise);
         }
         let prediction = sample.predict(&estimator, trial)?;
         bar.suspend(|| write::warn(&prediction, Some(&sample.name)));
@@ -52,6 +56,12 @@ pub fn run(args: &SamplesArgs) -> Result<()> {
         bar.inc(1);
     }
     bar.finish_and_clear();
+    if left_out > 0 {
+        write::complain(&format!(
+            "warning: --true-boxes: {left_out} of the boxes lie beside their image, or are thinner than a \
+             pixel there: these cameras count as not seeing the object"
+        ));
+    }
 
     if let Some(out) = &args.out {
         let lines: Result<Vec<String>> = outcomes.iter().map(write::json).collect();
@@ -78,6 +88,7 @@ fn errors(known: &TruePose, found: &ObjectPose, estimator: &Estimator) -> Errors
     Errors {
         rot_deg: rotation_error_deg(&truth.rotation, &pose.rotation),
         trans_m: translation_error(truth, &pose),
+        by_symmetry: Vec::new(),
         add_m: class.and_then(|class| {
             let points = class.points.iter();
             let points: Vec<Point3<f64>> = points.map(|p| p.position.into()).collect();

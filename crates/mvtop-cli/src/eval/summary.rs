@@ -245,6 +245,7 @@ pub mod tests {
             rot_deg: Some(rot_deg),
             trans_m: Some(trans_m),
             add_m: Some(trans_m / 2.0),
+            by_symmetry: vec![],
             score: Some(0.9),
             sigma: Some(Sigma {
                 rot_deg: sigma_rot_deg,

@@ -35,12 +35,8 @@ pub fn check(args: &Check) -> Result<Option<String>> {
 /// Writes the rig with the cameras that are off where the images show them.
 pub fn refine(args: &Refine) -> Result<()> {
     write::may_write(&args.out, args.force)?;
-    if write::same_file(&args.rig, &args.out) {
-        let (rig, out) = (args.rig.display(), args.out.display());
-        return Err(Failure(format!(
-            "{out} is the rig that is read, {rig}; name another file"
-        )));
-    }
+    let read = files(&args.images).into_iter().chain([args.rig.clone()]);
+    write::spare(&args.out, read, "name another file")?;
     let rig = Rig::load(&args.rig)?;
     let observed = observed(&rig, &args.images, &args.with)?;
     summary(&rig, &observed)?;
@@ -96,6 +92,13 @@ fn observed(rig: &Rig, images: &[PathBuf], with: &Images) -> Result<Observed> {
     }
     let estimator = with.network.load(&with.network.bundle()?)?;
     Ok(observe(&estimator, rig, &sets, with.expected())?)
+}
+
+/// Files of images, whose names may be PATH or ID=PATH.
+pub fn files(images: &[PathBuf]) -> Vec<PathBuf> {
+    let named = |image: &PathBuf| Some(image.to_str()?.split_once('=')?.1.into());
+    let named = images.iter().filter_map(named);
+    images.iter().cloned().chain(named).collect()
 }
 
 /// Images by set and camera.

@@ -205,6 +205,22 @@ fn a_split_without_a_page_is_text_and_files_for_programs() {
 }
 
 #[test]
+fn split_in_a_folder_of_its_own_gives_a_file_of_its_name() {
+    let (_dir, dataset, report) = balls();
+    fs::create_dir(dataset.join("val")).unwrap();
+    fs::rename(dataset.join("test"), dataset.join("val/near")).unwrap();
+    for split in ["val/near", "./val/near/"] {
+        summary(&eval(
+            &dataset,
+            &report,
+            &["--views", "1", "--split", split, "--force"],
+        ));
+        assert!(report.join("mvtop_balls-val-near.csv").is_file(), "{split}");
+        fs::remove_dir_all(&report).unwrap();
+    }
+}
+
+#[test]
 fn depth_images_bring_vsd() {
     let dir = TempDir::new().unwrap();
     let dataset = dir.path().join("balls");

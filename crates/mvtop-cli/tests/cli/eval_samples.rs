@@ -77,6 +77,61 @@ fn evaluation_is_one_line_of_json_and_one_per_object() {
 }
 
 #[test]
+fn true_boxes_beside_the_image_are_left_out_and_told_of() {
+    let folder = TempDir::new().unwrap();
+    let copy = folder.path().join("sample");
+    std::fs::create_dir(&copy).unwrap();
+    for file in std::fs::read_dir(sample("")).unwrap() {
+        let file = file.unwrap();
+        std::fs::copy(file.path(), copy.join(file.file_name())).unwrap();
+    }
+    let truth: Value =
+        serde_json::from_slice(&std::fs::read(sample("truth.json")).unwrap()).unwrap();
+    let with = |boxes: Value| {
+        let mut truth = truth.clone();
+        for (id, sides) in boxes.as_object().unwrap() {
+            truth["objects"][0]["boxes"][id] = sides.clone();
+        }
+        std::fs::write(copy.join("truth.json"), truth.to_string()).unwrap();
+        let samples = folder.path().to_str().unwrap();
+        mvtop(&[
+            "eval",
+            "samples",
+            samples,
+            "--json",
+            "--true-boxes",
+            "--views",
+            "2",
+        ])
+    };
+    let (beside, thin) = ([900, 10, 950, 60], [20.0, 20.0, 20.4, 80.0]);
+    let two = serde_json::json!({"cam0": beside, "cam1": thin, "cam2": beside});
+    for (boxes, found, told) in [
+        (serde_json::json!({}), 1, None),
+        (
+            serde_json::json!({"cam0": beside}),
+            1,
+            Some("1 of the boxes"),
+        ),
+        // The third camera has no part in it.
+        (two, 0, Some("2 of the boxes")),
+    ] {
+        let output = with(boxes);
+        let summary: Value = serde_json::from_str(&stdout(&output)).unwrap();
+        assert_eq!(summary["found"], found);
+        let warnings = String::from_utf8(output.stderr).unwrap();
+        let boxes = warnings.lines().find(|line| line.contains("--true-boxes"));
+        assert_eq!(boxes.is_some(), told.is_some(), "{warnings}");
+        assert!(
+            boxes.is_none_or(|line| line.contains(told.unwrap())),
+            "{warnings}"
+        );
+    }
+    let swapped = with(serde_json::json!({"cam0": [80, 20, 20, 80]}));
+    assert!(refusal(&swapped).contains("x0 < x1"));
+}
+
+#[test]
 fn noise_changes_the_poses_the_same_way_each_time() {
     let rot = |more: &[&str]| {
         let args = [&["--true-boxes", "--views", "2"][..], more].concat();

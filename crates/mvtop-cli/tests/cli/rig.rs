@@ -10,7 +10,7 @@ use crate::{mvtop, refusal, root, stdout};
 /// Two cameras 0.4 m apart that look at the same point 1 m ahead of the middle, in OpenCV's terms.
 const PAIR: &str = r#"{"K1": [[500, 0, 319.5], [0, 500, 239.5], [0, 0, 1]], "D1": [0, 0, 0, 0, 0],
     "K2": [[500, 0, 319.5], [0, 500, 239.5], [0, 0, 1]], "D2": [0, 0, 0, 0, 0], "image_size": [640, 480],
-    "R": [0, 0.4, 0], "T": [-0.38, 0, 0.1]}"#;
+    "rvec": [0, 0.4, 0], "T": [-0.38, 0, 0.1]}"#;
 
 fn path(folder: &TempDir, name: &str) -> String {
     folder.path().join(name).display().to_string()
@@ -80,6 +80,62 @@ fn show_says_and_draws_where_cameras_are() {
     let svg = read_to_string(&picture).unwrap();
     assert!(svg.starts_with("<svg") && svg.contains("0.400 m") && svg.contains(">c1<"));
     assert!(refusal(&mvtop(&["rig", "show", &file, "--picture", &picture])).contains("--force"));
+}
+
+#[test]
+fn files_that_are_read_are_never_replaced() {
+    let folder = TempDir::new().unwrap();
+    let at = |x: f64| format!(r#""T_world_cam": {{"t": [{x}, 0, 0], "q_wxyz": [1, 0, 0, 0]}}"#);
+    let rig = rig_file(&folder, &[&at(0.0), &at(0.3)]);
+    let [pair, a, b] = ["pair.json", "a.png", "b.png"].map(|name| path(&folder, name));
+    write(&pair, PAIR).unwrap();
+    write(&a, "a").unwrap();
+    write(&b, "b").unwrap();
+    let colmap = folder.path().join("sparse");
+    std::fs::create_dir(&colmap).unwrap();
+    let [cameras, images] = ["cameras.txt", "images.txt"].map(|name| colmap.join(name));
+    write(&cameras, "7 SIMPLE_RADIAL 640 480 500 320 240 0.05\n").unwrap();
+    write(
+        &images,
+        "1 1 0 0 0 0 0 0 7 a.png\n\n2 1 0 0 0 2 0 3 7 b.png\n\n",
+    )
+    .unwrap();
+    let (sparse, cameras) = (colmap.to_str().unwrap(), cameras.to_str().unwrap());
+    let named = format!("c1={b}");
+    for (args, file) in [
+        (&["rig", "show", &rig, "--picture", &rig][..], &*rig),
+        (&["rig", "check", &rig, &a, &b, "--picture", &a], &*a),
+        (&["rig", "check", &rig, &named, "--picture", &b], &*b),
+        (&["rig", "refine", &rig, &a, &b, "-o", &b], &*b),
+        (
+            &["rig", "import", &pair, "--unit", "m", "-o", &pair],
+            &*pair,
+        ),
+        (
+            &["rig", "import", sparse, "--unit", "m", "-o", cameras],
+            cameras,
+        ),
+    ] {
+        let before = read_to_string(file).unwrap();
+        let error = refusal(&mvtop(&[args, &["--force"]].concat()));
+        assert!(
+            error.contains("is one of the files that are read"),
+            "{error}"
+        );
+        assert_eq!(read_to_string(file).unwrap(), before);
+    }
+    let beside = colmap.join("rig.json");
+    let import = [
+        "rig",
+        "import",
+        sparse,
+        "--unit",
+        "m",
+        "-o",
+        beside.to_str().unwrap(),
+    ];
+    stdout(&mvtop(&import));
+    stdout(&mvtop(&[&import[..], &["--force"]].concat()));
 }
 
 #[test]

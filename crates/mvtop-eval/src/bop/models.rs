@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use mvtop_core::mesh::{Mesh, load_ply};
+use mvtop_core::symmetry::{self, Symmetry};
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use serde::Deserialize;
 
@@ -23,6 +24,8 @@ pub struct Model {
     pub diameter_m: f64,
     /// Motions that do not change how it looks, metres.
     pub symmetries: Symmetries,
+    /// The same without steps; of several axes the first one.
+    pub symmetry: Symmetry,
     /// Its file.
     pub path: PathBuf,
     /// Metres.
@@ -169,11 +172,19 @@ impl ModelInfo {
             false => (ply.clone(), load_ply(&ply, MM)?),
         };
         check_diameter(&path, mesh.vertices(), self.diameter_m)?;
+        let axis = self.continuous.first().map(|continuous| symmetry::Axis {
+            direction: continuous.axis,
+            point: continuous.offset,
+        });
         Ok(Model {
             id,
             name: self.name,
             diameter_m: self.diameter_m,
             symmetries: Symmetries::new(&self.discrete, &self.continuous, BOP_MAX_STEP)?,
+            symmetry: Symmetry {
+                discrete: self.discrete,
+                axis,
+            },
             surface: Surface::new(mesh.vertices())?,
             path,
             mesh,

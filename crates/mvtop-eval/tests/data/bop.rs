@@ -283,7 +283,10 @@ fn models_come_with_their_symmetries() {
         panic!()
     };
     assert!((half_turn * Point3::origin() - Point3::new(0.02, 0.0, 0.0)).norm() < 1e-9);
+    assert_eq!(models[&1].symmetry.discrete, [*half_turn]);
     assert_eq!(models[&2].symmetries.motions().len(), 315);
+    let axis = models[&2].symmetry.axis.unwrap();
+    assert_eq!((axis.direction.z, axis.point), (1.0, Point3::origin()));
     let error = load_models(dir.path(), |_| true).unwrap_err().to_string();
     assert!(error.contains("obj_000003.ply"), "{error}");
     let obj = "v 0 0 0\nv 70 0 0\nv 0 40 0\nf 1 2 3\n";

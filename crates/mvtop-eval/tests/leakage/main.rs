@@ -5,6 +5,7 @@ mod files;
 mod fuzz;
 
 use mvtop_core::mesh::Mesh;
+use mvtop_core::symmetry::Symmetry;
 use mvtop_eval::bop::Model;
 use mvtop_eval::leakage::{PoseRecord, Split};
 use mvtop_eval::metrics::{Surface, Symmetries};
@@ -39,6 +40,7 @@ fn model(points: &[Point3<f64>], diameter: f64) -> Model {
         name: None,
         diameter_m: diameter * 1e-3,
         symmetries: Symmetries::default(),
+        symmetry: Symmetry::default(),
         surface: Surface::new(&points).unwrap(),
         path: "obj_000001.ply".into(),
         mesh: Mesh::new(points, vec![], vec![]).unwrap(),

@@ -6,7 +6,7 @@ use nalgebra::{Point2, Vector3};
 use crate::Checked;
 
 /// A lens, by which ray is imaged at a point of the plane of unit focal length.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Foreign {
     /// Straight lines from `x / (1 + k r²)`; HALCON's division model, COLMAP's `DIVISION`.
     ///

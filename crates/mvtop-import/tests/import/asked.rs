@@ -65,6 +65,19 @@ fn what_cannot_be_meant_is_refused() {
             0.03,
             "not a rotation",
         ),
+        // Degrees, most likely, or the radians of a Rodrigues vector.
+        (
+            "[[1, 0, 0], [0, 1, 0], [0, 0, 1]]",
+            "[10, 20, 30]",
+            0.03,
+            "`R`: expected a 3x3 matrix, got 3 numbers",
+        ),
+        (
+            r#""R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]"#,
+            r#""rvec": [0, 0, 90]"#,
+            0.03,
+            "in radians, not longer than a whole turn (6.28), got a length of 90.00",
+        ),
         ("[[500, 0, 320]", "[[500, 320, 0]", 0.03, "skew"),
         ("[640, 480]", "[640.5, 480]", 0.03, "whole pixels"),
         (five, "[0.1, 0]", 0.03, "0, 4, 5, 8, 12 or 14"),

@@ -44,6 +44,57 @@ fn opencv_pair_maps_the_first_camera_to_the_second() {
 }
 
 #[test]
+fn opencv_cameras_come_in_the_order_of_their_files() {
+    let camera = |focal: f64| {
+        format!(
+            r#"{{"K": [[{focal}, 0, 320], [0, {focal}, 240], [0, 0, 1]], "dist": [0, 0, 0, 0, 0],
+            "image_size": [640, 480]}}"#
+        )
+    };
+    let (rgb, ir) = (camera(900.0), camera(600.0));
+    let files = [("rgb.json", &*rgb), ("ir.json", &*ir), ("ex.yml", PAIR)];
+    let rig = read(&files, &scaled(0.025)).unwrap().rig;
+    let [first, second] = rig.cameras() else {
+        panic!("two cameras")
+    };
+    assert_eq!((first.id(), second.id()), ("rgb", "ir"));
+    assert_eq!(rig.reference_camera().id(), "rgb");
+    assert_pose(first, [0.0; 3], X, Z);
+    assert_pose(second, [0.0, -0.1, 0.0], [0.0, -1.0, 0.0], Z);
+    assert_plane(second, [600.0, 600.0, 320.0, 240.0]);
+    // So do those of a list; of keys, only numbers and sides say which camera comes first.
+    let list = [("rgb", &rgb), ("ir", &ir)]
+        .map(|(name, camera)| camera.replacen('{', &format!("{{\"name\": \"{name}\", "), 1));
+    let list = format!("[{}]", list.join(", "));
+    let first = |text: &str| {
+        let rig = read(&[("in.json", text), ("ex.yml", PAIR)], &scaled(0.025));
+        rig.map(|imported| imported.rig.reference_camera().id().to_owned())
+    };
+    assert_eq!(first(&list).unwrap(), "rgb");
+    let keys = |a: &str, b: &str| format!(r#"{{"{a}": {rgb}, "{b}": {ir}}}"#);
+    assert_eq!(first(&keys("my_left", "my_right")).unwrap(), "my_left");
+    assert_eq!(first(&keys("cam1", "cam0")).unwrap(), "cam0");
+    for (a, b) in [("rgb", "ir"), ("cam9", "cam10")] {
+        let error = first(&keys(a, b)).unwrap_err().to_string();
+        assert!(error.contains("a file of its own"), "{error}");
+    }
+}
+
+#[test]
+fn opencv_rectification_of_a_pair_is_not_used() {
+    let turns = PAIR.replace("R1:", "R2:").replace("%YAML:1.0\n---\n", "");
+    let turns = &turns[turns.find("R2:").unwrap()..];
+    let one = format!("{STEREO}{}{turns}", PAIR.replace("%YAML:1.0\n---\n", ""));
+    let options = Options {
+        image_sizes: vec![ImageSize::parse("640x480").unwrap()],
+        ..scaled(0.025)
+    };
+    let rig = read(&[("stereo.yml", &one)], &options).unwrap().rig;
+    let apart = [("in.yml", STEREO), ("ex.yml", PAIR)];
+    assert_eq!(rig, read(&apart, &options).unwrap().rig);
+}
+
+#[test]
 fn opencv_rvec_and_tvec_of_each_camera_map_world_to_camera() {
     let quarter = std::f64::consts::FRAC_PI_2;
     let text = format!(
@@ -218,6 +269,41 @@ fn bop_is_in_millimetres_from_world_to_camera() {
         .rig;
     let ids: Vec<_> = rig.cameras().iter().map(|camera| camera.id()).collect();
     assert_eq!(ids, ["000003", "000012"]);
+}
+
+#[test]
+fn bop_camera_that_moves_is_noticed_whatever_its_keys_are_called() {
+    let camera = r#"{"cam_K": [500, 0, 320, 0, 510, 240, 0, 0, 1], "cam_dist": [0.1, 0, 0, 0, 0],
+        "R_w2c": [1, 0, 0, 0, -1, 0, 0, 0, -1], "t_w2c": [200, 0, 300], "depth_scale": SCALE}"#;
+    let options = Options {
+        image_sizes: vec![ImageSize::parse("640x480").unwrap()],
+        ..Options::default()
+    };
+    let with = |from: &str, to: &str| {
+        let first = camera.replace("SCALE", "1.0");
+        let next = camera.replace("SCALE", "0.1").replace(from, to);
+        let moving = format!("{{\"0\": {first}, \"1\": {next}}}");
+        let other = format!("{{\"0\": {}}}", first.replace("[200", "[0"));
+        let files = [
+            ("scene_camera_a.json", &*moving),
+            ("scene_camera_b.json", &*other),
+        ];
+        read(&files, &options)
+    };
+    // What is no part of the camera may change.
+    assert_eq!(with("", "").unwrap().rig.cameras().len(), 2);
+    for (from, to) in [
+        ("[200, 0, 300]", "[600, 0, 300]"),
+        (
+            "[1, 0, 0, 0, -1, 0, 0, 0, -1]",
+            "[1, 0, 0, 0, 1, 0, 0, 0, 1]",
+        ),
+        ("[0.1,", "[0.2,"),
+        ("[500,", "[501,"),
+    ] {
+        let error = with(from, to).unwrap_err().to_string();
+        assert!(error.contains("image 0 is not that of image 1"), "{error}");
+    }
 }
 
 #[test]

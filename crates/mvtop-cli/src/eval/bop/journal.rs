@@ -57,14 +57,19 @@ impl Journal {
     ///
     /// - `run`: all that results depend on; what was begun with another one is refused
     /// - `results`: names of the files that will be written beside the journal
+    /// - `read`: files that the evaluation reads, which none of these may be
     /// - `force`: begin anew, removing what an evaluation wrote; other files are refused all the same
     pub fn open(
         dir: &Path,
         run: &Value,
         results: &[&str],
+        read: &[&Path],
         force: bool,
     ) -> Result<(Self, Vec<Line>)> {
         let (about, path) = (dir.join(ABOUT), dir.join(GROUPS));
+        for name in results.iter().chain(&[ABOUT, GROUPS]) {
+            write::spare(&dir.join(name), read, "name another folder")?;
+        }
         write::folder(dir)?;
         // Before `run.json` is looked for: an evaluation that begins meanwhile writes that first.
         let foreign = foreign(dir, results);

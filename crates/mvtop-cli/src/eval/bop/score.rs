@@ -1,11 +1,10 @@
 //! What BOP's metrics say of one pose, and of many.
 
 use mvtop_core::annotations::TruePose;
+use mvtop_core::pose::{rotation_error_deg, translation_error};
 use mvtop_core::prediction::ObjectPose;
 use mvtop_eval::bop::Model;
-use mvtop_eval::metrics::{
-    auc_exact, auc_poet, auc_posecnn, recall, rotation_error_deg, translation_error,
-};
+use mvtop_eval::metrics::{auc_exact, auc_poet, auc_posecnn, recall};
 use mvtop_eval::statistics::median;
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
@@ -21,6 +20,8 @@ use crate::failure::Result;
 const AUC_MAX_M: f64 = 0.1;
 /// Share of the diameter that ADD may be off.
 const ADD_SHARE: f64 = 0.1;
+/// Translations that differ by less count as one: symmetries are rounded.
+const SAME_M: f64 = 1e-6;
 
 /// One object of the truth. Errors are null where it was not found; rotation and translation errors
 /// are the least over the object's symmetries.
@@ -75,10 +76,36 @@ pub struct Scores {
 
 /// Rotation and translation errors are the least over the object's symmetries.
 pub fn errors(truth: &Isometry3<f64>, pose: &Isometry3<f64>, model: &Model) -> Errors {
+    let motions = model.symmetries.motions().iter();
+    // Turns about an axis come in steps; the nearest one lies between two of these.
+    let nearest = model.symmetry.nearest(truth, pose, model.diameter_m);
+    let alike = motions.map(|motion| truth * motion).chain([nearest]);
+    let errors = alike.map(|truth| {
+        let rot_deg = rotation_error_deg(&truth.rotation, &pose.rotation);
+        [rot_deg, translation_error(&truth, pose)]
+    });
+    let errors: Vec<[f64; 2]> = errors.collect();
+    let least = |i: usize| errors.iter().map(|of| of[i]).fold(f64::INFINITY, f64::min);
     Errors {
-        rot_deg: rotation_error_deg(truth, pose, &model.symmetries),
-        trans_m: translation_error(truth, pose, &model.symmetries),
+        rot_deg: least(0),
+        trans_m: least(1),
         add_m: Some(model.surface.add(truth, pose)),
+        by_symmetry: none_better(errors),
+    }
+}
+
+/// The pairs of errors than which no other is better in both; none where one is the best in both.
+fn none_better(mut errors: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
+    errors.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+    let mut least = f64::INFINITY;
+    errors.retain(|&[_, trans_m]| {
+        let better = trans_m < least - SAME_M;
+        least = if better { trans_m } else { least };
+        better
+    });
+    match errors.len() {
+        1 => Vec::new(),
+        _ => errors,
     }
 }
 
@@ -177,9 +204,11 @@ mod tests {
     use mvtop_core::annotations::GivenBoxes;
     use mvtop_core::mesh::Mesh;
     use mvtop_core::prediction::Timings;
+    use mvtop_core::symmetry::{Axis, Symmetry};
     use mvtop_core::{Camera, Intrinsics, Projection};
-    use mvtop_eval::metrics::{DepthImage, Surface, Symmetries};
-    use nalgebra::Point3;
+    use mvtop_eval::metrics::{BOP_MAX_STEP, ContinuousSymmetry, DepthImage, Surface, Symmetries};
+    use nalgebra::{Point3, Vector3};
+    use std::f64::consts::PI;
 
     /// A square plate of 0.2 m that faces the camera 1 m before it: 100 px wide.
     fn plate() -> Model {
@@ -191,6 +220,7 @@ mod tests {
             name: None,
             diameter_m: 0.1 * 8f64.sqrt(),
             symmetries: Symmetries::default(),
+            symmetry: Symmetry::default(),
             surface: Surface::new(mesh.vertices()).unwrap(),
             path: "plate.ply".into(),
             mesh,
@@ -239,9 +269,10 @@ mod tests {
             class: "plate".into(),
             views: 1,
             found: found.is_some(),
-            rot_deg: errors.map(|errors| errors.rot_deg),
-            trans_m: errors.map(|errors| errors.trans_m),
-            add_m: errors.and_then(|errors| errors.add_m),
+            rot_deg: errors.as_ref().map(|errors| errors.rot_deg),
+            trans_m: errors.as_ref().map(|errors| errors.trans_m),
+            add_m: errors.as_ref().and_then(|errors| errors.add_m),
+            by_symmetry: errors.map_or(Vec::new(), |errors| errors.by_symmetry),
             score: None,
             sigma: None,
             confidence: None,
@@ -289,6 +320,53 @@ mod tests {
         // 0.198: below 0.2, 0.25, ..., 0.5.
         assert_eq!(scores.ar_vsd, Some(0.7));
         assert!((scores.ar.unwrap() - (0.9 + 0.6 + 0.7) / 3.0).abs() < 1e-12);
+    }
+
+    /// A turn about an axis that is parallel to z and 20 mm off.
+    fn turn(angle: f64) -> Isometry3<f64> {
+        let offset = Isometry3::translation(0.02, 0.0, 0.0);
+        offset * Isometry3::rotation(angle * Vector3::z()) * offset.inverse()
+    }
+
+    #[test]
+    fn right_is_what_one_symmetry_makes_so_in_turn_and_place() {
+        let mut plate = plate();
+        plate.symmetries = Symmetries::new(&[turn(PI)], &[], BOP_MAX_STEP).unwrap();
+        plate.symmetry.discrete = vec![turn(PI)];
+        let truth = Isometry3::translation(0.0, 0.0, 1.0);
+        let of = |pose: Isometry3<f64>| errors(&truth, &pose, &plate);
+        assert!(of(truth).within(&bounds()) && of(truth * turn(PI)).within(&bounds()));
+        // Turned in place: after the half turn it is 40 mm off.
+        let mixed = of(truth * Isometry3::rotation(PI * Vector3::z()));
+        assert!(mixed.rot_deg < 1e-6 && mixed.trans_m < 1e-12);
+        assert!(!mixed.within(&bounds()));
+        for ([deg, m], [rot_deg, trans_m]) in
+            [[0.0, 0.04], [180.0, 0.0]].iter().zip(&mixed.by_symmetry)
+        {
+            assert!((deg - rot_deg).abs() < 1e-6 && (m - trans_m).abs() < 1e-12);
+        }
+        assert_eq!(mixed.by_symmetry.len(), 2);
+        let right_mm = 41.0;
+        assert!(mixed.within(&Bounds {
+            right_mm,
+            ..bounds()
+        }));
+    }
+
+    #[test]
+    fn turns_about_an_axis_are_no_errors_however_small() {
+        let (axis, offset) = (Vector3::z_axis(), Point3::new(0.02, 0.0, 0.0));
+        let continuous = ContinuousSymmetry { axis, offset };
+        let mut shaft = plate();
+        shaft.symmetries = Symmetries::new(&[], &[continuous], BOP_MAX_STEP).unwrap();
+        shaft.symmetry.axis = Some(Axis {
+            direction: axis,
+            point: offset,
+        });
+        let truth = Isometry3::translation(0.1, 0.2, 1.0);
+        let off = errors(&truth, &(truth * turn(0.01)), &shaft);
+        assert!(off.rot_deg < 1e-6 && off.trans_m < 1e-9, "{off:?}");
+        assert!(off.by_symmetry.is_empty());
     }
 
     #[test]

@@ -107,6 +107,40 @@ fn results_that_an_evaluation_wrote_give_its_scores_without_the_network() {
     }
 }
 
+#[test]
+fn results_that_are_read_are_never_removed() {
+    let (dir, dataset, report) = balls();
+    summary(&eval(&dataset, &report, &["--views", "2"]));
+    let [csv, page] = ["mvtop_balls-test.csv", "report.html"].map(|name| report.join(name));
+    let text = fs::read(&csv).unwrap();
+    let into = ["--report", report.to_str().unwrap(), "--force"];
+    let of = |path: &Path, more: &[&str]| score(&dataset, &[path.to_str().unwrap()], more);
+    // Scored into the folder that they came from, whatever they are called there.
+    summary(&of(&csv, &into));
+    assert_eq!(fs::read(&csv).unwrap(), text);
+    fs::write(&page, &text).unwrap();
+    let error = refusal(&of(&page, &into));
+    assert!(
+        error.contains("report.html is one of the files that are read"),
+        "{error}"
+    );
+    assert_eq!(fs::read(&page).unwrap(), text);
+
+    // Nor is a page of others, before anything is evaluated.
+    let (pages, other) = (dir.path().join("pages"), dir.path().join("other.csv"));
+    let compared = pages.join("compared.html");
+    fs::create_dir(&pages).unwrap();
+    fs::write(&compared, "theirs").unwrap();
+    fs::copy(&csv, &other).unwrap();
+    let both = [&csv, &other].map(|path| path.to_str().unwrap());
+    let into = ["--report", pages.to_str().unwrap()];
+    assert!(refusal(&score(&dataset, &both, &into)).contains("exists already"));
+    assert_eq!(fs::read(&compared).unwrap(), b"theirs");
+    assert_eq!(fs::read_dir(&pages).unwrap().count(), 1);
+    summary(&score(&dataset, &both, &[&into[..], &["--force"]].concat()));
+    assert!(fs::read(&compared).unwrap() != b"theirs");
+}
+
 /// A data set of two balls in one image, 0.3 m apart, of which the second one is seen better.
 fn two_balls(dir: &Path) {
     write_dataset(dir, false);

@@ -229,3 +229,43 @@ fn ros_rectified_images_are_seen_through_p() {
     // Tx = -48 px m = -480 px times 0.1 m to the right.
     assert_pose(right, [0.1, 0.0, 0.0], X, Z);
 }
+
+#[test]
+fn ros_pairs_without_transforms_are_not_put_into_each_other() {
+    let with = |cameras: &[(&str, &str)]| {
+        let infos: Vec<_> = cameras.iter().map(|(name, tx)| info(name, tx)).collect();
+        let names: Vec<_> = cameras
+            .iter()
+            .map(|(name, _)| format!("{name}.yaml"))
+            .collect();
+        let files = names.iter().zip(&infos);
+        let files: Vec<_> = files
+            .map(|(name, text)| (name.as_str(), text.as_str()))
+            .collect();
+        read(&files, &Options::default())
+    };
+    let pairs = [("fl", "0"), ("fr", "-48"), ("rl", "0"), ("rr", "-48")];
+    for cameras in [
+        &pairs[..],
+        &[("fl", "0"), ("fr", "-48"), ("rr", "-48")],
+        &[("fl", "0"), ("fr", "-48"), ("rl", "0")],
+        &[("fr", "-48"), ("rr", "-96")],
+    ] {
+        let error = with(cameras).unwrap_err().to_string();
+        assert!(error.contains("one rectified pair or row"), "{error}");
+        assert!(
+            error.contains("`fr` at 0.1000 m") && error.contains("tf_static"),
+            "{error}"
+        );
+    }
+    // A row has one camera at 0, whichever comes first; a camera alone needs no place.
+    let rig = with(&[("c", "-96"), ("a", "0"), ("b", "-48")]).unwrap().rig;
+    assert_pose(&rig.cameras()[0], [0.2, 0.0, 0.0], X, Z);
+    assert_pose(&rig.cameras()[2], [0.1, 0.0, 0.0], X, Z);
+    assert_pose(
+        &with(&[("fr", "-48")]).unwrap().rig.cameras()[0],
+        [0.0; 3],
+        X,
+        Z,
+    );
+}
