@@ -9,7 +9,7 @@ from PIL import Image
 from mvtop_train.data import objects
 from mvtop_train.errors import UserError
 from mvtop_train.export import mesh as bundled
-from mvtop_train.synthesis import parts
+from mvtop_train.synthesis import catalogue, parts
 
 BOX = trimesh.creation.box([40, 30, 20])
 COLORED = "newmtl a\nKd 0.8 0.1 0.1\n"
@@ -131,3 +131,44 @@ def test_meshes_of_many_triangles_are_not_made_finer():
     image = Image.fromarray(np.zeros((4, 4, 3), np.uint8))
     fine.visual = trimesh.visual.TextureVisuals(fine.vertices[:, :2], image=image)
     assert np.array_equal(objects.finer(fine).faces, fine.faces)
+
+
+def test_parts_of_the_catalogue_have_no_color_of_their_own(tmp_path):
+    """So that they are rendered in any; a grey one would be learnt as grey."""
+    objects.write(tmp_path, catalogue.parts())
+    for file in (tmp_path / "models").glob("*.ply"):
+        assert trimesh.load(file, process=False).visual.kind is None
+
+
+def test_edges_are_shaded_sharp_and_round_sides_smooth():
+    """Of a pierced block, whose flat sides have long thin triangles around the hole."""
+    hole = trimesh.creation.cylinder(0.3, 4, sections=48)
+    block = trimesh.boolean.difference([trimesh.creation.box([2, 2, 1]), hole])
+    normals, faces = parts.corner_normals(block), block.face_normals
+    flat = np.abs(faces).max(1) > 1 - 1e-6
+    on_hole = np.linalg.norm(block.triangles[..., :2], axis=-1).max(1) < 0.31
+    assert on_hole.sum() >= 96 and (flat & ~on_hole).sum() >= 12
+    assert np.allclose(normals[~on_hole], faces[~on_hole][:, None])
+    inwards = -block.triangles[on_hole] * [1, 1, 0] / 0.3
+    assert np.allclose(normals[on_hole], inwards, atol=1e-3)
+
+
+def test_seams_of_a_texture_and_triangles_without_area_do_not_show():
+    ball = trimesh.creation.icosphere(3)
+    whole = parts.corner_normals(ball)
+    apart = trimesh.Trimesh(
+        ball.triangles.reshape(-1, 3), np.arange(len(ball.faces) * 3).reshape(-1, 3), process=False
+    )
+    assert np.allclose(parts.corner_normals(apart), whole, atol=1e-6)
+    thin = trimesh.Trimesh(ball.vertices, [*ball.faces, [0, 0, 1]], process=False)
+    with_it = parts.corner_normals(thin)
+    assert np.allclose(with_it[:-1], whole, atol=1e-6)
+    assert np.allclose(np.linalg.norm(with_it, axis=-1), 1)
+
+
+def test_a_mesh_that_cannot_fall_is_refused():
+    sheet = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], [[0, 1, 2]])
+    with pytest.raises(
+        UserError, match="expected a body that can fall, got: at least 4 vertices .*; fix: "
+    ):
+        parts.Part(sheet, objects.from_mesh(sheet, 1, "sheet"))
