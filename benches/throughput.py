@@ -39,7 +39,7 @@ def measure(settings: runconfig.RunConfig, seconds: float) -> dict:
     scenes = batches.Scenes(Path(settings.data), known, settings.held_out)
     with tempfile.TemporaryDirectory() as scratch:  # nothing is saved, and none resumed
         state = TrainingState(Path(scratch), config, device)
-    stream = loop.batches_of(settings, state, scenes, me)
+    stream = loop.batches_of(settings, state, scenes, loop.composer_of(settings), me)
     made = []
 
     def load():

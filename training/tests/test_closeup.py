@@ -62,6 +62,9 @@ def test_closeups_are_of_what_the_image_shows(turn):
     turned = corners @ np.linalg.inv(K).T @ rolled.T @ K.T
     expected = [*turned[:, :2].min(0), *turned[:, :2].max(0)]
     np.testing.assert_allclose(box, expected, atol=1e-9)
+    pose[0, 3] -= 1.0  # wholly beside it
+    beside = closeup.cut_box(cube, image, (480, 640, 3), np.eye(3))
+    assert np.ptp(beside.reshape(2, 2), axis=0).min() > 50
 
 
 def test_boxes_are_jittered_without_bias():

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import shutil
 import subprocess
 import sys
 
@@ -93,6 +94,16 @@ def test_poses_are_learnt_anew_where_their_features_have_changed(settings, tmp_p
     assert not (tmp_path / "run" / "poses" / "last.pt").exists()
 
 
+def test_poses_stay_where_their_features_were_deleted(settings, tmp_path, monkeypatch):
+    trained, poses = Trained(monkeypatch, tmp_path / "run"), tmp_path / "run" / "poses"
+    trained.run(settings, 30)
+    (poses / "last.pt").write_bytes(b"")
+    shutil.rmtree(poses / "features")
+    trained.trains_on = False
+    trained.run(settings, 30)
+    assert (poses / "last.pt").exists()
+
+
 def test_poses_are_learnt_where_what_is_kept_for_the_end_is_gone(settings, tmp_path, monkeypatch):
     trained, stages = Trained(monkeypatch, tmp_path), pipeline.Stages(30)
     (tmp_path / "weights.pt").write_bytes(b"")
@@ -106,7 +117,7 @@ def test_too_few_minutes_are_refused_before_anything_is_rendered(settings, tmp_p
     monkeypatch.setattr(pipeline, "Generator", None)
     more = settings.generate.model_copy(update={"scenes": 10_000, "start": 10_000, "workers": 2})
     settings = settings.model_copy(update={"generate": more})
-    with pytest.raises(UserError, match=r"--minutes: expected more than 76.6 .*, got 30; fix: "):
+    with pytest.raises(UserError, match=r"--minutes: expected more than 76.[67] .*, got 30; fix: "):
         pipeline.run(settings, tmp_path / "run", 30)
     assert not (tmp_path / "run").exists()
 
@@ -150,7 +161,8 @@ def test_what_the_generator_notes_is_told_once(settings, tmp_path, monkeypatch):
 
 
 def test_a_generator_ends_with_a_run_that_is_killed():
-    commands = json.dumps([[sys.executable, "-c", "import time; time.sleep(60)"]])
+    rendering = "import time; print('begun', flush=True); time.sleep(60)"
+    commands = json.dumps([[sys.executable, "-c", rendering]])
     code = (
         "import os, subprocess, sys, time\n"
         f"script = [sys.executable, '-c', {generator.SCRIPT!r}, str(os.getpid()), {commands!r}]\n"
@@ -158,8 +170,7 @@ def test_a_generator_ends_with_a_run_that_is_killed():
         "time.sleep(60)"
     )
     run = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
-    with pytest.raises(subprocess.TimeoutExpired):
-        run.communicate(timeout=1)
+    assert run.stdout.readline() == b"begun\n"
     run.kill()
     run.communicate(timeout=20)  # its end is that of all who write to it
 

@@ -67,6 +67,11 @@ def test_what_the_image_cuts_off_is_counted_once(image):
     image.instances[:] = [bop.Instance(1, at_border, None, visible_share=0.5)]
     made = search.Searches(NETWORK, (BALL,)).make(image, np.random.default_rng(0), augment=False)
     assert made["search_class"].tolist() == [0] + [-1] * (search.MOST - 1)
+    # Of data without annotated shares all is as much in sight as lies in the image.
+    at_border[0, 3] *= 1.06
+    image.instances[:] = [bop.Instance(1, at_border, None)]
+    made = search.Searches(NETWORK, (BALL,)).make(image, np.random.default_rng(0), augment=False)
+    assert made["search_boxes"].any() and (made["search_class"] == -1).all()
 
 
 class Screen:

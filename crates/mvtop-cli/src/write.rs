@@ -99,7 +99,7 @@ pub fn spare<P: AsRef<Path>>(
 }
 
 /// Whether two names are of one file.
-fn same_file(a: &Path, b: &Path) -> bool {
+pub fn same_file(a: &Path, b: &Path) -> bool {
     #[cfg(unix)]
     {
         use std::os::unix::fs::MetadataExt;

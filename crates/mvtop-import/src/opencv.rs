@@ -282,10 +282,23 @@ fn collect(name: &str, value: &Value, found: &mut Found) -> Checked<()> {
 
 /// Whether names say that one camera comes before another: by their numbers, or as left and right.
 fn is_in_order(first: &str, second: &str) -> bool {
-    let stem = |id: &str| id.trim_end_matches(|c: char| c.is_ascii_digit()).to_owned();
-    let of_one_stem = stem(first) == stem(second) && stem(first) != first;
-    (of_one_stem && first.len() == second.len())
+    let (first, second) = (first.to_lowercase(), second.to_lowercase());
+    let parts = |id: &str| -> Vec<String> {
+        let is_digit = |c: &char| c.is_ascii_digit();
+        let letters: Vec<char> = id.chars().collect();
+        let runs = letters.chunk_by(|a, b| is_digit(a) == is_digit(b));
+        runs.map(|run| run.iter().collect()).collect()
+    };
+    let (a, b) = (parts(&first), parts(&second));
+    let differ: Vec<_> = a.iter().zip(&b).filter(|(a, b)| a != b).collect();
+    let numbered = match differ[..] {
+        [(a, b)] => a.parse::<u64>().ok() < b.parse().ok() && a.parse::<u64>().is_ok(),
+        _ => false,
+    };
+    let rest = first.strip_suffix('l');
+    (a.len() == b.len() && numbered)
         || (first.contains("left") && second.contains("right"))
+        || rest.is_some_and(|rest| second.strip_suffix('r') == Some(rest))
 }
 
 fn camera(

@@ -61,9 +61,12 @@ def jittered(box: np.ndarray, rng: np.random.Generator, strength: float) -> np.n
 
 def cut_box(bounds: np.ndarray, image: bop.Image, shape, rolled: np.ndarray) -> np.ndarray:
     """The box [4] of what an image (`shape`: height, width) shows of the object, as detectors give
-    it, in the camera after a turn [3, 3]; px."""
+    it, in the camera after a turn [3, 3]; px. Of what is beside the image, the whole box."""
     (turn, shift), end = (image.cam_from_obj[:3, :3], image.cam_from_obj[:3, 3]), shape[1::-1]
-    seen = boxes.pixels(image.k, bounds @ turn.T + shift).clip(-0.5, np.array(end) - 0.5)
+    seen = boxes.pixels(image.k, bounds @ turn.T + shift)
+    cut = seen.clip(-0.5, np.array(end) - 0.5)
+    if np.ptp(cut, axis=0).min() >= 1:
+        seen = cut
     rays = np.concatenate([seen, np.ones((len(seen), 1))], 1) @ np.linalg.inv(image.k).T
     return boxes.around(boxes.pixels(image.k, rays @ rolled.T))
 

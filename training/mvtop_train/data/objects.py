@@ -19,13 +19,13 @@ import trimesh
 from ..errors import UserError, asking_mvtop
 from ..network.config import ObjectClass
 from . import mvball
+from .backgrounds import ENDINGS
 
 POINTS = 1200  # on the surface, for ADD and overlays
 DIRECTIONS = 600  # in which the outermost points are kept
 GREY = 160  # of meshes without color
 FAR = 2.0  # diameters from a mesh's middle to its origin; beyond, coordinates have too few bits
 TRIANGLES = 2000  # of a bundle's mesh at most: what refinement draws some times in each view
-NO_PICTURES = (".mtl", ".bin", ".glbin", ".glbuf")  # among the files that a mesh names
 INFO = "models_info.json"
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
@@ -80,7 +80,7 @@ class _Beside(trimesh.resolvers.FilePathResolver):
         self.unread = []
 
     def get(self, name: str) -> bytes:
-        if Path(name).suffix.lower() in NO_PICTURES:
+        if Path(name).suffix.lower() not in ENDINGS:
             return super().get(name)
         try:
             from PIL import Image  # not needed for meshes without texture

@@ -80,8 +80,11 @@ class Searches:
         for one, kind in self._known(image):
             box = amodal_boxes(self.objects[kind].bounds, k, turned @ one.cam_from_obj)
             cut = box.clip(-0.5, edge)
-            inside = _share_inside(box, edge[:2], view_from_image, shape)
-            share = (1.0 if one.visible_share is None else one.visible_share) * inside
+            on_image, on_picture = _shown(box, edge[:2], view_from_image, shape)
+            inside = on_image & on_picture
+            share = inside.mean()
+            if one.visible_share is not None:  # in which what the image cuts off is not in sight
+                share = one.visible_share * inside.sum() / max(on_image.sum(), 1)
             if share >= UNSURE and (cut[2:] - cut[:2]).min() > 4:
                 things.append(Thing(cut, kind, share, one.annotation + 1))
         return things
@@ -131,13 +134,11 @@ class Searches:
         return [(one, kinds[one.obj_id]) for one in image.instances if one.obj_id in kinds]
 
 
-def _share_inside(box, edge, view_from_image, shape) -> float:
-    """The share of what an image shows of a box that a picture shows of it, too: what the image
-    cuts off is not in sight by its annotation.
+def _shown(box, edge, view_from_image, shape) -> tuple[np.ndarray, np.ndarray]:
+    """Which of `GRID` x `GRID` points of a box lie on the image, and which in the picture.
 
     box [4] in the picture, px; edge [2]: where that ends; shape: of the image (height, width)
     """
     u, v = (np.linspace(low, high, GRID) for low, high in zip(box[:2], box[2:], strict=True))
-    on_image = lies_on(u, v[:, None], view_from_image, shape)
     on_picture = ((u >= -0.5) & (u <= edge[0])) & ((v >= -0.5) & (v <= edge[1]))[:, None]
-    return (on_image & on_picture).sum() / max(on_image.sum(), 1)
+    return lies_on(u, v[:, None], view_from_image, shape), on_picture

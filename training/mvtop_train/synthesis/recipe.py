@@ -43,9 +43,10 @@ class Recipe:
     def check(self, folder: Path):
         """Refuse to add scenes to those of another recipe."""
         mine = {"seed": self.seed, "size": list(self.size), "name": self.name}
-        mine["source"] = self.source
+        mine |= {"source": self.source, "ids": [part.id for part in self.parts]}
         path = folder / "recipe.json"
         found = json.loads(path.read_text()) if path.exists() else mine
+        found.setdefault("ids", mine["ids"])  # of an earlier version
         differs = [key for key in mine if found.get(key) != mine[key]]
         if differs:
             key = differs[0]

@@ -106,7 +106,8 @@ def refuse_early(settings: runconfig.RunConfig, folder: Path):
     """UserError where scenes would be rendered for nothing."""
     runconfig.refuse_another(settings, folder)
     loop.composer_of(settings)
-    if settings.pretrained and settings.second.copies not in (0, settings.copies):
+    carried_on = settings.pretrained and settings.backbone
+    if carried_on and settings.second.copies not in (0, settings.copies):
         raise UserError(
             f"second.copies: expected {settings.copies}, the `copies` of the first stage, whose "
             f"features it takes, got {settings.second.copies}; fix: leave it out"
@@ -141,15 +142,23 @@ def training_minutes(settings: runconfig.RunConfig, stages: Stages, rendering=0.
     return left
 
 
-def kept_minutes(stage: Path, asked: float, minutes: float) -> float:
+def kept_of(stage: Path) -> dict:
+    """What is kept of when a stage began."""
+    path = stage / "stage.json"
+    return json.loads(path.read_text()) if path.exists() else {}
+
+
+def kept_minutes(stage: Path, asked: float, minutes: float, backbone: str = "") -> float:
     """Of a stage's training: those of when it began, unless others are `asked` for now. A run that
-    is resumed trains for as long as if it had not been stopped."""
-    path = stage / "minutes.json"
-    kept = json.loads(path.read_text()) if path.exists() else {}
+    is resumed trains for as long as if it had not been stopped.
+
+    backbone  digest of the weights whose features it learns from
+    """
+    kept = kept_of(stage)
     if kept.get("asked") != asked:
-        kept = {"asked": asked, "training": minutes}
+        kept = {"asked": asked, "training": minutes, "backbone": backbone}
         stage.mkdir(parents=True, exist_ok=True)
-        bop.write_json(path, kept)
+        bop.write_json(stage / "stage.json", kept)
     return kept["training"]
 
 
@@ -160,9 +169,10 @@ def second_stage(
     were learnt, they are learnt anew. The weights."""
     weights, poses, first = folder / "weights.pt", folder / "poses", folder / "features"
     backbone = checkpoint.digest(weights)
+    if kept_of(poses).get("backbone", backbone) != backbone:
+        shutil.rmtree(poses)
     if not bank.is_of(poses / "features", backbone):
-        if poses.exists():
-            shutil.rmtree(poses)
+        shutil.rmtree(poses / "features", ignore_errors=True)
         if (first / "state.json").exists():
             model, _, _ = checkpoint.load_weights(weights)
             bank.carry_on(first, poses / "features", model.features, backbone)
@@ -171,7 +181,7 @@ def second_stage(
     changes = settings.second.model_dump(exclude={"share"})
     changes |= {
         "backbone": str(weights), "copies": settings.second.copies or settings.copies,
-        "minutes": kept_minutes(poses, stages.minutes, min(minutes, most)),
+        "minutes": kept_minutes(poses, stages.minutes, min(minutes, most), backbone),
     }  # fmt: skip
     loop.train(settings.model_copy(update=changes), poses)
     return poses / "weights.pt"

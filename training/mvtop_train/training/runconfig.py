@@ -212,8 +212,9 @@ MAY_CHANGE = {
     "data", "init", "steps", "minutes", "workers", "log_steps", "save_minutes",
     "validate_minutes", "second", "generate.scenes", "generate.test", "generate.views",
     "generate.start", "generate.workers", "generate.reserve",
+    # What these files hold, the generator compares.
+    "generate.mesh", "generate.rig",
 }  # fmt: skip
-PATHS = "backgrounds", "generate.mesh", "generate.rig"
 # Where pydantic's own "Input should be ..." is not what these pages say.
 EXPECTED = {
     "int_type": "a whole number",
@@ -308,9 +309,8 @@ def _lasting(config: RunConfig) -> dict:
     """What may not differ when a run is resumed, by key; of paths where they lead."""
     fields = config.model_dump(exclude_none=True)
     fields |= {f"generate.{key}": value for key, value in fields.pop("generate").items()}
-    for key in PATHS:
-        paths = [fields[key]] if isinstance(fields[key], str) else fields[key]
-        fields[key] = [str(Path(path).resolve()) for path in paths if path]
+    if fields["backgrounds"]:
+        fields["backgrounds"] = str(Path(fields["backgrounds"]).resolve())
     # Which one it is, is known where its features are kept (`data.bank`).
     if fields["backbone"] not in ("", PRETRAINED):
         fields["backbone"] = "a checkpoint"

@@ -196,10 +196,14 @@ fn evaluate_all(
 ) -> Result<Done> {
     let poses = poses_name(&args.split);
     let files = [poses.as_str(), "summary.json", "report.html"];
-    // Poses of a file are not written again.
-    let files = match source {
-        Source::Network(_) => &files[..],
-        Source::File(_) => &files[1..],
+    // Poses that are read from there stay there.
+    let is_read = |folder: &Path| {
+        let mut read = args.predictions.iter();
+        read.any(|read| write::same_file(read, &folder.join(&poses)))
+    };
+    let files = match folder.is_some_and(is_read) {
+        true => &files[1..],
+        false => &files[..],
     };
     let read = args.predictions.iter().chain(&args.split.targets);
     let read: Vec<&Path> = read.map(PathBuf::as_path).collect();

@@ -73,8 +73,11 @@ fn opencv_cameras_come_in_the_order_of_their_files() {
     assert_eq!(first(&list).unwrap(), "rgb");
     let keys = |a: &str, b: &str| format!(r#"{{"{a}": {rgb}, "{b}": {ir}}}"#);
     assert_eq!(first(&keys("my_left", "my_right")).unwrap(), "my_left");
+    assert_eq!(first(&keys("Right", "Left")).unwrap(), "Left");
+    assert_eq!(first(&keys("eye_r", "eye_l")).unwrap(), "eye_l");
+    assert_eq!(first(&keys("cam1_info", "cam0_info")).unwrap(), "cam0_info");
     assert_eq!(first(&keys("cam1", "cam0")).unwrap(), "cam0");
-    for (a, b) in [("rgb", "ir"), ("cam9", "cam10")] {
+    for (a, b) in [("rgb", "ir"), ("cam9", "cam10"), ("final", "sensor")] {
         let error = first(&keys(a, b)).unwrap_err().to_string();
         assert!(error.contains("a file of its own"), "{error}");
     }
