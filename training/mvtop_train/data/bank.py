@@ -105,8 +105,6 @@ class Bank:
             return 0
         found = json.loads(state.read_text())
         done = found.pop("done")
-        if "backbone" not in found:  # of an earlier version
-            recipe = {key: value for key, value in recipe.items() if key != "backbone"}
         if found != recipe:
             raise UserError(
                 f"{state.parent}: expected features of {recipe}, got {found}; "

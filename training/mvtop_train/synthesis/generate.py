@@ -8,7 +8,6 @@ What imports MuJoCo is imported late: `gl.open_gl` says first where OpenGL is mi
 import hashlib
 import itertools
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -126,7 +125,8 @@ def prepare(args) -> tuple[Recipe, object]:
                 "poses are of this origin, but are learnt better if it is inside the part",
                 flush=True,
             )
-    replace(recipe, split=args.split).check(out / args.split)  # before `models/` is another's
+    for split in args.split:  # before `models/` is another's
+        recipe.check(out / split)
     objects.write(out, known)
     return recipe, _part_work
 
