@@ -50,7 +50,7 @@ class Searches:
         view_from_image = k @ turn @ np.linalg.inv(image.k)
         scale = k[0, 0] / image.k[0, 0]
         picture, on_image = warp(rgb, view_from_image, size, int(np.ceil(min(1 / scale, 8))))
-        things = self._things(image, rgb.shape, k, turn)
+        things = self._things(image, rgb.shape, k, turn, view_from_image)
         if augment and self.composer is not None:
             _, whose = bop.read_coords(image, rgb.shape[:2])
             if whose is not None:
@@ -71,11 +71,10 @@ class Searches:
             "search_class": index,
         }
 
-    def _things(self, image: bop.Image, shape, k, turn) -> list[Thing]:
+    def _things(self, image: bop.Image, shape, k, turn, view_from_image) -> list[Thing]:
         """What the picture shows of the objects."""
         turned, edge = np.eye(4), np.array([self.config.width, self.config.height] * 2) - 0.5
         turned[:3, :3] = turn
-        view_from_image = k @ turn @ np.linalg.inv(image.k)
         things = []
         for one, kind in self._known(image):
             box = amodal_boxes(self.objects[kind].bounds, k, turned @ one.cam_from_obj)
