@@ -87,9 +87,10 @@ def prepare(args) -> tuple[Recipe, object]:
     """The recipe without its split, and the worker; writes `models/`."""
     out = Path(args.out)
     if not args.mesh:
-        objects.write(out, [(objects.ball(), objects.ball_mesh())])
         size = (640, 480) if args.window is None else (args.window, args.window)
-        return Recipe(args.seed, "", size), _ball_work
+        recipe = Recipe(args.seed, "", size)
+        _begin(out, args.split, recipe, [(objects.ball(), objects.ball_mesh())])
+        return recipe, _ball_work
     if args.mesh_unit is None:
         raise UserError("--mesh-unit: expected with --mesh, got none; fix: --mesh-unit mm")
     listed = part_files(args)
@@ -125,10 +126,15 @@ def prepare(args) -> tuple[Recipe, object]:
                 "poses are of this origin, but are learnt better if it is inside the part",
                 flush=True,
             )
-    for split in args.split:  # before `models/` is another's
+    _begin(out, args.split, recipe, known)
+    return recipe, _part_work
+
+
+def _begin(out: Path, splits: list[str], recipe: Recipe, known):
+    """Writes `models/`, unless that is another's."""
+    for split in splits:
         recipe.check(out / split)
     objects.write(out, known)
-    return recipe, _part_work
 
 
 def part_files(args) -> tuple[PartFile, ...]:
@@ -189,7 +195,6 @@ def make_split(recipe: Recipe, work, args, shard: int, shards: int):
         )
     counts = views_per_scene(images, args.views) if images else [args.views] * args.scenes
     folder = Path(args.out) / recipe.split
-    recipe.check(folder)
     run_workers(
         work,
         list(enumerate(counts))[shard::shards],
