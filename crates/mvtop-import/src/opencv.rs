@@ -1,6 +1,8 @@
 //! OpenCV: FileStorage as YAML or JSON, of one camera, of a stereo pair, or of several cameras with
 //! `rvec` and `tvec` or `R` and `T` each; also other files with its names.
 
+mod keys;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::TAU;
 
@@ -12,72 +14,9 @@ use crate::lens::{Lens, Plane};
 use crate::node::Node;
 use crate::source::Source;
 use crate::{Checked, Direction, Options, yaml};
+use keys::{in_parts, is_in_order, split};
 
-/// What programs call the same thing, without case and underscores.
-const NAMES: &[(&str, &[&str])] = &[
-    (
-        "K",
-        &[
-            "k",
-            "m",
-            "cameramatrix",
-            "mtx",
-            "intrinsicmatrix",
-            "intrinsics",
-            "intrinsic",
-            "cammatrix",
-        ],
-    ),
-    (
-        "D",
-        &[
-            "d",
-            "dist",
-            "distcoeffs",
-            "distcoeff",
-            "distortion",
-            "distortioncoefficients",
-            "distortioncoeffs",
-        ],
-    ),
-    ("R", &["r", "rmat", "rotation", "rotationmatrix"]),
-    ("T", &["t", "translation", "translationvector", "tvec"]),
-    ("rvec", &["rvec", "rotationvector", "om"]),
-    (
-        "size",
-        &["size", "imagesize", "resolution", "imgsize", "imgshape"],
-    ),
-    ("width", &["width", "imagewidth"]),
-    ("height", &["height", "imageheight"]),
-    (
-        "model",
-        &["model", "cameramodel", "distortionmodel", "lensmodel"],
-    ),
-    ("fisheye", &["fisheyemodel", "fisheye", "isfisheye"]),
-    (
-        "world_from_cam",
-        &[
-            "worldfromcam",
-            "tworldcam",
-            "camtoworld",
-            "cam2world",
-            "c2w",
-        ],
-    ),
-    (
-        "cam_from_world",
-        &[
-            "camfromworld",
-            "tcamworld",
-            "worldtocam",
-            "world2cam",
-            "w2c",
-        ],
-    ),
-    ("pose", &["pose", "extrinsic", "extrinsics", "transform"]),
-];
-
-/// What is said of one camera, by the names above.
+/// What is said of one camera, by the names of [`keys`].
 type Fields = Map<String, Value>;
 
 /// What files say, in their order.
@@ -88,20 +27,6 @@ struct Found {
     shared: Vec<(String, Fields)>,
     /// Of two cameras, whether nothing says which one comes first.
     unordered: bool,
-}
-
-/// Which of the names a key is, and what it says of which camera: "1" of `M1`, "left" of `K_left`.
-fn split(key: &str) -> Option<(&'static str, String)> {
-    let plain: String = key.to_lowercase().chars().filter(|c| *c != '_').collect();
-    let endings = ["left", "right", "l", "r"];
-    let digits = plain.trim_end_matches(|c: char| c.is_ascii_digit());
-    let mut cuts = vec![plain.as_str()];
-    cuts.push(digits);
-    cuts.extend(endings.iter().filter_map(|end| plain.strip_suffix(end)));
-    cuts.into_iter().find_map(|base| {
-        let known = NAMES.iter().find(|(_, names)| names.contains(&base));
-        known.map(|(name, _)| (*name, plain[base.len()..].to_owned()))
-    })
 }
 
 /// Whether there is a camera in it, under whatever name.
@@ -196,7 +121,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
 fn collect(name: &str, value: &Value, found: &mut Found) -> Checked<()> {
     let mut numbered: BTreeMap<String, Fields> = BTreeMap::new();
     let mut by_key: Vec<String> = Vec::new();
-    let items: Vec<(String, &Value)> = match value {
+    let mut items: Vec<(String, &Value)> = match value {
         Value::Object(map) => map
             .iter()
             .map(|(key, value)| (key.clone(), value))
@@ -219,6 +144,10 @@ fn collect(name: &str, value: &Value, found: &mut Found) -> Checked<()> {
         }
         _ => return Err("expected an object or a list of cameras".into()),
     };
+    if value.is_object() {
+        // Keys come in the order of text, not in the file's.
+        items.sort_by_cached_key(|(key, _)| in_parts(key));
+    }
     let mut named: Fields = Fields::new();
     for (key, value) in items {
         match split(&key) {
@@ -248,7 +177,6 @@ fn collect(name: &str, value: &Value, found: &mut Found) -> Checked<()> {
     }
     // R1, R2, P1, P2 and Q are about rectified images, which these are not.
     numbered.retain(|_, fields| fields.contains_key("K"));
-    // Keys come in the order of text, not in the file's.
     found.unordered |= match by_key.as_slice() {
         [first, second] => value.is_object() && !is_in_order(first, second),
         _ => false,
@@ -268,6 +196,8 @@ fn collect(name: &str, value: &Value, found: &mut Found) -> Checked<()> {
             fields.extend(named.clone());
         }
     }
+    let mut numbered = Vec::from_iter(numbered);
+    numbered.sort_by_cached_key(|(suffix, _)| in_parts(suffix));
     for (suffix, fields) in numbered {
         let id = match suffix.as_str() {
             "l" => "left".to_owned(),
@@ -278,27 +208,6 @@ fn collect(name: &str, value: &Value, found: &mut Found) -> Checked<()> {
         found.cameras.push((id, fields));
     }
     Ok(())
-}
-
-/// Whether names say that one camera comes before another: by their numbers, or as left and right.
-fn is_in_order(first: &str, second: &str) -> bool {
-    let (first, second) = (first.to_lowercase(), second.to_lowercase());
-    let parts = |id: &str| -> Vec<String> {
-        let is_digit = |c: &char| c.is_ascii_digit();
-        let letters: Vec<char> = id.chars().collect();
-        let runs = letters.chunk_by(|a, b| is_digit(a) == is_digit(b));
-        runs.map(|run| run.iter().collect()).collect()
-    };
-    let (a, b) = (parts(&first), parts(&second));
-    let differ: Vec<_> = a.iter().zip(&b).filter(|(a, b)| a != b).collect();
-    let numbered = match differ[..] {
-        [(a, b)] => a.parse::<u64>().ok() < b.parse().ok() && a.parse::<u64>().is_ok(),
-        _ => false,
-    };
-    let rest = first.strip_suffix('l');
-    (a.len() == b.len() && numbered)
-        || (first.contains("left") && second.contains("right"))
-        || rest.is_some_and(|rest| second.strip_suffix('r') == Some(rest))
 }
 
 fn camera(

@@ -77,9 +77,38 @@ fn opencv_cameras_come_in_the_order_of_their_files() {
     assert_eq!(first(&keys("eye_r", "eye_l")).unwrap(), "eye_l");
     assert_eq!(first(&keys("cam1_info", "cam0_info")).unwrap(), "cam0_info");
     assert_eq!(first(&keys("cam1", "cam0")).unwrap(), "cam0");
-    for (a, b) in [("rgb", "ir"), ("cam9", "cam10"), ("final", "sensor")] {
+    assert_eq!(first(&keys("cam10", "cam9")).unwrap(), "cam9");
+    for (a, b) in [("rgb", "ir"), ("cam9a", "cam10b"), ("final", "sensor")] {
         let error = first(&keys(a, b)).unwrap_err().to_string();
         assert!(error.contains("a file of its own"), "{error}");
+    }
+}
+
+#[test]
+fn opencv_cameras_of_one_file_come_in_the_order_of_their_numbers() {
+    let numbers = 1..=11;
+    // `end`: of the keys of one camera.
+    let camera = |i: u32, end: &str| {
+        format!(
+            r#""K{end}": [[{}, 0, 320], [0, 500, 240], [0, 0, 1]], "dist{end}": [0, 0, 0, 0, 0],
+            "size{end}": [640, 480], "rvec{end}": [0, 0, 0], "tvec{end}": [{i}, 0, 0]"#,
+            500 + i
+        )
+    };
+    let joined = |each: &dyn Fn(u32) -> String| {
+        let all: Vec<String> = numbers.clone().map(each).collect();
+        format!("{{{}}}", all.join(", "))
+    };
+    let flat = joined(&|i| camera(i, &i.to_string()));
+    let nested = joined(&|i| format!(r#""Cam{i}": {{{}}}"#, camera(i, "")));
+    for (text, id) in [(flat, "cam"), (nested, "Cam")] {
+        let rig = read(&[("rig.json", &text)], &scaled(1.0)).unwrap().rig;
+        let ids: Vec<&str> = rig.cameras().iter().map(|camera| camera.id()).collect();
+        let expected: Vec<String> = numbers.clone().map(|i| format!("{id}{i}")).collect();
+        assert_eq!(ids, expected);
+        for (i, camera) in numbers.clone().zip(rig.cameras()) {
+            assert_eq!(camera.intrinsics().fx(), f64::from(500 + i));
+        }
     }
 }
 
