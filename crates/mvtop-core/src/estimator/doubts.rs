@@ -20,8 +20,8 @@ struct Judged {
     object: usize,
     /// Of each camera that shows it, where all its boxes agree best.
     residuals: Vec<(usize, Residual)>,
-    /// By how much the line of sight through each box then misses it, metres.
-    misses: Vec<f64>,
+    /// By how much the line of sight through one of these boxes then misses it, at most, metres.
+    missed: f64,
     /// How far the views are from one pose, in standard deviations.
     deviation: f64,
     /// Index of the camera that is off most.
@@ -48,24 +48,27 @@ pub fn of(
         .filter_map(|(index, (object, apart))| judge(bundle, cameras, index, object, apart))
         .collect();
     let overall = overall(&judged);
+    let doubted = overall.is_some_and(|deviation| deviation > most);
     for one in &judged {
         let object = &mut objects[one.object];
-        let doubted = overall.is_some_and(|deviation| deviation > most);
-        let missed = missed(&differences[one.object], &one.misses, doubted);
+        let missed = missed(&differences[one.object], one.missed, doubted);
         object.sigma.t_m = object.sigma.t_m.max(missed);
         object.deviation = Some(one.deviation);
     }
-    let mut warnings = Vec::from_iter(disagreement(most, objects, &judged));
+    let mut warnings = Vec::new();
+    if doubted {
+        warnings.extend(disagreement(most, objects, &judged));
+    }
     // Where views agree on an object, the rig fits, and what one finds alone is no object or hidden.
-    let agreed = overall.is_some_and(|deviation| deviation <= most);
-    if !agreed {
+    if doubted || overall.is_none() {
         warnings.extend(contradiction(bundle, cameras, objects));
     }
     let matched = objects.iter().any(|object| boxes(object).count() > 1);
     if !matched && warnings.is_empty() {
         warnings.extend(mismatch(cameras, objects));
     }
-    (consistency(&judged), warnings)
+    let consistency = overall.and_then(|deviation| consistency(&judged, deviation));
+    (consistency, warnings)
 }
 
 /// `None` for objects that fewer than two cameras show, or one of them not as a whole.
@@ -89,11 +92,9 @@ fn judge(
     };
     let sights: Vec<Sight> = seen.iter().map(sight).collect();
     let nearest = agreement(&class.points, &sights, &object.world_from_obj)?.nearest;
-    let misses: Vec<f64> = sights
-        .iter()
-        .zip(&nearest)
+    let missed = (sights.iter().zip(&nearest))
         .filter_map(|(sight, residual)| miss(sight, residual, &object.world_from_obj))
-        .collect();
+        .fold(0.0, f64::max);
     let numbers = seen.iter().map(|(camera, _)| *camera);
     let residuals: Vec<(usize, Residual)> = numbers.zip(nearest).collect();
     let judged = match by_edges(cameras, index, apart) {
@@ -103,7 +104,7 @@ fn judge(
         },
         None => by_boxes(cameras, index, residuals)?,
     };
-    Some(Judged { misses, ..judged })
+    Some(Judged { missed, ..judged })
 }
 
 /// By how much lines of sight miss an object, at most, metres: as two views or more tell by the edges
@@ -114,19 +115,16 @@ fn judge(
 ///
 /// - `apart`: how far its views are from one pose; empty where they do not tell
 /// - `by_boxes`: by how much the lines of sight through its boxes do
-fn missed(apart: &[(usize, Difference)], by_boxes: &[f64], doubted: bool) -> f64 {
-    let by_edges: Vec<f64> = (apart.iter().filter(|(_, off)| off.by_edges))
-        .map(|(_, off)| off.across)
-        .collect();
-    let all: Vec<f64> = (apart.iter())
-        .map(|(_, off)| off.across.hypot(off.along))
-        .collect();
-    let told = match (doubted, by_edges.len()) {
-        (true, _) if !all.is_empty() => &all,
-        (false, 2..) => &by_edges,
+fn missed(apart: &[(usize, Difference)], by_boxes: f64, doubted: bool) -> f64 {
+    let all = apart.iter().map(|(_, off)| off);
+    let by_edges = all.clone().filter(|off| off.by_edges);
+    match (doubted, by_edges.clone().count()) {
+        (true, _) if !apart.is_empty() => all
+            .map(|off| off.across.hypot(off.along))
+            .fold(0.0, f64::max),
+        (false, 2..) => by_edges.map(|off| off.across).fold(0.0, f64::max),
         _ => by_boxes,
-    };
-    told.iter().copied().fold(0.0, f64::max)
+    }
 }
 
 /// By the pose that each view tells; `None` where they do not tell any.
@@ -151,7 +149,7 @@ fn by_edges(cameras: &[Camera], object: usize, apart: &[(usize, Difference)]) ->
     Some(Judged {
         object,
         residuals: Vec::new(),
-        misses: Vec::new(),
+        missed: 0.0,
         deviation: squares.sum::<f64>().sqrt(),
         camera,
         kind: worst.mostly,
@@ -182,7 +180,7 @@ fn by_boxes(
     Some(Judged {
         object,
         residuals,
-        misses: Vec::new(),
+        missed: 0.0,
         deviation: worst.deviation(),
         camera,
         kind,
@@ -198,7 +196,9 @@ fn told_size(by: f64, camera: &str) -> String {
 }
 
 /// The root mean square over the objects, of the camera where it is greatest.
-fn consistency(judged: &[Judged]) -> Option<RigConsistency> {
+///
+/// - `deviation`: of all objects
+fn consistency(judged: &[Judged], deviation: f64) -> Option<RigConsistency> {
     let mut squares: BTreeMap<usize, (f64, f64)> = BTreeMap::new();
     for (camera, residual) in judged.iter().flat_map(|object| &object.residuals) {
         let (sum, count) = squares.entry(*camera).or_default();
@@ -211,7 +211,7 @@ fn consistency(judged: &[Judged]) -> Option<RigConsistency> {
     let (camera, px) = each.max_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(RigConsistency {
         px,
-        deviation: overall(judged)?,
+        deviation,
         worst_camera: several.then_some(camera),
     })
 }
@@ -224,13 +224,10 @@ fn overall(judged: &[Judged]) -> Option<f64> {
     all.get(all.len().checked_sub(1)? / 2).copied()
 }
 
-/// One warning for all objects on which the views disagree.
+/// One warning for all objects on which the views disagree; `None` where there are none.
 ///
 /// - `most`: standard deviations that are not warned of
 fn disagreement(most: f64, objects: &[ObjectPose], judged: &[Judged]) -> Option<Warning> {
-    if overall(judged)? <= most {
-        return None;
-    }
     let doubted: Vec<&Judged> = judged
         .iter()
         .filter(|object| object.deviation > most)
@@ -356,10 +353,10 @@ mod tests {
             (1, off(true, 0.002, 0.0)),
             (2, off(false, 0.03, 0.04)),
         ];
-        assert_eq!(missed(&apart, &[0.01], false), 0.002);
-        assert_eq!(missed(&apart, &[0.01], true), 0.05);
+        assert_eq!(missed(&apart, 0.01, false), 0.002);
+        assert_eq!(missed(&apart, 0.01, true), 0.05);
         // Boxes count where edges do not tell.
-        assert_eq!(missed(&apart[1..], &[0.01], false), 0.01);
-        assert_eq!(missed(&[], &[0.01], true), 0.01);
+        assert_eq!(missed(&apart[1..], 0.01, false), 0.01);
+        assert_eq!(missed(&[], 0.01, true), 0.01);
     }
 }
