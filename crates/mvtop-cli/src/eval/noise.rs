@@ -6,6 +6,7 @@
 
 use clap::Args;
 use mvtop_core::annotations::GivenBoxes;
+use mvtop_core::rays::BoxRays;
 use mvtop_core::{BBox, Rig};
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use rand::SeedableRng;
@@ -63,7 +64,7 @@ impl Noise {
     }
 
     /// Moves the four sides of an object's box in every camera; a box of which nothing is left
-    /// within the image goes, also without noise.
+    /// within the image, or that the lens has no rays for, goes, also without noise.
     ///
     /// - `object`: its place in the sample's truth
     pub fn disturb_boxes(&self, seen: &mut GivenBoxes, rig: &Rig, sample: &str, object: usize) {
@@ -84,7 +85,8 @@ impl Noise {
                 x1: moved(bbox.x1, width),
                 y1: moved(bbox.y1, height),
             };
-            let clipped = bbox.clip(camera.width(), camera.height());
+            let clipped = (bbox.clip(camera.width(), camera.height()))
+                .filter(|&bbox| BoxRays::new(camera, bbox).is_some());
             *bbox = clipped.unwrap_or(*bbox);
             clipped.is_some()
         });
@@ -194,6 +196,27 @@ mod tests {
             assert!((first.translation.vector - other.translation.vector).norm() > 1e-6);
         }
         assert!((other_camera.translation.vector - own_camera.translation.vector).norm() > 1e-6);
+    }
+
+    #[test]
+    fn boxes_beyond_a_lens_field_of_view_go() {
+        // Its radius is greatest at 272 px.
+        let rig = Rig::from_json(
+            r#"{"format": "mvtop-rig", "version": 1, "unit": "m", "cameras": [{"id": "cam0",
+                "width": 640, "height": 480, "fx": 500, "fy": 500, "cx": 320, "cy": 240,
+                "distortion": {"model": "brown_conrady", "params": [-0.5, 0, 0, 0, 0]},
+                "T_world_cam": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}]}"#,
+        )
+        .unwrap();
+        for (bbox, stays) in [
+            ([100.0, 200.0, 120.0, 220.0], true),
+            ([0.0, 0.0, 20.0, 20.0], false),
+        ] {
+            let mut seen = seen();
+            seen.boxes = BTreeMap::from([("cam0".into(), bbox.into())]);
+            Noise::default().disturb_boxes(&mut seen, &rig, "000000", 0);
+            assert_eq!(seen.boxes.len(), usize::from(stays));
+        }
     }
 
     #[test]

@@ -97,7 +97,8 @@ impl Sample {
         disturbed.filter(|seen| self.shown(seen) > 0).collect()
     }
 
-    /// How many of the true boxes in its images are not used, as nothing of them lies within these.
+    /// How many of the true boxes in its images are not used, as nothing of them lies within these, or
+    /// the lens has no rays there.
     pub fn boxes_left_out(&self, noise: &Noise) -> usize {
         let all = self.truth.iter().map(|known| self.shown(&known.seen));
         let left = self.disturbed(noise).map(|seen| self.shown(&seen));

@@ -20,6 +20,10 @@ pub fn run(args: &SamplesArgs) -> Result<()> {
     let folders = folders(&args.folder)?;
     if let Some(out) = &args.out {
         write::may_write(out, args.force)?;
+        // It may be what a sample is read of: its rig, its truth, an image.
+        let name = out.file_name().unwrap_or_default();
+        let read = folders.iter().map(|folder| folder.join(name));
+        write::spare(out, read, "name another file")?;
     }
     let (_, estimator) = trial.load()?;
     let bar = progress::bar(folders.len() as u64, "{pos}/{len} samples");
@@ -58,8 +62,8 @@ pub fn run(args: &SamplesArgs) -> Result<()> {
     bar.finish_and_clear();
     if left_out > 0 {
         write::complain(&format!(
-            "warning: --true-boxes: {left_out} of the boxes lie beside their image, or are thinner than a \
-             pixel there: these cameras count as not seeing the object"
+            "warning: --true-boxes: {left_out} of the boxes lie beside their image or its lens' field of \
+             view, or are thinner than a pixel there: these cameras count as not seeing the object"
         ));
     }
 

@@ -1,5 +1,7 @@
 //! `eval samples`.
 
+use std::path::PathBuf;
+
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -76,8 +78,8 @@ fn evaluation_is_one_line_of_json_and_one_per_object() {
     eval(&[&args[..], &["--force"]].concat());
 }
 
-#[test]
-fn true_boxes_beside_the_image_are_left_out_and_told_of() {
+/// A folder with a copy of the sample.
+fn copied() -> (TempDir, PathBuf) {
     let folder = TempDir::new().unwrap();
     let copy = folder.path().join("sample");
     std::fs::create_dir(&copy).unwrap();
@@ -85,6 +87,29 @@ fn true_boxes_beside_the_image_are_left_out_and_told_of() {
         let file = file.unwrap();
         std::fs::copy(file.path(), copy.join(file.file_name())).unwrap();
     }
+    (folder, copy)
+}
+
+#[test]
+fn files_of_samples_are_spared() {
+    let (folder, copy) = copied();
+    let truth = copy.join("truth.json");
+    let before = std::fs::read(&truth).unwrap();
+    let refused = refusal(&mvtop(&[
+        "eval",
+        "samples",
+        folder.path().to_str().unwrap(),
+        "--out",
+        truth.to_str().unwrap(),
+        "--force",
+    ]));
+    assert!(refused.contains("is one of the files that are read"), "{refused}");
+    assert_eq!(std::fs::read(&truth).unwrap(), before);
+}
+
+#[test]
+fn true_boxes_beside_the_image_are_left_out_and_told_of() {
+    let (folder, copy) = copied();
     let truth: Value =
         serde_json::from_slice(&std::fs::read(sample("truth.json")).unwrap()).unwrap();
     let with = |boxes: Value| {
