@@ -183,10 +183,13 @@ def test_notes_are_lines(monkeypatch, tmp_path, capfd):
     assert origin.startswith("note: box: the mesh's origin is 30 mm off its middle")
 
 
-def test_without_opengl_one_sentence_says_so(tmp_path):
+@pytest.mark.parametrize("module", ["generate", "synthesis.coordinates"])
+def test_without_opengl_one_sentence_says_so(module, dataset, tmp_path):
     """MuJoCo asks for it as soon as it is imported."""
+    parts = module == "generate"
+    options = box_beside_its_origin(tmp_path) if parts else ["--data", str(dataset)]
     made = subprocess.run(
-        [sys.executable, "-m", "mvtop_train.generate", *box_beside_its_origin(tmp_path)],
+        [sys.executable, "-m", f"mvtop_train.{module}", *options],
         env=os.environ | {"MUJOCO_GL": "nonsense"}, capture_output=True, text=True,
     )  # fmt: skip
     assert made.returncode == 1 and made.stderr.startswith("error: no off-screen OpenGL (")

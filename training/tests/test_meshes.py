@@ -117,7 +117,7 @@ def test_a_print_on_few_triangles_is_kept(tmp_path):
     obj = objects.from_mesh(box, 1, "box")
     objects.write(tmp_path, [(obj, box)])
     mesh = bundled.meshes_of(tmp_path, objects.read_all(tmp_path))["box"]
-    assert len(box.faces) < len(mesh.faces) <= bundled.TRIANGLES
+    assert len(box.faces) < len(mesh.faces) <= objects.TRIANGLES
     np.testing.assert_allclose(mesh.bounds, box.bounds, atol=1e-8)
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     assert mesh.is_watertight and mesh.volume == pytest.approx(box.volume)

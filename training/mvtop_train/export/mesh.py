@@ -17,7 +17,6 @@ from .. import description
 from ..data import mvball, objects
 from ..errors import UserError, argument_parser, command
 
-TRIANGLES = objects.TRIANGLES
 COLOR_POINTS = 40_000  # on the surface, from which vertices of decimated meshes take their colors
 NEAREST = 4  # of these points, whose mean a vertex has
 # As in core/refine/part.rs: colors that differ by less in each channel are one, and a mesh of more
@@ -54,7 +53,7 @@ def ball() -> trimesh.Trimesh:
     )  # fmt: skip
 
 
-def decimated(mesh: trimesh.Trimesh, triangles: int = TRIANGLES) -> trimesh.Trimesh:
+def decimated(mesh: trimesh.Trimesh, triangles: int = objects.TRIANGLES) -> trimesh.Trimesh:
     """`mesh` with at most so many triangles, and a color of each vertex."""
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     if len(faces) > triangles:

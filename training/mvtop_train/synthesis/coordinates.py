@@ -5,26 +5,29 @@
 Renders the mesh (models/, PLY) in each image's pose and writes `coords/` beside `rgb/`, as `bop.py`
 describes it. BOP's `mask_visib/`, where it is there, tells which pixels show the object; without it
 hidden parts are coded as if they were seen, so it suits images in which nothing hides the object.
+What imports MuJoCo is imported late: `gl.open_gl` says first where OpenGL is missing.
 """
 
 from pathlib import Path
 
 import cv2
-import mujoco
 import numpy as np
 from tqdm import tqdm
 
 from ..data import bop, objects, rendered
 from ..errors import argument_parser, command
 from .gl import open_gl
-from .parts import Kit, Part
-from .render import Renderer
 
 
 class CoordinateRenderer:
     """Renders one object, at the origin of its world, through any pinhole."""
 
     def __init__(self, root: Path, obj: objects.Object):
+        self.gl, self.renderers = open_gl(), {}
+        import mujoco
+
+        from .parts import Kit, Part
+
         mesh = objects.read_mesh(root, obj.id)
         self.part = Part(mesh, obj)
         self.kit = Kit([self.part])
@@ -34,10 +37,11 @@ class CoordinateRenderer:
         self.data = mujoco.MjData(self.model)
         self.data.qpos[:] = [0, 0, 0, 1, 0, 0, 0]
         mujoco.mj_forward(self.model, self.data)
-        self.gl, self.renderers = open_gl(), {}
 
     def __call__(self, k, cam_from_obj, size: tuple[int, int]) -> np.ndarray:
         """Object coordinates [h, w, 3] in metres, NaN off the object. size  (w, h), px"""
+        from .render import Renderer
+
         if size not in self.renderers:
             self.model.vis.global_.offwidth, self.model.vis.global_.offheight = size
             self.renderers[size] = Renderer(self.model, *size, self.gl, self.kit.near)
