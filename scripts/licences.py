@@ -48,10 +48,36 @@ def linked(about: dict) -> list[dict]:
 
 
 def permitted(expression: str) -> bool:
-    """Whether there is a way to use a crate under permissive licences alone."""
-    words = re.sub(r"[()]", " ", expression.replace("/", " OR "))
-    ways = [way.strip() for way in words.split(" OR ")]
-    return any(all(part.strip() in PERMISSIVE for part in way.split(" AND ")) for way in ways)
+    """Whether there is a way to use a crate under permissive licences alone.
+
+    - expression: SPDX's, where AND binds tighter than OR
+    """
+    words = re.findall(r"[()]|[^\s()]+", expression.replace("/", " OR "))
+
+    def take(word: str) -> bool:
+        return words[:1] == [word] and bool(words.pop(0))
+
+    def either() -> bool:
+        found = both()
+        while take("OR"):
+            found = both() or found
+        return found
+
+    def both() -> bool:
+        found = one()
+        while take("AND"):
+            found = one() and found
+        return found
+
+    def one() -> bool:
+        if take("("):
+            return either() and take(")")
+        licence = words.pop(0) if words else ""
+        if take("WITH"):
+            licence += f" WITH {words.pop(0) if words else ''}"
+        return licence in PERMISSIVE
+
+    return either() and not words
 
 
 def refuse(crates: list[dict]):
@@ -61,7 +87,8 @@ def refuse(crates: list[dict]):
         sys.exit(f"error: expected permissive licences, got {', '.join(wrong)}; fix: another crate")
     foreign = [f"{c['name']} ({c['source']})" for c in crates if c["source"] != REGISTRY]
     if foreign:
-        sys.exit(f"error: expected crates of crates.io, got {', '.join(foreign)}; fix: name a release")
+        got = ", ".join(foreign)
+        sys.exit(f"error: expected crates of crates.io, got {got}; fix: name a release")
 
 
 def texts(crate: dict) -> list[Path]:
