@@ -12,7 +12,7 @@ WHEELS := target/wheels
 SHIPPED := crates/mvtop-py/python/mvtop/shipped
 export PYTHONPATH := training
 # ONNX Runtime for what cargo builds: nothing is looked for in the current folder.
-RUNTIME = ORT_DYLIB_PATH="$$(ls -d $(CURDIR)/.venv/lib/python*/site-packages/onnxruntime/capi/libonnxruntime.[s1]*)"
+RUNTIME = ORT_DYLIB_PATH="$$(ls -d "$(CURDIR)"/.venv/lib/python*/site-packages/onnxruntime/capi/libonnxruntime.[s1]*)"
 export CARGO_TERM_PROGRESS_WHEN ?= auto
 # Property tests draw the same cases in every run; set another seed to search for new ones.
 export PROPTEST_RNG_SEED ?= 1
@@ -75,6 +75,7 @@ wheel: $(MVTOP)  ## the Python wheel, in target/wheels and installed in .venv
 # As old a glibc as onnxruntime's own wheels ask for; zig links against any. On PATH, as maturin
 # calls `python -m ziglang`.
 release-wheel: .venv/release.done $(SHIPPED)/model/model.json  ## the wheel for every Linux with glibc 2.28 (2018) or newer, in out/wheels
+	rm -f out/wheels/mvtop-*.whl
 	PATH="$(CURDIR)/.venv/bin:$$PATH" $(PY) -m maturin build --release --strip --locked --zig \
 	  --compatibility manylinux_2_28 -m crates/mvtop-py/Cargo.toml --out out/wheels
 	scripts/try-wheel.sh out/wheels/mvtop-*.whl

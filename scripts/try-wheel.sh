@@ -2,6 +2,10 @@
 # Installs a wheel, with what it declares and nothing else, and runs the README's Python lines: they must find
 # the ball where it is. In an empty folder the command has all that it needs.
 set -euo pipefail
+if [ $# != 1 ]; then
+  echo "error: expected one wheel, got $#: $*; fix: remove those that are not to be tried" >&2
+  exit 1
+fi
 wheel=$(realpath "$1")
 cd "$(dirname "$0")/.."
 venv=$(mktemp -d)
