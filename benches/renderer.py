@@ -1,9 +1,10 @@
 """Our depth images and VSD beside the BOP toolkit's: python benches/renderer.py MODELS
 
-Needs `pip install mvtop vispy PyOpenGL`, EGL (`EGL_PLATFORM=surfaceless` without a screen), and the
-toolkit on the path (PYTHONPATH=bop_toolkit). MODELS is a folder of a BOP data set with PLY meshes
-(models/, models_eval/). Each object is put before the camera at random; depth images are rendered
-by both, and VSD is computed from theirs by them and from ours by us, for estimates near and far.
+Needs `make wheel; pip install target/wheels/mvtop-*.whl vispy PyOpenGL`, EGL
+(`EGL_PLATFORM=surfaceless` without a screen), and the toolkit on the path
+(PYTHONPATH=bop_toolkit). MODELS is a folder of a BOP data set with PLY meshes (models/,
+models_eval/). Each object is put before the camera at random; depth images are rendered by both,
+and VSD is computed from theirs by them and from ours by us, for estimates near and far.
 """
 
 import argparse
