@@ -88,6 +88,22 @@ def test_vertices_without_triangles_do_not_count(tmp_path):
         objects.load_mesh(tmp_path / "points.ply", "mm")
 
 
+@pytest.mark.parametrize("turned", [np.arange(12), np.array([1, 2, 7]), np.array([0])])
+def test_triangles_are_wound_outwards(turned, tmp_path):
+    """Also where seams of a texture part all vertices, and where the box has no lid."""
+    box = BOX.copy().apply_translation([60, 0, 0])
+    box.faces[turned] = box.faces[turned, ::-1]
+    apart = trimesh.Trimesh(
+        box.triangles.reshape(-1, 3), np.arange(36).reshape(-1, 3), process=False
+    )
+    lid = BOX.face_normals[:, 2] > 0.5
+    for n, mesh in enumerate((box, apart, trimesh.Trimesh(box.vertices, box.faces[~lid]))):
+        mesh.export(tmp_path / f"{n}.ply")
+        loaded = objects.load_mesh(tmp_path / f"{n}.ply", "mm")
+        outwards = loaded.triangles_center - [0.06, 0, 0]
+        assert ((loaded.face_normals * outwards).sum(1) > 0).all()
+
+
 def test_an_origin_far_from_the_part_is_refused(tmp_path):
     diameter = np.linalg.norm(BOX.extents)
     for diameters in (1.9, 2.1):

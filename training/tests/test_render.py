@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from mvtop_train.data import objects
+from mvtop_train.data import objects, rig
 from mvtop_train.synthesis import parts
 from mvtop_train.synthesis.gl import open_gl
-from mvtop_train.synthesis.render import NEAR, Renderer
+from mvtop_train.synthesis.render import FAR, NEAR, Renderer
 
 SCENE = """<mujoco>
   <visual><global offwidth="200" offheight="160"/></visual>
@@ -56,6 +56,36 @@ def test_renderers_of_two_sizes_take_turns(gl, scene):
     assert mask.any() and np.array_equal(again, mask) and np.array_equal(depth_again, depth)
 
 
+def test_triangles_have_two_sides(gl):
+    """As a scan without its bottom shows its inside from below."""
+    box = trimesh.creation.box([0.1] * 3)
+    lidless = trimesh.Trimesh(box.vertices, box.faces[box.face_normals[:, 2] < 0.5])
+    kit = parts.Kit([parts.Part(lidless, objects.from_mesh(lidless, 1, "box"))])
+    body = kit.parts[0].body(np.random.default_rng(0), "box", np.zeros(3))
+    visual = '<visual><global offwidth="160" offheight="120"/></visual>'
+    xml = f"<mujoco>{visual}{kit.parts[0].asset()}{body}</mujoco>"
+    model = mujoco.MjModel.from_xml_string(xml, kit.files)
+    data = mujoco.MjData(model)
+    data.qpos[3:] = [1, 0, 0, 0]
+    mujoco.mj_forward(model, data)
+    renderer = Renderer(model, 160, 120, gl, kit.near)
+    # Twice as far as it is wide, its bottom is half a width farther; sides fill the rest.
+    mask, depth = look(renderer, data, height=2 * 0.1 * kit.scale)
+    assert depth[60, 80] == pytest.approx(2.5 * 0.1 * kit.scale, abs=1e-3)
+    assert mask[60, 80 - 60 : 80 + 60].all()
+    renderer.close()
+
+
+def test_what_a_long_lens_sees_is_before_the_far_plane():
+    box = trimesh.creation.box([0.02] * 3)
+    kit = parts.Kit([parts.Part(box, objects.from_mesh(box, 1, "box"))])
+    size = objects.diameter(np.asarray(box.vertices)) * kit.scale
+    for focal, far in ((600.0, FAR), (12_000.0, 12_000 / 480 * size / 0.1 * 1.5)):
+        k = np.array([[focal, 0, 320], [0, focal, 240], [0, 0, 1]])
+        camera = rig.Camera("a", 640, 480, k, np.eye(4), False)
+        assert kit.far([camera]) == pytest.approx(far)
+
+
 def test_a_small_part_next_to_a_camera_is_whole(gl, scene):
     """3 cm away, and as deep as it is; far away depth is still far better than coordinates are."""
     model, data = scene
@@ -71,9 +101,9 @@ def test_a_small_part_next_to_a_camera_is_whole(gl, scene):
     for near, seen in ((NEAR, False), (kit.near, True)):
         renderer = Renderer(model, 160, 120, gl, near)
         mask, depth = look(renderer, data, height=0.23)
-        assert mask.all() == seen
+        assert mask.all()
+        assert np.allclose(depth, 0.03, atol=1e-6) == seen  # else its inside is
         if seen:
-            np.testing.assert_allclose(depth, 0.03, atol=1e-6)
             mask, depth = look(renderer, data, height=3.2)
             np.testing.assert_allclose(depth[mask], 3, atol=2e-4)
         renderer.close()

@@ -8,8 +8,10 @@ Training, evaluation and export read the object back from there, so that they se
 in BOP layout; without `models_eval/` the points are drawn from the mesh.
 """
 
+import hashlib
 import io
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +29,7 @@ GREY = 160  # of meshes without color
 FAR = 2.0  # diameters from a mesh's middle to its origin; beyond, coordinates have too few bits
 TRIANGLES = 2000  # of a bundle's mesh at most: what refinement draws some times in each view
 INFO = "models_info.json"
+FILE_NAME = re.compile(r'[^/\\:*?"<>|\x00-\x1f]+')  # as an object's is the name of files
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
@@ -77,24 +80,30 @@ class _Beside(trimesh.resolvers.FilePathResolver):
 
     def __init__(self, path: Path):
         super().__init__(str(path), allow_anywhere=True)
-        self.unread = []
+        self.unread, self.digest = [], hashlib.sha256()
 
     def get(self, name: str) -> bytes:
         if Path(name).suffix.lower() not in ENDINGS:
-            return super().get(name)
+            return self._read(name)
         try:
             from PIL import Image  # not needed for meshes without texture
 
-            content = super().get(name)
+            content = self._read(name)
             Image.open(io.BytesIO(content))
             return content
         except Exception:
             self.unread.append(name)
             raise
 
+    def _read(self, name: str) -> bytes:
+        content = super().get(name)
+        self.digest.update(content)
+        return content
+
 
 def load_mesh(path: Path, unit: str) -> trimesh.Trimesh:
-    """A mesh file that trimesh reads (obj, stl, ply, ...), in metres."""
+    """A mesh file that trimesh reads (obj, stl, ply, ...), in metres; `metadata["beside"]` is a
+    digest of the other files that it names."""
     if not Path(path).is_file():
         raise UserError(f"mesh {path}: no such file; fix: check the path")
     beside = _Beside(path)
@@ -120,6 +129,8 @@ def load_mesh(path: Path, unit: str) -> trimesh.Trimesh:
     _keep_given_colors(mesh)
     mesh.remove_unreferenced_vertices()
     mesh.apply_scale(UNITS[unit])
+    _turn_outwards(mesh)
+    mesh.metadata["beside"] = beside.digest.hexdigest()
     size = diameter(outermost(np.asarray(mesh.vertices)))
     if not 0.002 <= size <= 5:
         raise UserError(
@@ -153,6 +164,22 @@ def _keep_given_colors(mesh: trimesh.Trimesh):
         if isinstance(material, visuals.material.PBRMaterial):  # whose colors are linear
             color[:3] = visuals.color.linear_to_srgb(color[:3])
         mesh.visual = visuals.ColorVisuals(mesh, face_colors=color)
+
+
+def _turn_outwards(mesh: trimesh.Trimesh):
+    """Winds triangles so that their normals point out of the part, by which it is shaded."""
+    # As one where seams of textures part the vertices.
+    whole = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    whole.merge_vertices(merge_tex=True, merge_norm=True)
+    merged = whole.faces.copy()
+    if not whole.is_winding_consistent:
+        trimesh.repair.fix_winding(whole)
+    turned = (whole.faces != merged).any(1)
+    corners = whole.triangles - whole.bounds.mean(0)
+    if np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) < 0:
+        turned = ~turned
+    if turned.any():
+        mesh.faces = np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces)
 
 
 def directions(n: int) -> np.ndarray:

@@ -17,7 +17,7 @@ from ..data.rendered import Seen, View
 from ..data.rig import Camera
 from ..errors import UserError
 from . import scenes
-from .render import GROUP, NEAR, Renderer
+from .render import FAR, GROUP, NEAR, Renderer
 
 # The scene is built around parts of this mean size and scaled back: gravity, time step and
 # distractors then suit a screw as well as a gearbox.
@@ -109,6 +109,12 @@ class Kit:
         smallest = min(p.obj.diameter_m for p in parts)
         self.near = min(NEAR, NEAREST * smallest * self.scale)
         self.files = {k: x for part in parts for k, x in part.files(self.scale).items()}
+
+    def far(self, cameras: list[Camera]) -> float:
+        """The far plane (m in the scene): well behind what a long lens sees at the least size."""
+        largest = max(p.obj.diameter_m for p in self.parts) * self.scale
+        focal = max(c.k[0, 0] / min(c.width, c.height) for c in cameras)
+        return max(FAR, 1.5 * focal * largest / SIZES[0])
 
     def texture(self, rng: np.random.Generator) -> bytes:
         """PNG of a piece of some part's texture, for things that look like parts and are not."""
@@ -299,7 +305,7 @@ def views_of_scene(rng, gl, pool, kit: Kit, cameras: list[Camera], places=4):
             for camera in cameras:
                 size = camera.width, camera.height
                 if size not in renderers:
-                    renderers[size] = Renderer(model, *size, gl, kit.near)
+                    renderers[size] = Renderer(model, *size, gl, kit.near, kit.far(cameras))
                 cam_from_world = camera.cam_from_rig @ np.linalg.inv(world_from_rig)
                 view = _view(data, renderers[size], kit.scale, placed, camera, cam_from_world)
                 if view is not None:

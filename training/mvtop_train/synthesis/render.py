@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-NEAR, FAR = 0.05, 20.0  # m; the near plane may be set nearer
+NEAR, FAR = 0.05, 20.0  # m; planes may be set nearer and farther
 GROUP = 2  # geom group of the object, to render it alone
 
 
@@ -11,12 +11,15 @@ class Renderer:
     """Off-screen renderer of one compiled model at a fixed image size."""
 
     def __init__(
-        self, model: mujoco.MjModel, width: int, height: int, gl: mujoco.GLContext, near=NEAR
-    ):
-        self.model, self.width, self.height, self.near = model, width, height, near
+        self, model: mujoco.MjModel, width: int, height: int, gl: mujoco.GLContext, near=NEAR,
+        far=FAR,
+    ):  # fmt: skip
+        self.model, self.width, self.height, self.near, self.far = model, width, height, near, far
         gl.make_current()
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         self._scene = mujoco.MjvScene(model, maxgeom=1000)
+        # Scans with holes, and triangles that are wound the wrong way, have another side as well.
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_CULL_FACE] = False
         self._option, self._alone = mujoco.MjvOption(), mujoco.MjvOption()
         self._alone.geomgroup[:] = np.arange(len(self._alone.geomgroup)) == GROUP
         self._rect = mujoco.MjrRect(0, 0, width, height)
@@ -40,7 +43,7 @@ class Renderer:
             gl_camera.pos[:] = center
             gl_camera.forward[:] = rotation[2]
             gl_camera.up[:] = -rotation[1]
-            gl_camera.frustum_near, gl_camera.frustum_far = self.near, FAR
+            gl_camera.frustum_near, gl_camera.frustum_far = self.near, self.far
             gl_camera.frustum_top = cy / f * self.near
             gl_camera.frustum_bottom = -(self.height - cy) / f * self.near
             gl_camera.frustum_center = (self.width / 2 - cx) / fx * self.near
@@ -84,7 +87,8 @@ class Renderer:
     def _metres(self, z: np.ndarray) -> np.ndarray:
         if self._context.readDepthMap == mujoco.mjtDepthMap.mjDEPTH_ZEROFAR:
             z = 1.0 - z
-        return (self.near * FAR / (FAR - z.astype(np.float64) * (FAR - self.near)))[::-1]
+        near, far = self.near, self.far
+        return (near * far / (far - z.astype(np.float64) * (far - near)))[::-1]
 
     def _segment(self, z: np.ndarray | None) -> np.ndarray:
         flags = self._scene.flags
