@@ -156,9 +156,64 @@ def test_a_mesh_is_what_the_file_beside_it_tells_of(tmp_path):
         UserError, match=r"nut/models_info.json: expected object 2, .*, got \[1\]; fix"
     ):
         listed(nut, nut.with_name("bolt.obj"))  # whose the one entry is, is not said
+    # Neither is it of a numbered mesh, nor of one of two in its folder.
+    with pytest.raises(UserError, match=r"expected object 3, .*, got \[1\]; fix"):
+        listed(nut.with_name("obj_000003.ply"))
+    bolt = infos(tmp_path / "bolt", _7={}) / "bolt.stl"
+    assert listed(bolt) == [(1, "bolt", 1)]
+    for mesh in (bolt, bolt.with_name("nut.stl")):
+        mesh.touch()
+    with pytest.raises(UserError, match=r"expected object 1, .*, got \[7\]; fix"):
+        listed(bolt)
     several = infos(tmp_path / "several", _1={}, _5={}) / "obj_000003.ply"
     with pytest.raises(UserError, match=r"expected object 3, .*, got \[1, 5\]; fix: "):
         listed(several)
+
+
+def test_names_come_before_the_order_of_meshes(tmp_path):
+    named = infos(
+        tmp_path / "named",
+        _1={"name": "nut"}, _2={"name": "bracket", "symmetries_continuous": []},
+    )  # fmt: skip
+    nut, bracket = named / "nut.stl", named / "bracket.stl"
+    assert listed(bracket) == [(1, "bracket", 0)]
+    assert listed(bracket, nut) == [(1, "bracket", 0), (2, "nut", 1)]
+
+
+def test_names_are_of_files(tmp_path):
+    folder = infos(tmp_path / "elbow", _1={"name": "elbow 1/2"})
+    with pytest.raises(UserError, match="--name: expected names that files can have, got 'elbow 1"):
+        listed(folder / "elbow.stl")
+
+
+def test_what_is_told_of_another_part_is_refused(monkeypatch, tmp_path):
+    options = box_beside_its_origin(tmp_path)
+    (tmp_path / objects.INFO).write_text('{"1": {"diameter": 70}}')  # of 53.9
+    monkeypatch.setattr("sys.argv", ["generate", *options])
+    with pytest.raises(SystemExit) as error:
+        command.main()
+    assert "expected a diameter of 53.9 mm, that of box.stl, got 70.0 mm" in str(error.value)
+    assert not (tmp_path / "train").exists()
+
+
+def test_scenes_are_not_added_to_those_of_other_symmetries_or_textures(monkeypatch, tmp_path):
+    monkeypatch.setattr(generate, "make_split", lambda *_: None)
+    options = box_beside_its_origin(tmp_path)
+    monkeypatch.setattr("sys.argv", ["generate", *options])
+    command.main()
+    command.main()
+    turn = np.diag([-1.0, -1, 1, 1]).ravel().tolist()
+    told = {"1": {"diameter": 53.9, "symmetries_discrete": [turn]}}
+    (tmp_path / objects.INFO).write_text(json.dumps(told))
+    with pytest.raises(SystemExit, match="was made with textures and symmetries '.*; fix: another"):
+        command.main()
+
+
+def test_meshes_that_would_fill_the_memory_are_refused(monkeypatch, tmp_path):
+    monkeypatch.setattr(generate, "MOST_TRIANGLES", 10)
+    monkeypatch.setattr("sys.argv", ["generate", *box_beside_its_origin(tmp_path)])
+    with pytest.raises(SystemExit, match="box.stl: expected 10 triangles at most, .*, got 12; fix"):
+        command.main()
 
 
 def box_beside_its_origin(folder) -> list[str]:

@@ -8,6 +8,7 @@ What imports MuJoCo is imported late: `gl.open_gl` says first where OpenGL is mi
 import hashlib
 import itertools
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,11 @@ from ..errors import UserError
 from .gl import open_gl
 from .recipe import MIN_PIXELS, PAPER_IMAGES, SPLITS, PartFile, Recipe, hemispheres, views_per_scene
 from .workers import run_workers, while_asked_for
+
+NUMBERED = re.compile(r"obj_(\d{6})")  # as BOP's meshes are
+MESHES = (".obj", ".stl", ".ply")
+MOST_TRIANGLES = 300_000
+SAME_SIZE = 0.1  # by how much, as a share, a part's diameter may be another than is told of it
 
 
 def scene_views(gl, seed: int, split: str, index: int, order: list[str], size=(640, 480)):
@@ -50,6 +56,13 @@ def kit_of(recipe: Recipe):
     from . import parts
 
     meshes = [objects.load_mesh(part.mesh, part.unit) for part in recipe.parts]
+    for part, mesh in zip(recipe.parts, meshes, strict=True):
+        if len(mesh.faces) > MOST_TRIANGLES:
+            raise UserError(
+                f"mesh {part.mesh}: expected {MOST_TRIANGLES:,} triangles at most, as each process "
+                f"that renders it takes 5 kB for each, got {len(mesh.faces):,}; fix: a coarser "
+                "one, as MeshLab and Blender make it (decimate)"
+            )
     known = [
         objects.from_mesh(mesh, part.id, part.name, *part.symmetries)
         for mesh, part in zip(meshes, recipe.parts, strict=True)
@@ -107,6 +120,12 @@ def prepare(args) -> tuple[Recipe, object]:
     kit, known = kit_of(recipe)  # refuses what cannot fall
     from . import parts
 
+    for part, (obj, _) in zip(listed, known, strict=True):
+        _refuse_another(part, obj.diameter_m)
+    beside = hashlib.sha256(repr([part.symmetries for part in listed]).encode())
+    for _, mesh in known:
+        beside.update(mesh.metadata["beside"].encode())
+    recipe = replace(recipe, beside=beside.hexdigest()[:16])
     for path in rigs:
         cameras = rig.load(path)
         for obj, _ in known:
@@ -147,7 +166,7 @@ def part_files(args) -> tuple[PartFile, ...]:
                 f"--{option}: expected one for each --mesh ({len(args.mesh)}), got {len(given)}; "
                 "fix: as many, in the same order"
             )
-    matches = [re.fullmatch(r"obj_(\d{6})", Path(path).stem) for path in args.mesh]
+    matches = [NUMBERED.fullmatch(Path(path).stem) for path in args.mesh]
     own = [int(match[1]) if match else None for match in matches]
     free = (number for number in itertools.count(1) if number not in own)
     ids = args.id or [next(free) if number is None else number for number in own]
@@ -157,6 +176,11 @@ def part_files(args) -> tuple[PartFile, ...]:
         getattr(info, "name", None) or Path(path).stem
         for path, info in zip(args.mesh, infos, strict=True)
     ]
+    for name in names:
+        if not objects.FILE_NAME.fullmatch(name):
+            raise UserError(
+                f"--name: expected names that files can have, got {name!r}; fix: --name for each"
+            )
     for option, values in (("id", ids), ("name", names)):
         twice = [x for x in values if values.count(x) > 1]
         if twice:
@@ -164,9 +188,12 @@ def part_files(args) -> tuple[PartFile, ...]:
                 f"--{option}: expected each once, got {twice[0]} twice; fix: --{option} for each"
             )
     return tuple(
-        PartFile(path, args.mesh_unit, number, name, objects.symmetries(info) if info else ((), ()))
+        PartFile(
+            path, args.mesh_unit, number, name,
+            *((objects.symmetries(info), info.diameter_m) if info else ()),
+        )
         for path, number, name, info in zip(args.mesh, ids, names, infos, strict=True)
-    )
+    )  # fmt: skip
 
 
 def _infos(meshes: list[str], numbers: list[int]) -> list:
@@ -174,8 +201,14 @@ def _infos(meshes: list[str], numbers: list[int]) -> list:
     files, found = [Path(path).with_name(objects.INFO) for path in meshes], []
     for path, file, number in zip(meshes, files, numbers, strict=True):
         infos = objects.read_infos(file) if file.exists() else {number: None}
-        if number not in infos and len(infos) == 1 and files.count(file) == 1:
-            (number,) = infos  # of the one mesh there, whatever its number
+        stem = Path(path).stem
+        if file.exists() and not NUMBERED.fullmatch(stem):
+            beside = sum(other.suffix.lower() in MESHES for other in file.parent.iterdir())
+            named = [other for other, info in infos.items() if info.name == stem]
+            if named:
+                number = named[0]
+            elif number not in infos and len(infos) == 1 and files.count(file) == 1 >= beside:
+                (number,) = infos  # of the one mesh there, whatever its number
         if number not in infos:
             raise UserError(
                 f"{file}: expected object {number}, which {Path(path).name} is, got "
@@ -184,6 +217,18 @@ def _infos(meshes: list[str], numbers: list[int]) -> list:
             )
         found.append(infos[number])
     return found
+
+
+def _refuse_another(part: PartFile, diameter_m: float):
+    """UserError where the file beside a mesh tells of another part than it is."""
+    told = part.diameter_m
+    if told is not None and abs(told / diameter_m - 1) > SAME_SIZE:
+        raise UserError(
+            f"{Path(part.mesh).with_name(objects.INFO)}: expected a diameter of "
+            f"{diameter_m * 1e3:.1f} mm, that of {Path(part.mesh).name}, got {told * 1e3:.1f} mm "
+            'in the entry taken for it; fix: give the entry a "name", that of the file, or check '
+            "--mesh-unit"
+        )
 
 
 def make_split(recipe: Recipe, work, args, shard: int, shards: int):

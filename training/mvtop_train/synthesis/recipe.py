@@ -24,6 +24,7 @@ class PartFile:
     id: int
     name: str
     symmetries: tuple[tuple, tuple] = ((), ())  # discrete and continuous, see `ObjectClass`
+    diameter_m: float | None = None  # by the file that tells of its symmetries
 
 
 @dataclass(frozen=True)
@@ -39,14 +40,17 @@ class Recipe:
     rigs: tuple[str, ...] = ()  # none: any rig
     backgrounds: str | None = None
     source: str = ""  # digest of the meshes, their unit, the rigs and how many of each
+    beside: str = ""  # digest of what files beside the meshes tell of these
 
     def check(self, folder: Path):
         """Refuse to add scenes to those of another recipe."""
         mine = {"seed": self.seed, "size": list(self.size), "name": self.name}
         mine |= {"source": self.source, "ids": [part.id for part in self.parts]}
+        mine["textures and symmetries"] = self.beside
         path = folder / "recipe.json"
         found = json.loads(path.read_text()) if path.exists() else mine
-        found.setdefault("ids", mine["ids"])  # of an earlier version
+        for key in ("ids", "textures and symmetries"):
+            found.setdefault(key, mine[key])  # of an earlier version
         differs = [key for key in mine if found.get(key) != mine[key]]
         if differs:
             key = differs[0]

@@ -52,8 +52,9 @@ def run_workers(work, tasks, workers: int, job_of, bar: tqdm):
             if not begun <= _children() and at_work():
                 raise UserError(
                     f"{bar.desc or 'work'}: expected {workers} processes to the end, got one that "
-                    "crashed (the graphics driver?); fix: the same command again, which goes on "
-                    "where this one was"
+                    "crashed (too little memory, or the graphics driver?); fix: fewer "
+                    "workers where memory is short, then the same command, which goes on where "
+                    "this one was"
                 )
             while not queue.empty():
                 queue.get()

@@ -5,7 +5,6 @@ import dataclasses
 import difflib
 import functools
 import json
-import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -56,7 +55,7 @@ def _shares(views: tuple) -> tuple:
 
 
 def _file_name(text: str) -> str:
-    if not re.fullmatch(r'[^/\\:*?"<>|\x00-\x1f]+', text):
+    if not objects.FILE_NAME.fullmatch(text):
         raise PydanticCustomError("file_name", "names that files can have")
     return text
 
