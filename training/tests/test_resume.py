@@ -117,7 +117,7 @@ def test_too_few_minutes_are_refused_before_anything_is_rendered(settings, tmp_p
     monkeypatch.setattr(pipeline, "Generator", None)
     more = settings.generate.model_copy(update={"scenes": 10_000, "start": 10_000, "workers": 2})
     settings = settings.model_copy(update={"generate": more})
-    with pytest.raises(UserError, match=r"--minutes: expected more than 76.[67] .*, got 30; fix: "):
+    with pytest.raises(UserError, match=r"--minutes: expected more than 90.[12] .*, got 30; fix: "):
         pipeline.run(settings, tmp_path / "run", 30)
     assert not (tmp_path / "run").exists()
 

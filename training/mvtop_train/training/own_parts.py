@@ -10,24 +10,24 @@ SCENES_PER_MINUTE = 8  # of a whole run: two cores render them in a tenth of it
 # Of the export; of what is chosen and of the report, for each scene of so many parts and views.
 END_MINUTES = 2.0, 0.06, 0.1
 END_PARTS, END_VIEWS = 12, 4
+MOST_END = 0.5  # of the minutes; many parts or cameras are told of by fewer scenes, but so many
+LEAST_SCENES = 8
 
 
 def config(
     out: Path, minutes: float, generate: dict, backgrounds: str, changes: list[str] = ()
 ) -> runconfig.RunConfig:
     """A run that was begun keeps its scenes, however many minutes it is given now."""
-    kept = runconfig.begun(out)
+    kept, instances = runconfig.begun(out), generate["instances"]
+    work = work_of(len(generate["mesh"]) * instances, generate["rig"])
     if kept is None:
         count = round(min(max(SCENES_PER_MINUTE * minutes, 60), 1300))
-        held_out, test = min(count // 5, 100), round(min(max(2 * minutes, 20), 60))
+        held_out, test = scenes_of(minutes, count, work)
         scenes = {"scenes": count, "start": count, "test": test}
     else:
         held_out = kept.held_out
         scenes = kept.generate.model_dump(include={"scenes", "start", "test"})
-    instances = generate["instances"]
-    reserve = end_minutes(
-        held_out, scenes["test"], len(generate["mesh"]) * instances, generate["rig"]
-    )
+    reserve = end_minutes(held_out, scenes["test"], work)
     fields = {
         "data": str(out / "data"), "minutes": minutes, "preset": "lite", "backbone": PRETRAINED,
         "images": 64, "searched": 5, "copies": max(2, 4 // max(instances, 1)), "workers": 1,
@@ -40,10 +40,24 @@ def config(
     return runconfig.validated("options", fields, changes)
 
 
-def end_minutes(held_out: int, test: int, parts: int, rigs: tuple[str, ...]) -> float:
-    """What is kept for what follows the training. Half of what a scene takes is reckoned to be for
+def scenes_of(minutes: float, count: int, work: float) -> tuple[int, int]:
+    """How many of `count` scenes are held out, and how many are for the report."""
+    held_out, test = min(count // 5, 100), round(min(max(2 * minutes, 20), 60))
+    export = END_MINUTES[0]
+    share = (MOST_END * minutes - export) / (end_minutes(held_out, test, work) - export)
+    if share >= 1:
+        return held_out, test
+    return max(int(share * held_out), LEAST_SCENES), max(int(share * test), LEAST_SCENES)
+
+
+def work_of(parts: int, rigs: tuple[str, ...]) -> float:
+    """What a scene takes, by that of `END_PARTS` in `END_VIEWS`. Half of it is reckoned to be for
     its images, however many parts they show."""
-    export, choices, report = END_MINUTES
     views = max((len(rig.load(Path(path))) for path in rigs), default=END_VIEWS)
-    work = views / END_VIEWS * (1 + parts / END_PARTS) / 2
+    return views / END_VIEWS * (1 + parts / END_PARTS) / 2
+
+
+def end_minutes(held_out: int, test: int, work: float) -> float:
+    """What is kept for what follows the training."""
+    export, choices, report = END_MINUTES
     return round(export + work * (choices * held_out + report * test), 2)

@@ -31,6 +31,7 @@ from .generator import Generator, test_split
 from .validate import pose_views, validate
 
 MOST_VIEWS = 4  # in the report
+LEAST_TRAINING = 0.15  # share of all minutes
 RENDERED = 75  # scenes a minute by each core, of four views of a dozen parts
 
 
@@ -69,11 +70,13 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
     # What is pretrained learns to tell a part's places first, and is frozen before poses.
     first = settings.model_copy(update={"poses": settings.poses and not settings.pretrained})
     refuse_early(first, folder)
-    training_minutes(settings, stages, rendering_minutes(settings))
+    training_minutes(settings, stages, rendering_minutes(settings), LEAST_TRAINING)
     generator = Generator(settings, folder)
     try:
         for split, scenes in first_scenes(settings).items():
             generator.wait_for(split, scenes)
+            # Parts and rig are accepted: from here on the run keeps its scenes, whatever ends it.
+            runconfig.keep_copy(first, folder)
         for note in generator.notes():
             print(note)
         stages.done("first scenes")
@@ -131,13 +134,19 @@ def rendering_minutes(settings: runconfig.RunConfig) -> float:
     return sum(missing) / RENDERED / (settings.generate.workers or os.cpu_count() or 1)
 
 
-def training_minutes(settings: runconfig.RunConfig, stages: Stages, rendering=0.0) -> float:
-    """What is left for the training, after that many minutes more of rendering."""
+def training_minutes(
+    settings: runconfig.RunConfig, stages: Stages, rendering=0.0, least=0.0
+) -> float:
+    """What is left for the training, after that many minutes more of rendering.
+
+    least  share of all minutes
+    """
     left = stages.left() - settings.generate.reserve - rendering
-    if left <= 0:
+    if left <= least * stages.minutes:
         raise UserError(
-            f"--minutes: expected more than {stages.minutes - left:.1f} (first scenes, and "
-            f"generate.reserve for the end), got {stages.minutes:g}; fix: more of them"
+            f"--minutes: expected more than {(stages.minutes - left) / (1 - least):.1f} (first "
+            "scenes, generate.reserve for the end, and some training), got "
+            f"{stages.minutes:g}; fix: more of them"
         )
     return left
 
@@ -196,7 +205,7 @@ def export(settings: runconfig.RunConfig, weights: Path, bundle: Path, found):
         settings.data, "--out", str(bundle), "--bits", "8", "--score-threshold", str(found.score),
         "--agree-threshold", str(found.agree), *(["--integers"] if settings.closeup else []),
     ]  # fmt: skip
-    subprocess.run(command, check=True)
+    _ended_well(command)
     scenes, known = support.scenes_of(held_images(settings)), settings.known()
     if settings.pretrained:
         least = support.choose(*support.found_in(bundle, scenes, known))
@@ -216,6 +225,17 @@ def export(settings: runconfig.RunConfig, weights: Path, bundle: Path, found):
         confidence.add(bundle, fitted)
 
 
+def _ended_well(command: list[str]):
+    """Runs it; UserError where it ends in another way, of which it has told itself."""
+    code = subprocess.run(command).returncode
+    if code:
+        name = " ".join(Path(part).name for part in command[:3])
+        raise UserError(
+            f"{name}: expected it to end well, got exit code {code}; see above; fix: what it says, "
+            "then the same command again, which goes on from there"
+        )
+
+
 def thresholds_of(settings: runconfig.RunConfig, model) -> thresholds.Thresholds:
     """Chosen on the held-out scenes of the training split, so that the test split stays unseen."""
     searches = search.Searches(model.config, settings.known())
@@ -233,10 +253,9 @@ def report(settings: runconfig.RunConfig, folder: Path):
     scenes = bop.whole_scenes(Path(settings.data) / test_split(settings))
     # Scenes that not all cameras see are taken with as many as do.
     views = min(MOST_VIEWS, max(len(bop.read_images(scene)) for scene in scenes))
-    subprocess.run(
-        [str(Path(sys.executable).with_name("mvtop-cli")), "eval", "bop",
-         "--dataset", settings.data, "--split", test_split(settings), "--views", str(views),
-         "--model", str(folder / "bundle"), "--report", str(folder / "report"), "--force"],
-        check=True,
-    )  # fmt: skip
+    _ended_well([
+        str(Path(sys.executable).with_name("mvtop-cli")), "eval", "bop",
+        "--dataset", settings.data, "--split", test_split(settings), "--views", str(views),
+        "--model", str(folder / "bundle"), "--report", str(folder / "report"), "--force",
+    ])  # fmt: skip
     print(f"what to expect of it: {folder / 'report' / 'report.html'}")
