@@ -32,6 +32,15 @@ def test_without_objects_none_is_refused():
     assert support.choose([], 3) == support.choose([(0.3, False)], 0) == 0
 
 
+def test_cameras_may_be_in_one_housing(monkeypatch):
+    monkeypatch.setattr(bop, "read_rgb", lambda path: np.zeros((48, 64, 3), np.uint8))
+    k, beside = np.array([[60.0, 0, 32], [0, 60, 24], [0, 0, 1]]), np.eye(4)
+    beside[0, 3] = -0.001
+    images = [bop.Image(0, Path(), k, pose, []) for pose in (np.eye(4), beside)]
+    rig, _ = support.rig_of(images)
+    assert rig.cameras[1].world_from_cam[0, 3] == pytest.approx(0.001)
+
+
 def test_of_a_network_that_gives_no_poses_what_is_there_is_counted(monkeypatch):
     class Hopeless:
         def predict(self, *args, **options):

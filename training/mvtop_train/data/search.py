@@ -17,7 +17,7 @@ from .views import lies_on, warp
 ZOOM = (0.7, 2.5)  # of the scale at which inference shows the image
 AIMED = 0.7  # share of the pictures that are made around one of the objects
 SURE, UNSURE = 0.35, 0.1  # shares in sight from which an object shall, and may, be found
-MOST = 32  # objects in a picture
+MOST = 128  # objects in a picture
 BEFORE = 0.35  # share of the objects that something else is put before
 GRID = 16  # points along each side of a box, at which it is asked what shows it
 
