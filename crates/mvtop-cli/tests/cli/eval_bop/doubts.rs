@@ -66,6 +66,15 @@ fn numbers_that_look_like_a_mistake_are_refused() {
 }
 
 #[test]
+fn origin_beside_its_object_may_be_near_a_camera() {
+    let (_dir, dataset, report) = balls();
+    change(&dataset.join("test/000001/scene_gt.json"), |gt| {
+        gt["0"][0]["cam_t_m2c"] = json!([0.0, 0.0, 20.0]);
+    });
+    summary(&eval(&dataset, &report, &["--views", "2"]));
+}
+
+#[test]
 fn data_sets_that_do_not_fit_are_refused() {
     let (_dir, dataset, report) = balls();
     let refused = |more: &[&str], hint: &str| {
