@@ -2,15 +2,16 @@
 
     python examples/ray_bop.py --data data/mvball --split hard --model models/mvball --out out/hard
 
-Every scene's images are taken in groups of `--views` that follow each other, and each group is
-one prediction. The groups are dealt into shards of `--shard-size`, always the same way, and a
-shard becomes one file of BOP results, `shards/00000.csv`. It appears under its name when it is
-whole, so that whoever does the work again, after a worker was lost or when the command is repeated,
-writes the same file: nothing is lost and nothing comes twice. At the end all shards become
-`results.csv`. Workers read the data set and write the shards, so both must lie where every machine
-sees them.
+Every scene's images are taken in groups of `--views` that follow each other, and each group is one
+prediction. Of scenes with several sensors (`scene_camera_cam1.json`, ...) `--sensor` names the one
+whose images are taken, as results do not tell images of equal number apart. The groups are dealt
+into shards of `--shard-size`, always the same way, and a shard becomes one file of BOP results,
+`shards/00000.csv`. It appears under its name when it is whole, so that whoever does the work again,
+after a worker was lost or when the command is repeated, writes the same file: nothing is lost and
+nothing comes twice. At the end all shards become `results.csv`. Workers read the data set and write
+the shards, so both must lie where every machine sees them.
 
-Needs: pip install mvtop "ray[data]" pillow
+Needs: pip install target/wheels/mvtop-*.whl "ray[data]" pillow, from a clone after `make wheel`
 """
 
 from __future__ import annotations
@@ -34,8 +35,11 @@ Group = list[tuple[int, int]]  # (scene, image), reference first
 class Predict:
     """A worker: loads the network once, then writes shard after shard."""
 
-    def __init__(self, data: str, split: str, model: str, out: str, threads: int) -> None:
+    def __init__(
+        self, data: str, split: str, sensor: str | None, model: str, out: str, threads: int
+    ) -> None:
         self.split = Path(data, split)
+        self.sensor = sensor
         self.shards = Path(out, "shards")
         self.estimator = mvtop.Estimator.load(model, threads=threads)
 
@@ -58,7 +62,7 @@ class Predict:
     def predict(self, group: Group) -> str:
         scene = group[0][0]
         folder = self.split / f"{scene:06}"
-        known = {image.number: image for image in mvtop.bop.read_scene(folder)}
+        known = {image.number: image for image in images_of(folder, self.sensor)}
         cameras, images = [], []
         for image in (known[number] for _, number in group):
             if image.cam_from_world is None:
@@ -77,16 +81,32 @@ class Predict:
                 )
             )
             images.append(image.path)
-        prediction = self.estimator.predict(images, mvtop.Rig(cameras))
+        # A camera that stood still gives images from one place.
+        rig = mvtop.Rig(cameras, trust_unit=True)
+        prediction = self.estimator.predict(images, rig)
         im_ids = {str(image): image for _, image in group}
         return prediction.to_bop_csv(scene, im_ids, header=False)
 
 
-def groups(split: Path, views: int) -> list[Group]:
+def images_of(scene: Path, sensor: str | None) -> list[mvtop.bop.Image]:
+    """The scene's images by one sensor, which has to be named where it has several."""
+    images = mvtop.bop.read_scene(scene)
+    sensors = sorted({image.sensor for image in images})
+    known = ", ".join(map(repr, sensors))
+    if sensor is None and len(sensors) > 1:
+        raise SystemExit(
+            f"{scene}: expected images of one sensor, got {known}; name one of them with --sensor"
+        )
+    if sensor is not None and images and sensor not in sensors:
+        raise SystemExit(f"{scene}: no images of the sensor {sensor!r}, expected one of: {known}")
+    return [image for image in images if sensor in (None, image.sensor)]
+
+
+def groups(split: Path, sensor: str | None, views: int) -> list[Group]:
     """Every image of the split, in groups of one scene each; the last of a scene may be smaller."""
     found = []
     for scene in sorted(split.glob("[0-9]*")):
-        images = [image.number for image in mvtop.bop.read_scene(scene)]
+        images = [image.number for image in images_of(scene, sensor)]
         found += [
             [(int(scene.name), image) for image in images[i : i + views]]
             for i in range(0, len(images), views)
@@ -111,6 +131,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--data", required=True, type=Path, help="folder of the BOP data set")
     parser.add_argument("--split", required=True)
+    parser.add_argument(
+        "--sensor",
+        metavar="CAM",
+        help="CAM of scene_camera_CAM.json; '' of scene_camera.json [default: the only one]",
+    )
     parser.add_argument("--model", required=True, type=Path, help="model bundle")
     parser.add_argument("--out", required=True, type=Path)
     parser.add_argument("--views", type=int, default=2, help="images per prediction")
@@ -122,13 +147,14 @@ def main() -> None:
     split = args.data / args.split
     if not split.is_dir():
         raise SystemExit(f"{split}: expected the folder of a split, found none")
-    all_groups = groups(split, args.views)
+    all_groups = groups(split, args.sensor, args.views)
     data, model, out = (str(path.resolve()) for path in (args.data, args.model, args.out))
     claim(
         args.out,
         {
             "data": data,
             "split": args.split,
+            "sensor": args.sensor,
             "model": json.loads((args.model / "model.json").read_text())["files"],
             "views": args.views,
             "shard_size": args.shard_size,
@@ -150,7 +176,7 @@ def main() -> None:
             override_num_blocks=len(missing),
         ).map(
             Predict,
-            fn_constructor_args=(data, args.split, model, out, args.threads),
+            fn_constructor_args=(data, args.split, args.sensor, model, out, args.threads),
             compute=ray.data.ActorPoolStrategy(size=args.workers),
             num_cpus=args.threads,
         )

@@ -51,8 +51,8 @@ def data(tmp_path_factory):
 def expected(data, tmp_path_factory):
     """The poses without Ray."""
     out = str(tmp_path_factory.mktemp("expected"))
-    predict = ray_bop.Predict(str(data), "test", str(MODEL), out, 1)
-    all_groups = ray_bop.groups(data / "test", 2)
+    predict = ray_bop.Predict(str(data), "test", None, str(MODEL), out, 1)
+    all_groups = ray_bop.groups(data / "test", None, 2)
     assert len(all_groups) == SCENES
     return poses(mvtop.BOP_RESULTS_HEADER + "".join(map(predict.predict, all_groups)))
 
@@ -69,6 +69,41 @@ def command(data, out, *more):
     ]
 
 
+@pytest.fixture
+def two_sensors(data, tmp_path):
+    """A scene with two sensors, whose images have equal numbers: the first sees the ball."""
+    scene = tmp_path / "test/000000"
+    for sensor, of in (("cam1", "000000"), ("cam2", "000001")):
+        shutil.copytree(data / "test" / of / "rgb", scene / f"rgb_{sensor}")
+        shutil.copy(data / "test" / of / "scene_camera.json", scene / f"scene_camera_{sensor}.json")
+    return tmp_path
+
+
+def test_images_of_several_sensors_are_not_mixed_up(data, expected, two_sensors, tmp_path):
+    split = two_sensors / "test"
+    with pytest.raises(SystemExit, match="got 'cam1', 'cam2'; name one of them with --sensor"):
+        ray_bop.groups(split, None, 2)
+    with pytest.raises(SystemExit, match="no images of the sensor 'cam3'"):
+        ray_bop.groups(split, "cam3", 2)
+    # The scenes that they are copies of.
+    for scene, sensor in enumerate(["cam1", "cam2"]):
+        predict = ray_bop.Predict(str(two_sensors), "test", sensor, str(MODEL), str(tmp_path), 1)
+        (group,) = ray_bop.groups(split, sensor, 2)
+        found = poses(mvtop.BOP_RESULTS_HEADER + predict.predict(group))
+        assert [row[1:] for row in found] == [row[1:] for row in expected if row[0] == str(scene)]
+
+
+def test_a_camera_that_stands_still_is_predicted_from(data, tmp_path):
+    scene = tmp_path / "test/000000"
+    shutil.copytree(data / "test/000000", scene)
+    known = json.loads((scene / "scene_camera.json").read_text())
+    (scene / "scene_camera.json").write_text(json.dumps({"0": known["0"], "1": known["0"]}))
+    shutil.copy(scene / "rgb/000000.png", scene / "rgb/000001.png")
+    predict = ray_bop.Predict(str(tmp_path), "test", None, str(MODEL), str(tmp_path), 1)
+    (group,) = ray_bop.groups(tmp_path / "test", None, 2)
+    assert predict.predict(group)
+
+
 def test_a_killed_worker_costs_nothing(data, expected, tmp_path):
     out = tmp_path / "out"
     with open(tmp_path / "log", "w") as log:
@@ -79,7 +114,8 @@ def test_a_killed_worker_costs_nothing(data, expected, tmp_path):
     while killed is None and job.poll() is None and time.monotonic() < deadline:
         partials = list((out / "shards").glob("*.partial"))
         if any((out / "shards").glob("*.csv")) and partials:
-            number, worker, _ = partials[0].name.split(".")
+            # A host's name may have dots, too.
+            number, _, worker = partials[0].stem.partition(".")
             os.kill(int(worker.rpartition("-")[2]), signal.SIGKILL)
             if not (out / "shards" / f"{number}.csv").exists():
                 killed = number
