@@ -70,6 +70,16 @@ def predict(count: int):
     shared = {"estimator": fresh, "done": 0, "loads": 1, "wrong": None, "memory": []}
     lock, begun = threading.Lock(), time.monotonic()
 
+    def estimator_for(number: int):
+        if number % RELOAD == RELOAD - 1:
+            # The number of threads is to change nothing.
+            threads = 1 + shared["loads"] % 2
+            shared["estimator"] = mvtop.Estimator.load(TINY, threads=threads)
+            shared["loads"] += 1
+        if number % max(1, count // 20) == 0:
+            shared["memory"].append((number, resident_mb()))
+        return shared["estimator"]
+
     def work():
         while shared["wrong"] is None:
             with lock:
@@ -77,16 +87,10 @@ def predict(count: int):
                 if number >= count:
                     return
                 shared["done"] += 1
-                if number % RELOAD == RELOAD - 1:
-                    # The number of threads is to change nothing.
-                    threads = 1 + shared["loads"] % 2
-                    shared["estimator"] = mvtop.Estimator.load(TINY, threads=threads)
-                    shared["loads"] += 1
-                if number % max(1, count // 20) == 0:
-                    shared["memory"].append((number, resident_mb()))
-                estimator = shared["estimator"]
             case = number % len(images)
             try:
+                with lock:
+                    estimator = estimator_for(number)
                 got = answer(estimator, images[case], rig)
             except Exception as error:  # a thread's own is lost
                 got = repr(error)
@@ -170,9 +174,9 @@ def kill(count: int):
         write_data(data)
 
         def command(out: Path):
-            cli = [sys.executable, "-c", "from mvtop._cli import main; main()"]
+            run = "import sys; from mvtop._cli import main; sys.exit(main())"
             return [
-                *cli,
+                *(sys.executable, "-c", run),
                 "eval",
                 "bop",
                 "--true-boxes",
