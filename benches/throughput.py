@@ -14,7 +14,7 @@ from pathlib import Path
 
 import torch
 from mvtop_train.data import batches, objects
-from mvtop_train.errors import argument_parser, command
+from mvtop_train.errors import UserError, argument_parser, command
 from mvtop_train.training import loop, processes, runconfig
 from mvtop_train.training.checkpoint import TrainingState
 from mvtop_train.training.optimise import optimise
@@ -32,6 +32,12 @@ def _rate(make, seconds: float) -> float:
 
 
 def measure(settings: runconfig.RunConfig, seconds: float) -> dict:
+    if settings.backbone:
+        # What never changes is computed beforehand, into the run's folder, which is none here.
+        raise UserError(
+            f"backbone: expected a config that trains the whole network, got "
+            f"{settings.backbone!r}; name a config of another stage, or give --set backbone="
+        )
     me = processes.join()
     device = me.device
     known = settings.known()
