@@ -25,8 +25,8 @@ use crate::{Error, Result, Rig};
 
 /// Steps of the lines, px of the close-ups, one after the other.
 const STEPS: [f64; 8] = [4.0, 3.0, 2.0, 2.0, 1.0, 1.0, 1.0, 1.0];
-/// A rig is contradicted, and another reading of it believed, by this share of the objects that two
-/// images show.
+/// A rig that explains no more than this share of the objects that two images show is contradicted;
+/// another reading of it that explains more is believed.
 const AGREE: f64 = 0.5;
 /// How far edges may be off at a step, px for one of it.
 const FROM_PX: f64 = 4.0;
@@ -123,10 +123,10 @@ pub fn observe(
     let shared = alone::shared(&alone);
     let by = |rig: &Rig| by_rig(estimator, rig, sets, &alone, expected);
     // Images that nothing can be made of were refused above: poses that cannot be are the rig's.
-    let mut found = by(rig).ok().flatten();
+    let found = by(rig).ok().flatten();
     let agree = found.as_ref().map_or(0, Observed::agreeing);
-    let least = AGREE * shared as f64;
-    if let Some(found) = found.take_if(|_| agree as f64 > least) {
+    let enough = |agree: usize| agree as f64 > AGREE * shared as f64;
+    if let Some(found) = found.filter(|_| enough(agree)) {
         return Ok(found);
     }
     if shared == 0 {
@@ -148,12 +148,8 @@ pub fn observe(
             false => camera.world_from_cam() * axes,
         });
         let found = read.and_then(|rig| by(&rig)).ok().flatten();
-        found.is_some_and(|found| found.agreeing() as f64 > least)
+        found.is_some_and(|found| enough(found.agreeing()))
     });
-    // Of few objects half may be taken for others.
-    if let (Some(found), None, true) = (found, fits, agree as f64 >= least) {
-        return Ok(found);
-    }
     let hint = match fits {
         Some((name, ..)) => format!("the poses fit the images if read in {name}"),
         None => "check direction, axes and unit of the poses, and that each image is of its camera"
