@@ -56,9 +56,11 @@ pub fn run(args: &Infer) -> Result<bool> {
         images.push(ViewImage { camera, image });
     }
     let estimator = args.network.load(&args.network.bundle()?)?;
-
     if args.min_confidence.is_some() {
         knows_confidence(estimator.bundle())?;
+    }
+    if args.edges {
+        estimator.needs_mesh("--edges", "leave --edges out")?;
     }
     let prediction = estimator.predict(&rig, &images, &options)?;
     write::warn(&prediction, None);

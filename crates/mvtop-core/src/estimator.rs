@@ -29,7 +29,7 @@ use crate::image::ViewImage;
 use crate::network::{Network, OnnxNetwork};
 use crate::prediction::{ObjectPose, Prediction};
 use crate::refine::{self, Edge, Refiner};
-use crate::{Result, Rig, onnx};
+use crate::{Error, Result, Rig, onnx};
 
 pub use self::tracker::Tracker;
 
@@ -99,6 +99,24 @@ impl Estimator {
     /// What the network was made for.
     pub fn bundle(&self) -> &Bundle {
         &self.bundle
+    }
+
+    /// Refuses a bundle none of whose classes has a mesh.
+    ///
+    /// - `role`: what needs one, for the error
+    /// - `without`: how to do without, for the error
+    ///
+    /// # Errors
+    /// [`Error::Input`].
+    pub fn needs_mesh(&self, role: &str, without: &str) -> Result<()> {
+        if self.refiners.iter().any(Option::is_some) {
+            return Ok(());
+        }
+        Err(Error::Input(format!(
+            "{role}: expected a model bundle with a mesh, got {} without; add it with `python -m \
+             mvtop_train.export.mesh`, or {without}",
+            self.bundle.dir.display()
+        )))
     }
 
     /// What refines poses, of each class; `None` of those without a mesh.

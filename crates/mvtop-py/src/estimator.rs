@@ -164,6 +164,10 @@ impl NativeEstimator {
         let NativePrediction { prediction, rig } = &*prediction;
         let images = load(py, rig, images)?;
         let estimator: &Estimator = &self.estimator;
+        if edges {
+            let without = "leave edges=True out";
+            estimator.needs_mesh("edges", without).map_err(python)?;
+        }
         let classes = &estimator.bundle().classes;
         let drawn = compute(py, || match edges {
             true => overlay::draw_prediction_edges(prediction, estimator, rig, &images),

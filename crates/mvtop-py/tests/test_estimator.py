@@ -132,6 +132,11 @@ def test_pickled_estimators_and_rigs_predict_the_same(estimator, rig, arrays, pr
     )
 
 
+def test_edges_are_not_drawn_of_classes_without_a_mesh(prediction):
+    with pytest.raises(ValueError, match="edges: expected a model bundle with a mesh"):
+        prediction.overlay(edges=True)
+
+
 def test_overlay_is_the_command_lines(prediction, cli, paths, tmp_path):
     sample = paths[0].parent
     done = cli(

@@ -238,6 +238,12 @@ fn overlays_are_drawn_and_never_replace_files_unasked() {
     let again = ["infer", "--rig", &rig, &image, "--overlay", out];
     assert!(refusal(&mvtop(&again)).contains("exists already; give --force"));
     stdout(&mvtop(&[&again[..], &["--force"]].concat()));
+    // There are no edges of classes without a mesh.
+    let error = refusal(&mvtop(&[&again[..], &["--force", "--edges"]].concat()));
+    assert!(
+        error.contains("--edges: expected a model bundle with a mesh"),
+        "{error}"
+    );
 
     // Not even --force draws over the images that are looked at.
     let copy = folder.path().join("cam0.png");

@@ -47,12 +47,8 @@ impl<'a> Pass<'a> {
         options: &'a PredictOptions,
     ) -> Result<Self> {
         let bundle = &estimator.bundle;
-        if options.refine == Some(true) && estimator.refiners.iter().all(Option::is_none) {
-            return Err(Error::Input(format!(
-                "refine: expected a model bundle with a mesh, got {} without; add it with `python \
-                 -m mvtop_train.export.mesh`, or do not ask for refinement",
-                bundle.dir.display()
-            )));
+        if options.refine == Some(true) {
+            estimator.needs_mesh("refine", "do not ask for refinement")?;
         }
         let views = view::gather(bundle, rig, images)?;
         let needed = options.min_views.max(1);

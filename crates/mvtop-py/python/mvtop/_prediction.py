@@ -120,6 +120,8 @@ class Prediction:
 
         - edges: only the edges of the objects' meshes instead, green where the image shows them,
           else red
+
+        Raises ValueError for edges where the bundle has no mesh.
         """
         source = self._drawn_from()
         pictures = source.estimator.draw(source.prediction, source.images, edges)
