@@ -17,14 +17,16 @@ use crate::error::value;
 static FIRST: OnceLock<u32> = OnceLock::new();
 /// As [`set_num_threads`] has it.
 static THREADS: AtomicUsize = AtomicUsize::new(0);
-/// The pool of a forked process, or of a number of threads that was asked for. A pointer, because a
-/// lock may be held at the moment of a fork.
+/// The pools of forked processes, and of numbers of threads that were asked for, the latest first. A
+/// pointer, because a lock may be held at the moment of a fork.
 static OWN: AtomicPtr<Pool> = AtomicPtr::new(ptr::null_mut());
 
 struct Pool {
     process: u32,
     count: usize,
     threads: ThreadPool,
+    /// The one before it; none is ever taken out.
+    before: *mut Pool,
 }
 
 /// Sets the number of threads that mvtop's own computations use, in this process and those that are
@@ -58,11 +60,7 @@ pub fn in_pool<T: Send>(work: impl FnOnce() -> T + Send) -> PyResult<T> {
 
 fn own(count: usize) -> PyResult<&'static Pool> {
     let process = process::id();
-    let known = OWN.load(Ordering::Acquire);
-    // SAFETY: what is stored comes from `Box::leak`.
-    if let Some(pool) = unsafe { known.as_ref() }
-        && (pool.process, pool.count) == (process, count)
-    {
+    if let Some(pool) = known(process, count) {
         return Ok(pool);
     }
     let threads = rayon::ThreadPoolBuilder::new().num_threads(count).build();
@@ -71,11 +69,31 @@ fn own(count: usize) -> PyResult<&'static Pool> {
         process,
         count,
         threads,
+        before: OWN.load(Ordering::Acquire),
     }));
-    // Two threads that come here at once make a pool each; both work, one is kept. A pool of
-    // another number stays, asleep: other threads may be in it.
-    OWN.store(pool, Ordering::Release);
+    // Two threads that come here at once make a pool each; both work, and the first that is found is
+    // used from then on. A pool of another number stays, asleep: other threads may be in it, and the
+    // number may come again.
+    while let Err(newer) =
+        OWN.compare_exchange(pool.before, pool, Ordering::AcqRel, Ordering::Acquire)
+    {
+        pool.before = newer;
+    }
     Ok(pool)
+}
+
+/// The pool of that number of threads of this process, if it was made. Those of a process that this
+/// one was forked from have no threads here.
+fn known(process: u32, count: usize) -> Option<&'static Pool> {
+    let mut next = OWN.load(Ordering::Acquire);
+    // SAFETY: what is stored comes from `Box::leak`, and does not change once it is.
+    while let Some(pool) = unsafe { next.as_ref() } {
+        if (pool.process, pool.count) == (process, count) {
+            return Some(pool);
+        }
+        next = pool.before;
+    }
+    None
 }
 
 /// To be called once ONNX Runtime is loaded: lets processes that are forked from this one exit.
