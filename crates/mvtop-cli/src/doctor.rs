@@ -13,8 +13,10 @@ use crate::write::print;
 
 pub fn run(args: &NetworkArgs) -> Result<()> {
     print(&format!("mvtop-cli {}\n", env!("CARGO_PKG_VERSION")))?;
-    let runtime = Runtime::locate(args.ort_lib.as_deref());
-    print(&format!("{}\n", on_runtime(&runtime)))?;
+    let runtime = Runtime::locate(args.library());
+    let packaged = args.ort_lib.is_none() && args.library().is_some();
+    let by = packaged.then_some("the installed package onnxruntime");
+    print(&format!("{}\n", on_runtime(&runtime, by)))?;
 
     let found = model_dir::find(args.model.as_deref());
     let model = found.and_then(|Found { folder: dir, by }| {
@@ -43,14 +45,17 @@ pub fn run(args: &NetworkArgs) -> Result<()> {
 }
 
 /// What there is to say about ONNX Runtime on this machine.
-fn on_runtime(runtime: &mvtop_core::Result<Runtime>) -> String {
+///
+/// - `by`: what found it, where it was not searched for
+fn on_runtime(runtime: &mvtop_core::Result<Runtime>, by: Option<&str>) -> String {
     let mut lines = Vec::new();
     let attempts = match runtime {
         Ok(runtime) => {
             let providers = runtime.providers().into_iter().map(Provider::name);
             let providers: Vec<&str> = providers.collect();
             lines.push(format!("ONNX Runtime  {}", runtime.library().display()));
-            lines.push(format!("  found in    {}", runtime.found_in()));
+            let found_in = by.unwrap_or_else(|| runtime.found_in());
+            lines.push(format!("  found in    {found_in}"));
             if let Some(version) = runtime.version() {
                 lines.push(format!("  version     {version}"));
             }
@@ -96,9 +101,8 @@ mod tests {
 
     #[test]
     fn library_that_cannot_be_loaded_is_named_with_what_is_wrong() {
-        let text = on_runtime(&Runtime::locate(Some(Path::new(
-            "/no/such/libonnxruntime.so",
-        ))));
+        let runtime = Runtime::locate(Some(Path::new("/no/such/libonnxruntime.so")));
+        let text = on_runtime(&runtime, None);
         assert!(
             text.contains("not found") && text.contains("problem: "),
             "{text}"

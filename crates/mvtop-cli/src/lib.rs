@@ -28,10 +28,12 @@ use mvtop_core::error::printable;
 use args::{Cli, Command};
 use eval::args::Eval;
 
-/// Says where the package that this runs from has the model and the example that it carries, in
-/// `model` and `example`. For the life of the process.
-pub fn ship(folder: PathBuf) {
-    model_dir::ship(folder);
+/// Says what the package that this runs from brings along. For the life of the process.
+///
+/// - `folder`: with the model and the example that it carries, in `model` and `example`
+/// - `library`: of the ONNX Runtime that is installed with it, used where none is named
+pub fn ship(folder: PathBuf, library: Option<PathBuf>) {
+    model_dir::ship(folder, library);
 }
 
 /// Writes a file, which appears when it is whole.

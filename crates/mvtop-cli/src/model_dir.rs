@@ -5,8 +5,15 @@ use std::sync::OnceLock;
 
 use crate::failure::{Failure, Result};
 
-/// The folder that a package of the program carries, with `model` and `example` in it.
-static SHIPPED: OnceLock<PathBuf> = OnceLock::new();
+/// What a package of the program brings along.
+static SHIPPED: OnceLock<Shipped> = OnceLock::new();
+
+struct Shipped {
+    /// With `model` and `example` in it.
+    folder: PathBuf,
+    /// Of ONNX Runtime.
+    library: Option<PathBuf>,
+}
 
 /// A folder, and what it was found by.
 pub struct Found {
@@ -14,10 +21,15 @@ pub struct Found {
     pub by: &'static str,
 }
 
-/// Says where the package that this runs from has its model and example; once for a process.
-pub fn ship(folder: PathBuf) {
+/// Says what the package that this runs from brings along; once for a process.
+pub fn ship(folder: PathBuf, library: Option<PathBuf>) {
     // The same each time.
-    let _ = SHIPPED.set(folder);
+    let _ = SHIPPED.set(Shipped { folder, library });
+}
+
+/// The library of the ONNX Runtime that is installed with the package, if this runs from one.
+pub fn library() -> Option<&'static Path> {
+    SHIPPED.get()?.library.as_deref()
 }
 
 /// The folder of `--model`, else of `$MVTOP_MODEL`, else `models/mvball` in the current folder or
@@ -65,7 +77,7 @@ fn look(path: &str, shipped: &str, file: &str) -> std::result::Result<Found, Str
     let here = (PathBuf::from(path), "the current folder");
     let package = SHIPPED
         .get()
-        .map(|folder| (folder.join(shipped), "the wheel"));
+        .map(|package| (package.folder.join(shipped), "the wheel"));
     let tried: Vec<_> = std::iter::once(here).chain(above).chain(package).collect();
     match tried.iter().find(|(folder, _)| folder.join(file).is_file()) {
         Some((folder, by)) => Ok(Found {

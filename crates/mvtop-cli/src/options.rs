@@ -67,12 +67,20 @@ impl NetworkArgs {
         Ok(model_dir::find(self.model.as_deref())?.folder)
     }
 
+    /// ONNX Runtime's library: the one named, else that of the package that this runs from.
+    pub fn library(&self) -> Option<&Path> {
+        match &self.ort_lib {
+            Some(path) => Some(path),
+            None => model_dir::library(),
+        }
+    }
+
     pub fn load(&self, bundle: &Path) -> Result<Estimator> {
         let session = SessionOptions {
             provider: self.provider,
             threads: self.threads,
         };
-        let ort_lib = self.ort_lib.clone();
+        let ort_lib = self.library().map(Path::to_owned);
         Ok(Estimator::load(bundle, &Options { ort_lib, session })?)
     }
 }

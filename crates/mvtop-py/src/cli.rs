@@ -9,9 +9,16 @@ use crate::process::compute;
 /// The command line `mvtop-cli`: `args` begin with the program's name. Returns the exit code.
 ///
 /// - shipped: the folder with the package's model and example
+/// - library: of ONNX Runtime, used where none is named; searched for by default
 #[pyfunction]
-pub fn run_cli(py: Python, args: Vec<OsString>, shipped: PathBuf) -> PyResult<u8> {
-    mvtop_cli::ship(shipped);
+#[pyo3(signature = (args, shipped, library = None))]
+pub fn run_cli(
+    py: Python,
+    args: Vec<OsString>,
+    shipped: PathBuf,
+    library: Option<PathBuf>,
+) -> PyResult<u8> {
+    mvtop_cli::ship(shipped, library);
     compute(py, || mvtop_cli::run(args))
 }
 

@@ -220,8 +220,8 @@ assert os.waitpid(child, 0)[1] == 0
     in_new_process(script)
 
 
-def test_a_number_of_threads_holds_in_forked_processes_too(in_new_process):
-    script = """
+# Counts this process's threads, and computes in those of mvtop.
+THREADS = """
 import os
 import numpy as np, mvtop
 def threads():
@@ -230,6 +230,21 @@ def sample():
     mvtop.deformable_sampling(np.ones((1, 1, 1, 1)), np.ones((1, 999, 1, 1, 1, 2)),
                               np.ones((1, 999, 1, 1, 1)), [(1, 1)])
 before = threads()
+"""
+
+
+def test_a_number_of_threads_that_comes_again_makes_none_anew(in_new_process):
+    script = """
+for count in [1, 2] * 50:
+    mvtop.set_num_threads(count)
+    sample()
+assert threads() == before + 1 + 2, threads()
+"""
+    in_new_process(THREADS + script)
+
+
+def test_a_number_of_threads_holds_in_forked_processes_too(in_new_process):
+    script = """
 mvtop.set_num_threads(3)
 sample(); sample()
 assert threads() == before + 3, threads()
@@ -239,7 +254,7 @@ if child == 0:
     os._exit(threads() != 1 + 3)
 assert os.waitpid(child, 0)[1] == 0
 """
-    in_new_process(script)
+    in_new_process(THREADS + script)
 
 
 def test_the_newest_library_of_the_package_is_taken(tmp_path, monkeypatch):
@@ -277,3 +292,13 @@ def test_the_command_answers_like_the_program(cli):
     assert cli("fly").returncode == 2
     doctor = cli("doctor", "--model", "fixtures/tiny")
     assert doctor.returncode == 0 and "all well" in doctor.stdout, doctor.stdout + doctor.stderr
+
+
+def test_doctor_says_what_the_library_was_found_by(cli, monkeypatch):
+    doctor = ("doctor", "--model", "fixtures/tiny")
+    monkeypatch.delenv("ORT_DYLIB_PATH", raising=False)
+    library = str(_runtime.library())
+    assert "found in    the installed package onnxruntime\n" in cli(*doctor).stdout
+    assert "found in    the path given\n" in cli(*doctor, "--ort-lib", library).stdout
+    monkeypatch.setenv("ORT_DYLIB_PATH", library)
+    assert "found in    ORT_DYLIB_PATH\n" in cli(*doctor).stdout

@@ -1,6 +1,5 @@
 """The command `mvtop-cli`."""
 
-import os
 import signal
 import sys
 
@@ -11,6 +10,4 @@ from mvtop._mvtop import run_cli
 def main() -> int:
     # Python only notes an interrupt, and looks at the note when Rust has come to its end.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    if library := _runtime.library():
-        os.environ["ORT_DYLIB_PATH"] = str(library)
-    return run_cli(sys.argv, _shipped.FOLDER)
+    return run_cli(sys.argv, _shipped.FOLDER, _runtime.library())
