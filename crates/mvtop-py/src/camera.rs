@@ -1,11 +1,9 @@
 //! Cameras.
 
-use std::collections::BTreeMap;
-
-use mvtop_core::{Intrinsics, Projection};
+use mvtop_core::pose::wxyz;
+use mvtop_core::{Intrinsics, Projection, transform};
 use nalgebra::{Isometry3, Point2, Point3};
 use ndarray::ArrayD;
-use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 
 use crate::convert::{self, ArrayLike, F64, shaped};
@@ -19,10 +17,17 @@ use crate::error::{python, value};
 #[derive(PartialEq)]
 pub struct Camera(pub mvtop_core::Camera);
 
-/// Arguments of `Camera` that are given by position: its matrix and its size.
-type ByPosition = (F64, (u32, u32));
-/// Those that are given by name.
-type ByName<'py> = BTreeMap<&'static str, Bound<'py, PyAny>>;
+/// What a pickled camera is made of again, as [`Camera::restore`] takes it.
+type Pickled = (
+    F64,
+    (u32, u32),
+    Vec<f64>,
+    &'static str,
+    [f64; 4],
+    [f64; 3],
+    String,
+    Option<f64>,
+);
 
 #[pymethods]
 impl Camera {
@@ -42,7 +47,7 @@ impl Camera {
     #[allow(non_snake_case, clippy::too_many_arguments)] // K is the name that everyone knows
     fn new(
         K: ArrayLike,
-        size: [u32; 2],
+        size: ArrayLike,
         distortion: Option<ArrayLike>,
         model: &str,
         world_from_cam: Option<ArrayLike>,
@@ -54,6 +59,8 @@ impl Camera {
         let pose = world_from_cam.map(|array| array.pose("world_from_cam"));
         let pose = pose.transpose()?.unwrap_or_default();
         let K = K.read::<f64>("K", Some(0), &[3, 3])?;
+        let [width, height] = size.vector("size")?;
+        let size = [pixels(id, "width", width)?, pixels(id, "height", height)?];
         camera(id, size, &K, model, &distortion, pose, max_angle_deg).map(Self)
     }
 
@@ -126,17 +133,42 @@ impl Camera {
         })
     }
 
-    /// For pickle: the arguments by position and by name.
-    fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<(ByPosition, ByName<'py>)> {
-        let pose = self.world_from_cam().into_bound_py_any(py)?;
-        let named = [
-            ("distortion", self.distortion().into_bound_py_any(py)?),
-            ("model", self.model().into_bound_py_any(py)?),
-            ("world_from_cam", pose),
-            ("id", self.id().into_bound_py_any(py)?),
-            ("max_angle_deg", self.max_angle_deg().into_bound_py_any(py)?),
-        ];
-        Ok(((self.intrinsics(), self.size()), named.into()))
+    /// For pickle. Its rotation goes as a quaternion: what a matrix is made of by rounding is not
+    /// read back equal.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Pickled)> {
+        let pose = self.0.world_from_cam();
+        let lens = self.0.intrinsics();
+        let arguments = (
+            self.intrinsics(),
+            self.size(),
+            lens.projection().params().to_vec(),
+            self.model(),
+            wxyz(&pose.rotation),
+            pose.translation.vector.into(),
+            self.id().to_owned(),
+            self.max_angle_deg(),
+        );
+        Ok((py.get_type::<Self>().getattr("_restore")?, arguments))
+    }
+
+    /// A camera that was pickled.
+    #[staticmethod]
+    #[pyo3(name = "_restore")]
+    #[allow(non_snake_case, clippy::too_many_arguments)] // what a camera is made of
+    fn restore(
+        K: ArrayLike,
+        size: (u32, u32),
+        distortion: Vec<f64>,
+        model: &str,
+        q_wxyz: [f64; 4],
+        t: [f64; 3],
+        id: &str,
+        max_angle_deg: Option<f64>,
+    ) -> PyResult<Self> {
+        let K = K.read::<f64>("K", Some(0), &[3, 3])?;
+        let pose = transform::from_quaternion_wxyz(q_wxyz, t);
+        let pose = pose.map_err(|error| value(format!("world_from_cam: {error}")))?;
+        camera(id, size.into(), &K, model, &distortion, pose, max_angle_deg).map(Self)
     }
 
     fn __repr__(&self) -> String {
@@ -178,6 +210,16 @@ pub fn camera(
         })
         .map_err(|error| value(format!("camera `{id}`: {error}")))?;
     mvtop_core::Camera::new(id, size, intrinsics, world_from_cam).map_err(python)
+}
+
+/// A side of a camera's images.
+pub fn pixels(id: &str, key: &str, side: f64) -> PyResult<u32> {
+    match side.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&side) {
+        true => Ok(side as u32),
+        false => Err(value(format!(
+            "camera `{id}`: `{key}` must be a whole number of pixels, got {side}"
+        ))),
+    }
 }
 
 /// A function of the numbers along the last axis; `None` becomes NaN.

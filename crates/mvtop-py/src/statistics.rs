@@ -46,8 +46,10 @@ pub fn correlation(x: ArrayLike, y: ArrayLike) -> PyResult<Option<f64>> {
 /// - bins: how many; as many as there are samples where those are fewer
 /// - returns: (bins, 2)
 #[pyfunction]
-#[pyo3(signature = (expected, actual, bins = CALIBRATION_BINS))]
-pub fn calibration(expected: ArrayLike, actual: ArrayLike, bins: usize) -> PyResult<F64> {
+#[pyo3(signature = (expected, actual, bins = CALIBRATION_BINS as i64))]
+pub fn calibration(expected: ArrayLike, actual: ArrayLike, bins: i64) -> PyResult<F64> {
+    let bins = usize::try_from(bins)
+        .map_err(|_| value(format!("bins: expected 0 or more, got {bins}")))?;
     let [expected, actual] = pair(["expected", "actual"], [&expected, &actual])?;
     let bins = statistics::calibration(&expected, &actual, bins);
     let means = bins.iter().map(|bin| [bin.expected, bin.actual]);
