@@ -10,7 +10,8 @@ use std::path::PathBuf;
 use mvtop_core::Rig;
 
 use self::args::{Check, Import, Rig as Command, Show};
-use self::views::Views;
+use self::observed::Told;
+use self::views::{Doubt, Views};
 use crate::failure::{Failure, Result};
 use crate::write;
 
@@ -44,21 +45,34 @@ fn import(args: &Import) -> Result<()> {
 }
 
 fn check(args: &Check) -> Result<()> {
-    let mut problem = show(&args.show, &observed::files(&args.images))?;
-    if !args.images.is_empty() {
-        problem = observed::check(args)?.or(problem);
-    }
+    let doubt = show(&args.show, &observed::files(&args.images))?;
+    let told = match args.images.is_empty() {
+        true => Told::Little,
+        false => observed::check(args)?,
+    };
+    let warned = doubt.is_some();
+    let refused = doubt.filter(|doubt| doubt.refuses);
+    let problem = match told {
+        Told::Off(problem) => Some(problem),
+        // What images show goes before what places of cameras look like.
+        Told::Fits => None,
+        Told::Little => refused.map(|doubt| doubt.sentence),
+    };
     match problem {
         Some(problem) => Err(Failure(format!("{}: {problem}", args.show.rig.display()))),
-        None if args.images.is_empty() => write::print("nothing speaks against this rig"),
-        None => write::print("no camera is seen to be off"),
+        None if !args.images.is_empty() => write::print("no camera is seen to be off"),
+        None if warned => write::print(
+            "nothing else speaks against this rig; cameras that are to look apart do the same, and images \
+             of objects that the model knows tell which it is",
+        ),
+        None => write::print("nothing speaks against this rig"),
     }
 }
 
-/// What cannot be meant, if anything.
+/// What hints at swapped poses, if anything; it is printed.
 ///
 /// - `images`: files that are read as well
-fn show(args: &Show, images: &[PathBuf]) -> Result<Option<String>> {
+fn show(args: &Show, images: &[PathBuf]) -> Result<Option<Doubt>> {
     if let Some(path) = &args.picture {
         write::may_write(path, args.force)?;
         let read = images.iter().chain([&args.rig]);
@@ -67,12 +81,12 @@ fn show(args: &Show, images: &[PathBuf]) -> Result<Option<String>> {
     let rig = Rig::load(&args.rig)?;
     let views = Views::of(&rig);
     write::print(views.text(&rig).trim_end())?;
-    let problem = views.problem(&rig);
-    if let Some(problem) = &problem {
-        write::print(&format!("warning: {problem}"))?;
+    let doubt = views.doubt(&rig);
+    if let Some(doubt) = &doubt {
+        write::print(&format!("warning: {}", doubt.sentence))?;
     }
     if let Some(path) = &args.picture {
         write::whole(path, picture::svg(&rig).as_bytes())?;
     }
-    Ok(problem)
+    Ok(doubt)
 }

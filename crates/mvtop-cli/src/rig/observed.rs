@@ -10,8 +10,18 @@ use crate::failure::{Failure, Result};
 use crate::infer::assign;
 use crate::write;
 
-/// What is wrong with the rig by its images, if anything; what one object alone says is printed only.
-pub fn check(args: &Check) -> Result<Option<String>> {
+/// What images say of a rig.
+pub enum Told {
+    /// What is wrong with it, a sentence.
+    Off(String),
+    /// Cameras agree on what they show, and none is seen to be off.
+    Fits,
+    /// Too little to say either.
+    Little,
+}
+
+/// What images say of the rig; what one object alone says is printed only.
+pub fn check(args: &Check) -> Result<Told> {
     let rig = Rig::load(&args.show.rig)?;
     let observed = observed(&rig, &args.images, &args.with)?;
     summary(&rig, &observed)?;
@@ -23,11 +33,12 @@ pub fn check(args: &Check) -> Result<Option<String>> {
                 "warning: one object alone says that cameras are off, and it may be taken for another; give \
                  more objects or sets of images",
             )?;
+            return Ok(Told::Little);
         }
-        return Ok(None);
+        return Ok(Told::Fits);
     };
     print_corrections(&rig, &observed.off().cameras)?;
-    Ok(Some(format!(
+    Ok(Told::Off(format!(
         "{problem}; `mvtop-cli rig refine` writes where the images show it"
     )))
 }

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use mvtop_core::{Camera, Rig};
-use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point2, Point3, Unit, Vector3};
 
 /// Columns and rows of the lines of sight that are followed.
 const GRID: [u32; 2] = [12, 9];
@@ -12,8 +12,13 @@ const GRID: [u32; 2] = [12, 9];
 const NEAREST: f64 = 0.05;
 const FARTHEST: f64 = 20.0;
 const STEPS: i32 = 60;
+/// Cameras that look apart share little of their views below this share: what looks outwards on
+/// purpose shares more, most often.
+const LITTLE: f64 = 0.25;
 /// Most pairs that are printed.
 const MOST_LINES: usize = 30;
+/// Halvings of half an image's side, down to what a pixel's angle does not show.
+const HALVINGS: usize = 40;
 
 /// Another meaning of a pose; the second argument is half a turn about x.
 type Reading = fn(&Isometry3<f64>, &Isometry3<f64>) -> Isometry3<f64>;
@@ -28,6 +33,13 @@ pub struct Shared {
     pub shares: [f64; 2],
     /// From the first camera, where it is seen from both: nearest and farthest, metres.
     pub range: Option<[f64; 2]>,
+}
+
+/// What hints at poses in other axes or the other direction.
+pub struct Doubt {
+    pub sentence: String,
+    /// Whether it is reason enough to refuse the rig, where no images tell.
+    pub refuses: bool,
 }
 
 /// All pairs.
@@ -76,6 +88,17 @@ impl Views {
     fn mean(&self) -> f64 {
         let shares = self.pairs.iter().flat_map(|pair| pair.shares);
         shares.sum::<f64>() / (2 * self.pairs.len()).max(1) as f64
+    }
+
+    /// Mean share of each camera's lines of sight that the one with which it shares most sees.
+    fn with_nearest(&self) -> f64 {
+        let mut most = vec![0.0f64; self.poses.len()];
+        for pair in &self.pairs {
+            for (camera, share) in pair.pair.into_iter().zip(pair.shares) {
+                most[camera] = most[camera].max(share);
+            }
+        }
+        most.iter().sum::<f64>() / most.len().max(1) as f64
     }
 
     /// The point nearest to all axes, and whether it is in front of the cameras.
@@ -171,7 +194,7 @@ impl Views {
     }
 
     /// What hints at poses in other axes or the other direction, if anything.
-    pub fn problem(&self, rig: &Rig) -> Option<String> {
+    pub fn doubt(&self, rig: &Rig) -> Option<Doubt> {
         if self.pairs.is_empty() {
             return None;
         }
@@ -217,7 +240,7 @@ impl Views {
             true => "no two cameras have any view in common".to_owned(),
             false => "the cameras look away from where their axes meet".to_owned(),
         };
-        Some(match best {
+        let sentence = match best {
             Some((name, mean, _)) => format!(
                 "{what}, which is what swapped poses look like: read {name} they share {:.0} % of their \
                  views, {:.0} % as they are",
@@ -227,6 +250,10 @@ impl Views {
             None => format!(
                 "{what}, and neither other axes nor the other direction would change it; check the poses"
             ),
+        };
+        Some(Doubt {
+            sentence,
+            refuses: self.with_nearest() < LITTLE,
         })
     }
 }
@@ -283,17 +310,34 @@ fn seen(
     (f64::from(common) / f64::from(all.max(1)), range)
 }
 
-/// Between the rays of opposite edges, degrees; axis 0 is x.
+/// Between the rays of opposite edges, or of where the lens ends before these, degrees; axis 0 is x.
 fn angle_of_view(camera: &Camera, axis: usize) -> f64 {
     let (w, h) = (f64::from(camera.width()), f64::from(camera.height()));
-    let (low, high) = match axis {
-        0 => (Point2::new(-0.5, h / 2.0), Point2::new(w - 0.5, h / 2.0)),
-        _ => (Point2::new(w / 2.0, -0.5), Point2::new(w / 2.0, h - 0.5)),
-    };
-    let rays = [low, high].map(|pixel| camera.intrinsics().unproject(&pixel));
-    let [Some(low), Some(high)] = rays else {
-        return f64::NAN;
-    };
-    let from_axis = |ray: nalgebra::Unit<Vector3<f64>>| ray.angle(&Vector3::z());
-    (from_axis(low) + from_axis(high)).to_degrees()
+    let middle = Point2::new((w - 1.0) / 2.0, (h - 1.0) / 2.0);
+    let edges = [-0.5, [w, h][axis] - 0.5].map(|place| {
+        let mut edge = middle;
+        edge[axis] = place;
+        edge
+    });
+    let from_axis = |edge| Some(last_ray(camera, middle, edge)?.angle(&Vector3::z()));
+    let angles = edges.map(|edge| from_axis(edge).unwrap_or(f64::NAN));
+    angles.iter().sum::<f64>().to_degrees()
+}
+
+/// The ray of a pixel at the edge, or else of the last one on the way there from the middle, where a
+/// rig's lenses have one.
+fn last_ray(camera: &Camera, middle: Point2<f64>, edge: Point2<f64>) -> Option<Unit<Vector3<f64>>> {
+    let ray = |pixel: &Point2<f64>| camera.intrinsics().unproject(pixel);
+    if let Some(ray) = ray(&edge) {
+        return Some(ray);
+    }
+    let (mut inside, mut outside) = (middle, edge);
+    for _ in 0..HALVINGS {
+        let between = nalgebra::center(&inside, &outside);
+        match ray(&between) {
+            Some(_) => inside = between,
+            None => outside = between,
+        }
+    }
+    ray(&inside)
 }

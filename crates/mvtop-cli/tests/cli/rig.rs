@@ -60,6 +60,23 @@ fn import_asks_writes_once_and_is_read_back() {
 }
 
 #[test]
+fn import_of_cameras_far_apart_is_asked_for_and_is_read_back() {
+    let folder = TempDir::new().unwrap();
+    let (file, out) = (path(&folder, "pair.json"), path(&folder, "rig.json"));
+    write(&file, PAIR).unwrap();
+    let import = ["rig", "import", &file, "--scale", "500", "-o", &out];
+    let error = refusal(&mvtop(&import));
+    assert!(
+        error.contains("`trust_unit` to true (--trust-unit)"),
+        "{error}"
+    );
+    assert!(!Path::new(&out).exists());
+    stdout(&mvtop(&[&import[..], &["--trust-unit"]].concat()));
+    let said = stdout(&mvtop(&["rig", "show", &out]));
+    assert!(said.contains("196.4688 m apart"), "{said}");
+}
+
+#[test]
 fn show_says_and_draws_where_cameras_are() {
     let folder = TempDir::new().unwrap();
     let turned = |angle: f64, x: f64| {
@@ -80,6 +97,18 @@ fn show_says_and_draws_where_cameras_are() {
     let svg = read_to_string(&picture).unwrap();
     assert!(svg.starts_with("<svg") && svg.contains("0.400 m") && svg.contains(">c1<"));
     assert!(refusal(&mvtop(&["rig", "show", &file, "--picture", &picture])).contains("--force"));
+}
+
+#[test]
+fn show_says_how_far_a_lens_sees_that_ends_before_the_edge() {
+    let folder = TempDir::new().unwrap();
+    let at = r#""T_world_cam": {"t": [0, 0, 0], "q_wxyz": [1, 0, 0, 0]}"#;
+    let file = rig_file(&folder, &[at]);
+    let fisheye = r#""model": "fisheye", "max_angle_deg": 60, "fx": 200, "fy": 200"#;
+    let text = read_to_string(&file).unwrap();
+    write(&file, text.replace(r#""fx": 500, "fy": 500"#, fisheye)).unwrap();
+    let said = stdout(&mvtop(&["rig", "show", &file]));
+    assert!(said.contains("sees 120 x 120 deg"), "{said}");
 }
 
 #[test]
@@ -162,6 +191,69 @@ fn swapped_axes_and_directions_are_named() {
         "{error}"
     );
     stdout(&mvtop(&["rig", "show", &away])); // says it, but does not fail
+}
+
+#[test]
+fn cameras_that_look_apart_are_refused_where_they_share_little() {
+    let folder = TempDir::new().unwrap();
+    let turned = |degrees: f64, x: f64| {
+        let (s, c) = (degrees.to_radians() / 2.0).sin_cos();
+        format!(r#""T_world_cam": {{"t": [{x}, 0, 0], "q_wxyz": [{c}, 0, {s}, 0]}}"#)
+    };
+    let apart = |degrees: f64| {
+        let poses = [turned(-degrees, -0.2), turned(degrees, 0.2)];
+        rig_file(&folder, &[&poses[0], &poses[1]])
+    };
+    let said = stdout(&mvtop(&["rig", "check", &apart(10.0)]));
+    let away = "look away from where their axes meet";
+    assert!(
+        said.contains(&format!("warning: the cameras {away}")),
+        "{said}"
+    );
+    assert!(said.contains("nothing else speaks against"), "{said}");
+    let error = refusal(&mvtop(&["rig", "check", &apart(30.0)]));
+    assert!(error.contains(away), "{error}");
+}
+
+#[test]
+fn images_go_before_what_places_of_cameras_look_like() {
+    let folder = TempDir::new().unwrap();
+    let rig = read_to_string(root().join("examples/mvball/rig.json")).unwrap();
+    let mut rig: serde_json::Value = serde_json::from_str(&rig).unwrap();
+    // Seven cameras more around the ball, all of which look away from it, upwards.
+    let k = 0.5f64.sqrt();
+    for i in 0..7 {
+        let (s, c) = (f64::from(i) * std::f64::consts::TAU / 7.0).sin_cos();
+        rig["cameras"].as_array_mut().unwrap().push(serde_json::json!({
+            "id": format!("out{i}"), "width": 640, "height": 480, "fx": 1500, "fy": 1500, "cx": 319.5,
+            "cy": 239.5,
+            "T_world_cam": [
+                [s, k * c, k * c, 0.5 * k * c], [-c, k * s, k * s, 0.5 * k * s], [0, -k, k, 0.5 * k],
+                [0, 0, 0, 1],
+            ],
+        }));
+    }
+    let file = path(&folder, "outwards.json");
+    write(&file, rig.to_string()).unwrap();
+    let error = refusal(&mvtop(&["rig", "check", &file]));
+    let away = "look away from where their axes meet";
+    assert!(error.contains(away), "{error}");
+    let images = ["cam0", "cam1"].map(|id| format!("{id}=examples/mvball/{id}.png"));
+    let [a, b] = &images;
+    let said = stdout(&mvtop(&[
+        "rig",
+        "check",
+        &file,
+        a,
+        b,
+        "--model",
+        "models/mvball",
+    ]));
+    assert!(
+        said.contains(&format!("warning: the cameras {away}")),
+        "{said}"
+    );
+    assert!(said.ends_with("no camera is seen to be off\n"), "{said}");
 }
 
 #[test]
