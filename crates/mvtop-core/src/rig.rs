@@ -126,7 +126,8 @@ impl Rig {
     /// numbers that a person wrote, this hints at another unit than metres.
     ///
     /// # Errors
-    /// [`Error::Rig`], which names the cameras farthest apart and the likely unit.
+    /// [`Error::Rig`], which names the cameras farthest apart, the likely unit, and `trust_unit`, by
+    /// which rig files, Python and the command line say that it is meant so.
     pub fn check_spread(&self) -> Result<()> {
         match unit::implausible(&self.cameras) {
             None => Ok(()),

@@ -112,10 +112,16 @@ impl Draft {
             cameras.push(camera.map_err(|error| error.to_string())?);
         }
         let rig = Rig::new(cameras, 0).map_err(|error| error.to_string())?;
-        rig.check_spread().map_err(|error| {
-            format!("{error}; check `unit` (--unit) or `scale` (--scale), {metres} m per unit here")
-        })?;
-        Ok((rig, notes))
+        let refuse = |error| {
+            format!(
+                "{error} (--trust-unit); check `unit` (--unit) or `scale` (--scale), {metres} m per unit \
+                 here"
+            )
+        };
+        match rig.check_spread() {
+            Err(error) if !options.trust_unit => Err(refuse(error)),
+            _ => Ok((rig, notes)),
+        }
     }
 }
 

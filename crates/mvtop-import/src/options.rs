@@ -23,6 +23,9 @@ pub struct Options {
     pub image: Option<u32>,
     /// The images are rectified ones (ROS: `image_rect`), without distortion.
     pub rectified: bool,
+    /// The cameras do stand as near together or as far apart as that makes them, which is refused
+    /// else: it hints at a wrong unit.
+    pub trust_unit: bool,
 }
 
 /// A unit of length.

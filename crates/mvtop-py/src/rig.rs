@@ -10,7 +10,7 @@ use ndarray::{ArrayD, Axis};
 use pyo3::prelude::*;
 use pyo3::types::PyType;
 
-use crate::camera::{Camera, camera};
+use crate::camera::{Camera, camera, pixels};
 use crate::convert::{self, ArrayLike};
 use crate::error::{python, value};
 
@@ -24,12 +24,19 @@ impl Rig {
     /// A rig of these cameras; `reference` is the id of the one in whose frame poses are given, the
     /// first by default.
     ///
+    /// - trust_unit: whether the cameras do stand within 2 mm of each other, or up to more than 100 m
+    ///   apart, which hints at another unit than metres and is refused else
+    ///
     /// Raises ValueError for anything that hints at a mistake, as a rig file does.
     #[new]
-    #[pyo3(signature = (cameras, reference = None))]
-    fn new(cameras: Vec<PyRef<Camera>>, reference: Option<&str>) -> PyResult<Self> {
+    #[pyo3(signature = (cameras, reference = None, *, trust_unit = false))]
+    fn new(
+        cameras: Vec<PyRef<Camera>>,
+        reference: Option<&str>,
+        trust_unit: bool,
+    ) -> PyResult<Self> {
         let cameras: Vec<_> = cameras.iter().map(|camera| camera.0.clone()).collect();
-        rig(cameras, reference)
+        rig(cameras, reference, trust_unit)
     }
 
     /// Reads a rig file (docs/rig.md).
@@ -54,11 +61,12 @@ impl Rig {
     /// - model: "pinhole" or "fisheye"
     /// - image: of BOP, the image whose cameras make the rig
     /// - rectified: of ROS, whether images are rectified rather than raw
+    /// - trust_unit: as of Rig
     /// - returns: the rig, and sentences: what was taken for what, and errors of fitted lenses in px
     ///
     /// Raises OSError where a file cannot be read, ValueError where it is refused.
     #[classmethod]
-    #[pyo3(signature = (paths, *, format = None, scale = None, unit = None, image_size = None, image_sizes = None, direction = None, model = None, image = None, rectified = false))]
+    #[pyo3(signature = (paths, *, format = None, scale = None, unit = None, image_size = None, image_sizes = None, direction = None, model = None, image = None, rectified = false, trust_unit = false))]
     #[allow(clippy::too_many_arguments)] // as many as there are things that files leave open
     fn import_(
         _cls: &Bound<PyType>,
@@ -72,6 +80,7 @@ impl Rig {
         model: Option<String>,
         image: Option<u32>,
         rectified: bool,
+        trust_unit: bool,
     ) -> PyResult<(Self, Vec<String>)> {
         let for_all = image_size.map(|size| (None, size));
         let by_id = image_sizes.into_iter().flatten();
@@ -91,6 +100,7 @@ impl Rig {
             model,
             image,
             rectified,
+            trust_unit,
         };
         let imported = mvtop_import::import(&paths, &options).map_err(python)?;
         Ok((Self(Arc::new(imported.rig)), imported.notes))
@@ -124,8 +134,9 @@ impl Rig {
     /// - sizes: (V, 2), or (2,) for all; widths and heights of the images, px
     /// - distortion: (V, n), or (n,) for all; see Camera
     /// - ids: names of the cameras, "cam0", "cam1", ... by default
+    /// - reference, trust_unit: as of Rig
     #[classmethod]
-    #[pyo3(signature = (K, world_from_cam, sizes, *, distortion = None, model = "pinhole", ids = None, reference = None))]
+    #[pyo3(signature = (K, world_from_cam, sizes, *, distortion = None, model = "pinhole", ids = None, reference = None, trust_unit = false))]
     #[allow(non_snake_case, clippy::too_many_arguments)] // one argument is one array of Python's
     fn from_arrays(
         _cls: &Bound<PyType>,
@@ -136,6 +147,7 @@ impl Rig {
         model: &str,
         ids: Option<Vec<String>>,
         reference: Option<&str>,
+        trust_unit: bool,
     ) -> PyResult<Self> {
         let poses = world_from_cam.read("world_from_cam", Some(1), &[4, 4])?;
         let count = poses.len_of(Axis(0));
@@ -160,7 +172,7 @@ impl Rig {
             let pose = convert::pose(&name, at(&poses).view())?;
             camera(id, size, &at(&K), model, &params, pose, None)
         });
-        rig(cameras.collect::<PyResult<_>>()?, reference)
+        rig(cameras.collect::<PyResult<_>>()?, reference, trust_unit)
     }
 
     /// The text of a rig file, in metres.
@@ -254,22 +266,19 @@ fn per_camera(
     }
 }
 
-fn pixels(id: &str, key: &str, side: f64) -> PyResult<u32> {
-    match side.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&side) {
-        true => Ok(side as u32),
-        false => Err(value(format!(
-            "camera `{id}`: `{key}` must be a whole number of pixels, got {side}"
-        ))),
-    }
-}
-
 /// - `reference`: id of a camera; the first by default
-fn rig(cameras: Vec<mvtop_core::Camera>, reference: Option<&str>) -> PyResult<Rig> {
+fn rig(
+    cameras: Vec<mvtop_core::Camera>,
+    reference: Option<&str>,
+    trust_unit: bool,
+) -> PyResult<Rig> {
     let mut rig = mvtop_core::Rig::new(cameras, 0).map_err(python)?;
     if let Some(id) = reference {
         rig = rig.referring_to(id).map_err(python)?;
     }
     // A person's numbers, unlike a data set's, may be in another unit.
-    rig.check_spread().map_err(python)?;
+    if !trust_unit {
+        rig.check_spread().map_err(python)?;
+    }
     Ok(Rig(Arc::new(rig)))
 }

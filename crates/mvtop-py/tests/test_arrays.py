@@ -78,6 +78,10 @@ def test_rigs_are_imported(tmp_path):
         mvtop.Rig.import_([file], format="bop")
     with pytest.raises(ValueError, match="not known"):
         mvtop.Rig.import_([file], unit="furlong")
+    with pytest.raises(ValueError, match="trust_unit"):
+        mvtop.Rig.import_([file], scale=1e-6)
+    near, _ = mvtop.Rig.import_([file], scale=1e-6, trust_unit=True)
+    assert near.cameras[1].world_from_cam[0, 3] == pytest.approx(1e-7)
     with pytest.raises(FileNotFoundError):
         mvtop.Rig.import_([tmp_path / "none.yaml"])
 
@@ -88,6 +92,7 @@ def test_cameras_give_back_what_they_were_made_from(rng):
         K, (640, 480), distortion=KANNALA, model="fisheye", world_from_cam=world_from_cam, id="left"
     )
     assert (camera.id, camera.size, camera.model) == ("left", (640, 480), "fisheye")
+    assert mvtop.Camera(K, np.array([640.0, 480.0])).size == (640, 480)
     np.testing.assert_array_equal(camera.K, K)
     np.testing.assert_array_equal(camera.distortion, KANNALA)
     np.testing.assert_allclose(camera.world_from_cam, world_from_cam, atol=1e-12)
@@ -145,6 +150,24 @@ def test_pickled_and_copied_cameras_are_the_same(model, distortion, rng):
         np.testing.assert_allclose(again.world_from_cam, camera.world_from_cam, atol=1e-12)
 
 
+def test_pickled_cameras_are_equal_wherever_they_look():
+    rng = np.random.default_rng(5)
+    for turned in pose(rng, 300):
+        camera = mvtop.Camera(K, (640, 480), world_from_cam=turned)
+        assert pickle.loads(pickle.dumps(camera)) == camera
+
+
+def test_cameras_stand_as_far_apart_as_is_said(tmp_path):
+    far = mvtop.Rig.from_arrays(K, MILLIMETRES, (640, 480), trust_unit=True)
+    with pytest.raises(ValueError, match="`trust_unit` to true"):
+        mvtop.Rig(far.cameras)
+    assert mvtop.Rig(far.cameras, trust_unit=True) == far
+    far.save(tmp_path / "rig.json")
+    assert mvtop.Rig.load(tmp_path / "rig.json") == far == pickle.loads(pickle.dumps(far))
+    still = mvtop.Rig.from_arrays(K, [EYE, EYE], (640, 480), trust_unit=True)
+    assert len(still) == 2
+
+
 def test_objects_say_what_they_are():
     camera = mvtop.Camera(K, (640, 480), id="left")
     assert repr(camera) == 'Camera("left", 640x480 px, pinhole)'
@@ -183,6 +206,13 @@ def test_axes_of_an_image_may_be_askew():
         (lambda: mvtop.Camera(K * np.nan, (640, 480)), "K: expected finite numbers, got NaN"),
         (lambda: mvtop.Camera("K", (640, 480)), "K: expected numbers of shape (3, 3), got"),
         (lambda: mvtop.Camera(K, (640, 0)), "`height`"),
+        (
+            lambda: mvtop.Camera(K, (-640, 480)),
+            "`width` must be a whole number of pixels, got -640",
+        ),
+        (lambda: mvtop.Camera(K, (640, 480.5)), "`height` must be a whole number of pixels"),
+        (lambda: mvtop.Camera(K, 640), "size: expected numbers of shape (2)"),
+        (lambda: mvtop.statistics.calibration([1.0], [1.0], bins=-1), "bins: expected 0 or more"),
         (lambda: mvtop.Camera(K, (640, 480), distortion=[1, 2]), "0, 4, 5, 8, 12 or 14"),
         (lambda: mvtop.Camera(K, (640, 480), model="orthographic"), "model"),
         (lambda: mvtop.Camera(K, (640, 480), world_from_cam=2 * EYE), "last row"),

@@ -77,6 +77,10 @@ pub struct Import {
     #[arg(long)]
     pub rectified: bool,
 
+    /// The cameras do stand within 2 mm of each other, or up to more than 100 m apart
+    #[arg(long)]
+    pub trust_unit: bool,
+
     /// Overwrite a rig file that exists
     #[arg(long)]
     pub force: bool,
@@ -181,6 +185,7 @@ impl Import {
             model: self.model.clone(),
             image: self.image,
             rectified: self.rectified,
+            trust_unit: self.trust_unit,
         }
     }
 }

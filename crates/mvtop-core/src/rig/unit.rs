@@ -57,9 +57,12 @@ impl Spread<'_> {
             Some(Unit { name, .. }) => {
                 format!("the numbers look like {name}, so set `unit` to \"{name}\"")
             }
-            None => "check the translations, or set `trust_unit` to true".to_owned(),
+            None => "check the translations".to_owned(),
         };
-        format!("with `unit` \"{}\" {self}; {fix}", unit.name)
+        format!(
+            "with `unit` \"{}\" {self}; {fix}, or `trust_unit` to true",
+            unit.name
+        )
     }
 
     /// What to say of numbers in metres.
@@ -68,7 +71,7 @@ impl Spread<'_> {
             Some(unit) => format!("the unit looks like {}, so convert it to m", unit.name),
             None => "check the translations".to_owned(),
         };
-        format!("{self}; {fix}")
+        format!("{self}; {fix}, or set `trust_unit` to true")
     }
 
     /// The unit in which the numbers would be believed.

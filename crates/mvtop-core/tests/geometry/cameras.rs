@@ -185,18 +185,19 @@ fn a_wrong_unit_is_found_in_numbers_as_in_files() {
     for (x, fact) in [
         (
             800.0,
-            "`a` and `b`, are 800.0000 m apart, expected 0.002 to 100 m; the unit looks like mm",
+            "`a` and `b`, are 800.0000 m apart, expected 0.002 to 100 m; the unit looks like mm, so convert \
+             it to m, or set `trust_unit` to true",
         ),
         (
             0.0008,
-            "are 0.0008 m apart, expected 0.002 to 100 m; check the translations",
+            "are 0.0008 m apart, expected 0.002 to 100 m; check the translations, or set `trust_unit`",
         ),
     ] {
         let error = apart(x).check_spread().unwrap_err().to_string();
         assert!(error.contains(fact), "{error}");
     }
     apart(0.4).check_spread().unwrap();
-    // A file says that it is meant so; nothing else may.
+    // A file says that it is meant so.
     let far = apart(800.0).to_json();
     assert_eq!(Rig::from_json(&far).unwrap(), apart(800.0));
     for (from, to, fact) in [

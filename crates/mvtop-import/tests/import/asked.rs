@@ -89,6 +89,25 @@ fn what_cannot_be_meant_is_refused() {
 }
 
 #[test]
+fn cameras_stand_as_near_together_as_is_said() {
+    let good = pair("[0.1, 0, 0, 0, 0]", r#", "image_size": [640, 480]"#);
+    let files = [("a.json", good.as_str())];
+    let error = refusal(&files, &scaled(1e-6));
+    assert!(
+        error.contains("`trust_unit` to true (--trust-unit)"),
+        "{error}"
+    );
+    let trusted = Options {
+        trust_unit: true,
+        ..scaled(1e-6)
+    };
+    let rig = crate::read(&files, &trusted).unwrap().rig;
+    let place = rig.cameras()[1].world_from_cam().translation.vector;
+    crate::assert_near([place.x], [4e-6]);
+    assert_eq!(mvtop_core::Rig::from_json(&rig.to_json()).unwrap(), rig);
+}
+
+#[test]
 fn broken_files_end_in_one_sentence() {
     let deep = format!("a: {}", "[".repeat(5000));
     let steps = "- ".repeat(50_000);

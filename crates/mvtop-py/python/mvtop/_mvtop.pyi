@@ -24,12 +24,8 @@ class Camera:
         (3, 3), intrinsics, px.
         """
     def __eq__(self, value: object, /) -> bool: ...
-    def __getnewargs_ex__(self, /) -> tuple[tuple[NDArray[float64], tuple[int, int]], dict[str, Any]]:
-        """
-        For pickle: the arguments by position and by name.
-        """
     def __ne__(self, value: object, /) -> bool: ...
-    def __new__(cls, /, K: ArrayLike, size: SupportsLenAndGetItem[SupportsIndex], *, distortion: ArrayLike | None = None, model: str = "pinhole", world_from_cam: ArrayLike | None = None, id: str = "cam0", max_angle_deg: SupportsFloat | SupportsIndex | None = None) -> Camera:
+    def __new__(cls, /, K: ArrayLike, size: ArrayLike, *, distortion: ArrayLike | None = None, model: str = "pinhole", world_from_cam: ArrayLike | None = None, id: str = "cam0", max_angle_deg: SupportsFloat | SupportsIndex | None = None) -> Camera:
         """
         A camera from arrays.
 
@@ -43,7 +39,17 @@ class Camera:
 
         Raises ValueError for anything that hints at a mistake, as a rig file does.
         """
+    def __reduce__(self, /) -> tuple[Any, tuple[NDArray[float64], tuple[int, int], list[float], str, list[float], list[float], str, float | None]]:
+        """
+        For pickle. Its rotation goes as a quaternion: what a matrix is made of by rounding is not
+        read back equal.
+        """
     def __repr__(self, /) -> str: ...
+    @staticmethod
+    def _restore(K: ArrayLike, size: tuple[SupportsIndex, SupportsIndex], distortion: SupportsGetItem[int, SupportsFloat | SupportsIndex], model: str, q_wxyz: SupportsLenAndGetItem[SupportsFloat | SupportsIndex], t: SupportsLenAndGetItem[SupportsFloat | SupportsIndex], id: str, max_angle_deg: SupportsFloat | SupportsIndex | None) -> Camera:
+        """
+        A camera that was pickled.
+        """
     @property
     def distortion(self, /) -> NDArray[float64]:
         """
@@ -333,10 +339,13 @@ class Rig:
     def __eq__(self, value: object, /) -> bool: ...
     def __len__(self, /) -> int: ...
     def __ne__(self, value: object, /) -> bool: ...
-    def __new__(cls, /, cameras: SupportsGetItem[int, Camera], reference: str | None = None) -> Rig:
+    def __new__(cls, /, cameras: SupportsGetItem[int, Camera], reference: str | None = None, *, trust_unit: bool = False) -> Rig:
         """
         A rig of these cameras; `reference` is the id of the one in whose frame poses are given, the
         first by default.
+
+        - trust_unit: whether the cameras do stand within 2 mm of each other, or up to more than 100 m
+          apart, which hints at another unit than metres and is refused else
 
         Raises ValueError for anything that hints at a mistake, as a rig file does.
         """
@@ -348,7 +357,7 @@ class Rig:
     @property
     def cameras(self, /) -> list[Camera]: ...
     @classmethod
-    def from_arrays(cls, /, K: ArrayLike, world_from_cam: ArrayLike, sizes: ArrayLike, *, distortion: ArrayLike | None = None, model: str = "pinhole", ids: SupportsGetItem[int, str] | None = None, reference: str | None = None) -> Rig:
+    def from_arrays(cls, /, K: ArrayLike, world_from_cam: ArrayLike, sizes: ArrayLike, *, distortion: ArrayLike | None = None, model: str = "pinhole", ids: SupportsGetItem[int, str] | None = None, reference: str | None = None, trust_unit: bool = False) -> Rig:
         """
         A rig of V cameras of one lens model.
 
@@ -357,6 +366,7 @@ class Rig:
         - sizes: (V, 2), or (2,) for all; widths and heights of the images, px
         - distortion: (V, n), or (n,) for all; see Camera
         - ids: names of the cameras, "cam0", "cam1", ... by default
+        - reference, trust_unit: as of Rig
         """
     @classmethod
     def from_json(cls, /, text: str) -> Rig:
@@ -364,7 +374,7 @@ class Rig:
         Reads the text of a rig file.
         """
     @classmethod
-    def import_(cls, /, paths: SupportsGetItem[int, str | PathLike[str]], *, format: str | None = None, scale: SupportsFloat | SupportsIndex | None = None, unit: str | None = None, image_size: tuple[SupportsIndex, SupportsIndex] | None = None, image_sizes: dict[str, tuple[SupportsIndex, SupportsIndex]] | None = None, direction: str | None = None, model: str | None = None, image: SupportsIndex | None = None, rectified: bool = False) -> tuple[Rig, list[str]]:
+    def import_(cls, /, paths: SupportsGetItem[int, str | PathLike[str]], *, format: str | None = None, scale: SupportsFloat | SupportsIndex | None = None, unit: str | None = None, image_size: tuple[SupportsIndex, SupportsIndex] | None = None, image_sizes: dict[str, tuple[SupportsIndex, SupportsIndex]] | None = None, direction: str | None = None, model: str | None = None, image: SupportsIndex | None = None, rectified: bool = False, trust_unit: bool = False) -> tuple[Rig, list[str]]:
         """
         Makes a rig of the calibration files of another program (docs/calibrations.md).
 
@@ -379,6 +389,7 @@ class Rig:
         - model: "pinhole" or "fisheye"
         - image: of BOP, the image whose cameras make the rig
         - rectified: of ROS, whether images are rectified rather than raw
+        - trust_unit: as of Rig
         - returns: the rig, and sentences: what was taken for what, and errors of fitted lenses in px
 
         Raises OSError where a file cannot be read, ValueError where it is refused.
@@ -767,11 +778,12 @@ def rotation_from_6d(values: ArrayLike) -> NDArray[float64]:
     Raises ValueError where a or b is 0, or the two are parallel.
     """
 
-def run_cli(args: SupportsGetItem[int, str], shipped: str | PathLike[str]) -> int:
+def run_cli(args: SupportsGetItem[int, str], shipped: str | PathLike[str], library: str | PathLike[str] | None = None) -> int:
     """
     The command line `mvtop-cli`: `args` begin with the program's name. Returns the exit code.
 
     - shipped: the folder with the package's model and example
+    - library: of ONNX Runtime, used where none is named; searched for by default
     """
 
 def set_num_threads(count: SupportsIndex) -> None:
