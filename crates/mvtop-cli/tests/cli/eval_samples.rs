@@ -103,7 +103,10 @@ fn files_of_samples_are_spared() {
         truth.to_str().unwrap(),
         "--force",
     ]));
-    assert!(refused.contains("is one of the files that are read"), "{refused}");
+    assert!(
+        refused.contains("is one of the files that are read"),
+        "{refused}"
+    );
     assert_eq!(std::fs::read(&truth).unwrap(), before);
 }
 
