@@ -47,6 +47,19 @@ def test_odds_are_found_again():
     assert fitted["limits"]["a"] == pytest.approx([-1.96, 1.96], abs=0.03)
 
 
+@pytest.mark.parametrize(
+    ("odd", "value"), [(5, 0.75), (5, 0.98), (4, 0.75), (6, 0.75), (6, 0.9999)]
+)
+def test_evidence_that_is_nearly_always_the_same_has_weights_that_bundles_take(odd, value):
+    found = poses(500)
+    for n, one in enumerate(found):
+        one.evidence["c"] = 1.0 if n >= odd else value
+    fitted = confidence.fit(found)
+    for kind in ("weights", "squares"):
+        assert max(abs(weight) for weight in fitted[kind].values()) < 1e5
+    assert fitted["weights"]["a"] == pytest.approx(-3, abs=1)
+
+
 def test_what_one_view_shows_has_its_own_odds():
     found = [*poses(20_000), *poses(20_000, 1, views=1, slope=1.0)]
     fitted = confidence.fit(found)

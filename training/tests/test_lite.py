@@ -46,6 +46,23 @@ def test_the_backbone_has_the_weights_of_imagenet(tmp_path, parts):
         assert norm.training == (norm.eps != 1e-3)  # those of ImageNet keep their statistics
 
 
+def test_boxes_that_were_learnt_on_are_there_after_a_kill(tmp_path, parts):
+    """A second stage takes the features of the first; what finds boxes may learn on."""
+    made = config.preset("lite", classes_of(*parts))
+    TrainingState(tmp_path / "first", made, "cpu").save()
+    second = tmp_path / "second", made, "cpu", "", str(tmp_path / "first" / "weights.pt")
+    state = TrainingState(*second)
+    score = "features.detector.score.bias"
+    with torch.no_grad():
+        for model in (state.model, state.average):
+            model.get_parameter(score).add_(1)
+    state.save()
+    again = TrainingState(*second)
+    for one, other in ((state.model, again.model), (state.average, again.average)):
+        assert torch.equal(one.get_parameter(score), other.get_parameter(score))
+        assert not any(p.requires_grad for p in other.features.places.parameters())
+
+
 @pytest.mark.parametrize(
     ("kernel", "stride", "groups", "relu"), [(1, 1, 1, True), (1, 1, 1, False), (5, 2, 8, True)]
 )

@@ -130,6 +130,13 @@ def test_what_cannot_be_is_one_clear_sentence(path, change, error):
     assert message.startswith(("--set", f"{path}: "))
 
 
+@pytest.mark.parametrize("change", ["network.height=360", "network.closeup=144"])
+def test_sides_that_maps_of_all_strides_do_not_share_are_refused(path, change):
+    key = change.split("=")[0]
+    with pytest.raises(UserError, match=f"key '{key}': expected a multiple of 32, got .*; fix: "):
+        runconfig.load(path, ["preset=lite", change])
+
+
 @pytest.mark.parametrize("content", [b"steps = ", b"\xff\xfe", b"a = " + b"[" * 100_000])
 def test_a_file_that_is_no_config_is_named(path, content):
     path.write_bytes(content)

@@ -29,7 +29,7 @@ class Scenes:
         paths = bop.whole_scenes(self.root / split)
         if not paths:
             bop.refuse_empty(root, split)
-        count = held_out if len(paths) > 2 * held_out else len(paths) // 5
+        count = held_count(len(paths), held_out)
         self.held, self.held_images = self._read_all(paths[:count])
         self.training, self.images = self._read_all(paths[count:])
         self._known = set(paths)
@@ -53,6 +53,11 @@ class Scenes:
             images += found
             things += bop.sightings(found, self._by_id)
         return things, images
+
+
+def held_count(scenes: int, held_out: int) -> int:
+    """How many of the first scenes are not trained on: `held_out`, of few a fifth."""
+    return held_out if scenes > 2 * held_out else scenes // 5
 
 
 class Fresh:

@@ -38,7 +38,8 @@ class TrainingState:
         self.updates = 0  # of the average
         self.symmetries = symmetry.of(config.classes).to(device)
         self.optimizer = _optimizer(self.model)
-        if self.path.exists():
+        resumed = self.path.exists()
+        if resumed:
             state = _read(self.path)
             with _fits(self.path):
                 self.model.load_state_dict(state["model"])
@@ -52,7 +53,10 @@ class TrainingState:
             self._start_from(init)
         self.model.train()
         if backbone and backbone != PRETRAINED:
-            self._freeze(backbone)
+            if not resumed:  # what finds boxes may have been learnt on since
+                self._take(backbone)
+            for model in (self.model, self.average):
+                model.features.freeze()
         if config.backbone == "lite" and device == "cpu":
             fixed = Fixed(self.model.features.trunk)  # never trained: the average's is the same
             for model in (self.model, self.average):
@@ -73,9 +77,8 @@ class TrainingState:
                 self.average.load_state_dict(given)
         self.model.load_state_dict(self.average.state_dict())
 
-    def _freeze(self, path: str):
-        """Take all that works on images alone from another run's average, and keep what poses are
-        made of as it is."""
+    def _take(self, path: str):
+        """Take all that works on images alone from another run's average."""
         given = _average_of(_read(path))
         for model in (self.model, self.average):
             for name, part in model.features.named_children():
@@ -84,7 +87,6 @@ class TrainingState:
                     mine = {k.removeprefix(own): x for k, x in given.items() if k.startswith(own)}
                     with _fits(path):
                         part.load_state_dict(mine)
-            model.features.freeze()
 
     @property
     def path(self) -> Path:

@@ -33,6 +33,7 @@ MOST_OFF = 2.0, 0.02  # degrees and metres, of these
 RIDGE = 1.0  # on weights of evidence of unit spread
 LEAST = 100  # poses, right and wrong ones among them
 LIMITS = 0.01, 0.99  # shares of the poses by which evidence is bounded
+MOST_WEIGHT = 1e5  # of evidence in its unit; bundles may have up to ten times that
 BINS = 10  # as `mvtop-cli eval` has it
 
 
@@ -140,14 +141,21 @@ def _odds(found: list[Judged]) -> dict | None:
         return None
     names = sorted(found[0].evidence)
     x = np.array([[one.evidence[name] for name in names] for one in found])
-    limits = np.quantile(x, LIMITS, axis=0).round(6)
+    # Values that occur: between what is nearly always the same and the next there are none.
+    ends = zip(LIMITS, ("lower", "higher"), strict=True)
+    limits = np.stack([np.quantile(x, at, axis=0, method=method) for at, method in ends]).round(6)
     x = x.clip(*limits)
     mean, spread = x.mean(0), x.std(0)
     varies = spread > 1e-6
-    spread = np.where(varies, spread, 1.0)
-    unit = (x - mean) / spread * varies
-    weights = _regression(np.concatenate([unit, unit**2], 1), right)
-    by, by_square = weights[1:].reshape(2, -1) * varies / (spread, spread**2)
+    while True:
+        scale = np.where(varies, spread, 1.0)
+        unit = (x - mean) / scale * varies
+        weights = _regression(np.concatenate([unit, unit**2], 1), right)
+        by, by_square = weights[1:].reshape(2, -1) * varies / (scale, scale**2)
+        greatest = np.maximum(abs(by - 2 * by_square * mean), abs(by_square))
+        if (greatest < MOST_WEIGHT).all():
+            break
+        varies &= greatest < greatest.max()  # what hardly varies, but tells by how little it does
 
     def named(values):
         each = zip(names, values, varies, strict=True)

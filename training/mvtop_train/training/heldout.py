@@ -4,7 +4,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from .. import description
-from ..data import bop
+from ..data import batches, bop
 from ..errors import argument_parser
 
 
@@ -36,9 +36,15 @@ def scenes(args: Namespace) -> list[list[bop.Image]]:
 
 def of_split(data: Path, split: str, most: int | None) -> list[list[bop.Image]]:
     """Images of the first scenes of a split, at most so many."""
-    folders = bop.whole_scenes(data / split)[:most]
+    folders = bop.whole_scenes(data / split)
     if not folders:
         bop.refuse_empty(data, split)
+    if most is not None and (fewer := batches.held_count(len(folders), most)) < most:
+        print(
+            f"note: of these {len(folders)} scenes a training with held_out = {most} leaves out "
+            f"{fewer}; if one was trained on them, give --held-out {fewer}"
+        )
+    folders = folders[:most]
     return [bop.read_images(folder) for folder in folders]
 
 

@@ -10,7 +10,7 @@ from ..data import backgrounds, bank, batches, crops, objects, search
 from ..data.composite import Composer
 from ..data.views import ViewMaker
 from . import processes
-from .checkpoint import TrainingState, digest
+from .checkpoint import PRETRAINED, TrainingState, digest
 from .monitor import Monitor
 from .optimise import learning_rate, optimise
 from .progress import Clock
@@ -29,8 +29,11 @@ def train(settings: RunConfig, folder: Path):
     torch.manual_seed(settings.seed)  # all processes start from the same weights
     config = settings.network_config(objects.classes_of(*known))
     state = TrainingState(folder, config, me.device, settings.init, settings.backbone)
-    # Torchvision's FPN makes maps that are not used.
-    model = processes.distributed(state.model, me, unused=config.backbone not in ("conv", "lite"))
+    # Torchvision's FPN makes maps that are not used; poses or boxes may not be learnt.
+    frozen = settings.backbone not in ("", PRETRAINED)
+    apart = not settings.poses or (frozen and not settings.searched)
+    unused = apart or config.backbone not in ("conv", "lite")
+    model = processes.distributed(state.model, me, unused=unused)
     clock = Clock(settings, state, alone=me.count == 1)
     stream = batches_of(settings, state, scenes, composer, me)
     loader = batches.loader(stream, state.step, settings.workers, pinned=me.device != "cpu")

@@ -120,9 +120,11 @@ def refuse_early(settings: runconfig.RunConfig, folder: Path):
 
 
 def first_scenes(settings: runconfig.RunConfig) -> dict[str, int]:
-    """How many of each split there must be before the training begins."""
+    """How many of each split there must be before the training begins: all where features are kept
+    of them, else so many that those held out stay the same ones."""
     recipe = settings.generate
-    return {test_split(settings): recipe.test, "train": min(recipe.start, recipe.scenes)}
+    start = recipe.scenes if settings.pretrained else max(recipe.start, 2 * settings.held_out + 1)
+    return {test_split(settings): recipe.test, "train": min(start, recipe.scenes)}
 
 
 def rendering_minutes(settings: runconfig.RunConfig) -> float:
@@ -204,6 +206,7 @@ def export(settings: runconfig.RunConfig, weights: Path, bundle: Path, found):
         sys.executable, "-m", "mvtop_train.export", "--weights", str(weights), "--data",
         settings.data, "--out", str(bundle), "--bits", "8", "--score-threshold", str(found.score),
         "--agree-threshold", str(found.agree), *(["--integers"] if settings.closeup else []),
+        *(["--object", str(settings.object)] if settings.object else []),
     ]  # fmt: skip
     _ended_well(command)
     scenes, known = support.scenes_of(held_images(settings)), settings.known()

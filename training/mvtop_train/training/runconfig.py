@@ -115,6 +115,11 @@ def _network_rules(config: configs.Config) -> list[tuple[bool, str, str]]:
         fit = all(stride > 0 for stride in strides) and list(strides) == sorted(set(strides))
         fit = bool(strides) and fit and side % strides[0] == 0
         rules.append((not fit, name, f"rising numbers of which the first divides {side}"))
+    if config.backbone == "lite":  # whose maps are brought to each other's size
+        rules += [
+            (getattr(config, name) % 32 != 0, name, "a multiple of 32")
+            for name in ("width", "height", "closeup")
+        ]
     rules += [
         (config.closeup < 0, "closeup", "0 or more"),
         (config.d_model % max(config.heads, 1) != 0, "heads", "a divisor of d_model"),
