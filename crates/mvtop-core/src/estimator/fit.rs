@@ -10,6 +10,7 @@ use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Quaternion, UnitQuaternion, 
 use rayon::prelude::*;
 
 use self::cells::{Evidence, Seen};
+use self::position::position;
 use super::hypotheses::{self, NEAR_DEG};
 use super::picture::{Group, Picture, Pictures, cell_at};
 use super::pose::{DecodedPose, FARTHEST};
@@ -17,6 +18,7 @@ use crate::bundle::{Bundle, SurfacePoint};
 use crate::prediction::{Hypothesis, Sigma};
 
 mod cells;
+mod position;
 
 /// Rotations from which a pose is searched for: neighbours are about 50 degrees apart.
 const STARTS: usize = 64;
@@ -72,40 +74,6 @@ pub fn settled(
     poses
 }
 
-/// Where the object is about: where the lines of sight of several views come nearest to each other;
-/// of one view, as far away as the places would have to be to look as large as they do.
-fn position(seen: &[Seen]) -> Option<Vector3<f64>> {
-    let total: f64 = seen.iter().map(|one| one.weight).sum();
-    let mean = |of: &dyn Fn(&Seen) -> Vector3<f64>| {
-        seen.iter()
-            .map(|one| of(one) * one.weight)
-            .sum::<Vector3<f64>>()
-            / total
-    };
-    let spread = |of: &dyn Fn(&Seen) -> Vector3<f64>| {
-        let middle = mean(of);
-        let squares = seen
-            .iter()
-            .map(|one| (of(one) - middle).norm_squared() * one.weight);
-        squares.sum::<f64>() / total
-    };
-    let first = seen.first()?.origin;
-    if seen.iter().all(|one| one.origin == first) {
-        let ahead = mean(&|one| one.direction).try_normalize(0.0)?;
-        let aside = spread(&|one| one.direction / one.direction.dot(&ahead));
-        // Two of the three axes along which places spread are across the line of sight.
-        let across = spread(&|one| one.place.coords) * 2.0 / 3.0;
-        return Some(first.coords + ahead * (across / aside).sqrt());
-    }
-    let (mut beside, mut sum) = (Matrix3::zeros(), Vector3::zeros());
-    for one in seen {
-        let off = Matrix3::identity() - one.direction * one.direction.transpose();
-        beside += off * one.weight;
-        sum += off * one.origin.coords * one.weight;
-    }
-    Some(beside.try_inverse()? * sum)
-}
-
 /// The pose that most cells agree with, and those that others do; `None` where too few do.
 ///
 /// - `start`: a guess, which is tried as well
@@ -113,7 +81,7 @@ fn fit(evidence: &mut Evidence, start: &Isometry3<f64>) -> Option<DecodedPose> {
     if evidence.cells.len() < FEWEST {
         return None;
     }
-    let position = position(&evidence.cells)?;
+    let position = position(evidence)?;
     for one in &mut evidence.cells {
         one.distance = (position - one.origin.coords).norm();
     }

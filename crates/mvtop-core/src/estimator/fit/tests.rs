@@ -185,6 +185,23 @@ fn one_view_tells_the_distance_by_the_size() {
 }
 
 #[test]
+fn cameras_tell_where_it_is_however_near_they_stand() {
+    let beside = |baseline: f64| [LEFT[0] + baseline, LEFT[1], LEFT[2]];
+    let facing = [2.0 * pose().translation.x - LEFT[0], -0.2, 1.8];
+    for other in [beside(0.001), beside(0.02), beside(0.1), RIGHT, facing] {
+        let mut evidence = seen_from(&[LEFT, other], 0.1, 0.003);
+        let position = position(&evidence).unwrap();
+        let off = (position - pose().translation.vector).norm();
+        assert!(off < 0.12 * 1.0, "{other:?}: {off} m");
+        let (turned, moved) = self::off(&fit(&mut evidence, &guess()).unwrap());
+        assert!(
+            turned < 2.0 && moved < 0.01,
+            "{other:?}: {turned} degrees, {moved} m"
+        );
+    }
+}
+
+#[test]
 fn what_cannot_be_is_not_settled() {
     // Places of a whole object, all in one direction: it would be infinitely far away.
     let mut evidence = seen_from(&[LEFT], 0.0, 0.0);
