@@ -219,8 +219,13 @@ fn meet(a: &LineOfSight, b: &LineOfSight) -> Option<(Ball, f64)> {
     let cosine = a.direction.dot(&b.direction);
     let sine_squared = a.direction.cross(&b.direction).norm_squared();
     let (along_a, along_b) = (baseline.dot(&a.direction), baseline.dot(&b.direction));
-    let s = (along_a - cosine * along_b) / sine_squared;
-    let t = (cosine * along_a - along_b) / sine_squared;
+    let widths = a.sin_radius + b.sin_radius;
+    // Of cameras that look at each other past the object, sizes tell best where between them it is.
+    let facing = cosine < 0.0 && along_a > 0.0 && along_b < 0.0;
+    let [s, t] = match facing && sine_squared < (widths / 2.0).powi(2) {
+        true => [b, a].map(|other| baseline.norm() * other.sin_radius / widths),
+        false => [along_a - cosine * along_b, cosine * along_a - along_b].map(|x| x / sine_squared),
+    };
     // Parallel lines meet nowhere: s and t are then not finite.
     if !(s > 0.0 && t > 0.0 && s.is_finite() && t.is_finite()) {
         return None;

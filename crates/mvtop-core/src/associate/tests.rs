@@ -136,6 +136,29 @@ fn lines_that_meet_behind_a_camera_or_at_different_sizes_do_not_match() {
 }
 
 #[test]
+fn cameras_that_face_each_other_see_one_object_between_them() {
+    let (near, far) = ([0.0, 0.0, 0.0], [0.0, 0.0, 1.2]);
+    for depth in [0.4, 0.6, 0.8] {
+        for aside in [0.0, 0.003, 0.02, 0.1] {
+            // Boxes are not exact to 3 mm.
+            let a = sight(near, [aside, 0.0, depth]);
+            let mut b = sight(far, [aside - 0.002, 0.002, depth]);
+            b.sin_radius *= 1.05;
+            let (ball, _) = meet(&a, &b).unwrap();
+            let off = (ball.center - Vector3::new(aside, 0.0, depth)).norm();
+            assert!(off < 0.05, "{off} m");
+            assert_eq!(associate(&[vec![a], vec![b]]), [[Some(0), Some(0)]]);
+        }
+    }
+    // Back to back, each sees its own.
+    let views = [
+        vec![sight(near, [0.0, 0.0, -0.6])],
+        vec![sight(far, [0.0, 0.0, 1.8])],
+    ];
+    assert_eq!(associate(&views).len(), 2);
+}
+
+#[test]
 fn boxes_that_agree_on_a_size_the_object_cannot_have_do_not_match() {
     let views = CAMERAS.map(|camera| vec![sight(camera, LEFT)]);
     // RADIUS is 0.07; a quarter more or less is let through.
