@@ -63,6 +63,12 @@ impl CloseUp {
         )
     }
 
+    /// Whether there is one of a box.
+    pub fn is_of(camera: &Camera, bbox: BBox) -> bool {
+        const ANY: u32 = 64;
+        Self::new(camera, bbox, ANY).is_some()
+    }
+
     /// The close-up of `size` px a side of what lies at some points, as a box about them would have it
     /// in the image of a camera that is rolled about its line of sight to their middle.
     ///

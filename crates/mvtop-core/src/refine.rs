@@ -323,7 +323,7 @@ impl Refiner {
         let shifts = covariance.fixed_view::<3, 3>(3, 3).trace();
         let widest = turns.symmetric_eigenvalues().max();
         Some(Sigma {
-            rot_deg: (widest.sqrt() * ANGLE_PER_AXIS).to_degrees(),
+            rot_deg: (widest.sqrt() * ANGLE_PER_AXIS).to_degrees().min(180.0),
             t_m: (shifts / 3.0).sqrt(),
         })
     }

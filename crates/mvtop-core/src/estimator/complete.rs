@@ -7,8 +7,8 @@ use super::sightings::Sighting;
 use super::view::View;
 use crate::BBox;
 use crate::bundle::Class;
+use crate::closeup::CloseUp;
 use crate::consistency::extent;
-use crate::rays::BoxRays;
 
 /// A box shows the object that is projected there if they overlap by this (intersection over union).
 const SAME_BOX: f64 = 0.4;
@@ -103,5 +103,5 @@ pub fn shown(class: &Class, view: &View, world_from_obj: &Isometry3<f64>) -> Opt
     let whole = extent(&class.points, view.camera, world_from_obj)?;
     let bbox = whole.clip(view.camera.width(), view.camera.height())?;
     let share = bbox.width() * bbox.height() / (whole.width() * whole.height());
-    (share >= LEAST_IN_IMAGE && BoxRays::new(view.camera, bbox).is_some()).then_some(bbox)
+    (share >= LEAST_IN_IMAGE && CloseUp::is_of(view.camera, bbox)).then_some(bbox)
 }

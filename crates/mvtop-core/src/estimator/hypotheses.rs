@@ -80,7 +80,7 @@ fn chosen(mut found: Vec<Hypothesis>, symmetry: &Symmetry, diameter_m: f64) -> D
     DecodedPose {
         world_from_obj: *first,
         sigma: Sigma {
-            rot_deg,
+            rot_deg: rot_deg.min(180.0),
             t_m: square.sqrt(),
         },
         support: None,

@@ -196,7 +196,7 @@ impl<'a> Seen<'a> {
             )?;
             let quality = &refined.quality;
             let end = Hypothesis {
-                world_from_obj: match refined.accepted && !class.symmetry.is_none() {
+                world_from_obj: match !class.symmetry.is_none() {
                     true => class.symmetry.canonical(&refined.world_from_obj),
                     false => refined.world_from_obj,
                 },

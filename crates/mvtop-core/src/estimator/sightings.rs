@@ -5,7 +5,8 @@ use ndarray::Axis;
 use super::view::View;
 use crate::annotations::GivenBoxes;
 use crate::associate::{LineOfSight, associate};
-use crate::bundle::Bundle;
+use crate::bundle::{Bundle, PoseInput};
+use crate::closeup::CloseUp;
 use crate::detect::{Detection, peaks};
 use crate::network::DetectorMaps;
 use crate::rays::BoxRays;
@@ -60,7 +61,8 @@ pub fn boxes(bundle: &Bundle, maps: &DetectorMaps, picture: usize) -> Vec<Detect
 /// match in another view, and objects that several views agree on come before those in one.
 ///
 /// - `radii`: least and greatest half width of each class, metres
-/// - `boxes`: `[V][boxes]`, in the images; one that the lens gives no rays for cannot be decoded
+/// - `boxes`: `[V][boxes]`, in the images; one that the lens gives no rays for, or of which there is no
+///   close-up where the network needs one, cannot be decoded
 pub fn detected(
     bundle: &Bundle,
     radii: &[[f64; 2]],
@@ -68,11 +70,13 @@ pub fn detected(
     boxes: &[Vec<Detection>],
 ) -> Vec<Sighting> {
     let threshold = f64::from(bundle.detector.score_threshold);
+    let closeups = matches!(bundle.poses, PoseInput::CloseUps(_));
     let mut detections: Vec<Vec<Detection>> = Vec::new();
     let mut lines_of_sight = Vec::new();
     for (view, boxes) in views.iter().zip(boxes) {
         let (found, lines) = boxes
             .iter()
+            .filter(|seen| !closeups || CloseUp::is_of(view.camera, seen.bbox))
             .filter_map(|seen| Some((*seen, LineOfSight::new(seen.class, view.camera, seen.bbox)?)))
             .unzip();
         detections.push(found);

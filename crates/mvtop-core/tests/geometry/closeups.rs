@@ -1,5 +1,6 @@
 use image::{Rgb, RgbImage};
 use mvtop_core::closeup::{CloseUp, FILL};
+use mvtop_core::rays::BoxRays;
 use mvtop_core::{BBox, Camera};
 use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector3};
 use ndarray::Axis;
@@ -61,6 +62,15 @@ fn rolled_closeup_by_hand() {
     let mut behind = rectangle();
     behind[0].z = -1.0;
     assert!(CloseUp::rolled(&real, &behind, 0.3, 100).is_none());
+}
+
+#[test]
+fn there_is_none_of_a_box_that_spans_half_the_view() {
+    let real = camera(pinhole(50.0, 100.0, 240.0), 640, 480);
+    assert!(CloseUp::is_of(&real, [90.0, 200.0, 110.0, 280.0].into()));
+    // From 63 degrees to the left of the axis to 84 to the right, its middle at 76.
+    let wide: BBox = [0.0, 200.0, 600.0, 280.0].into();
+    assert!(BoxRays::new(&real, wide).is_some() && !CloseUp::is_of(&real, wide));
 }
 
 #[test]

@@ -105,7 +105,8 @@ fn assert_is_reference(bundle: &str, key: &str, object: &ObjectPose) {
         // Float32 in the network: 6e-4 degrees and 1e-5 metres.
         assert!(gap < 1e-5, "{bundle}, {key}, {row} {column}: {gap:.1e}");
     }
-    assert!((object.sigma.rot_deg / sigma[[0]] - 1.0).abs() < 1e-4);
+    // What these networks without training expect may be more than any two rotations are apart.
+    assert!((object.sigma.rot_deg / sigma[[0]].min(180.0) - 1.0).abs() < 1e-4);
     let expected = sigma[[1]].max(miss_of_lines(bundle, object));
     assert!((object.sigma.t_m / expected - 1.0).abs() < 1e-4);
 }
