@@ -14,9 +14,6 @@ use crate::{BBox, Camera, Rig};
 const CHECK: &str = "direction, axes and unit of its poses, focal lengths and lens models, and that \
                      each image is of its camera, neither turned nor rescaled";
 
-/// How far another one of a class is at least, in diameters, that is elsewhere.
-const ELSEWHERE: f64 = 0.5;
-
 /// An object as the views see it.
 struct Judged {
     /// Index of the object.
@@ -265,11 +262,9 @@ fn contradiction(bundle: &Bundle, cameras: &[Camera], objects: &[ObjectPose]) ->
         .collect();
     let (a, in_a, in_b) = alone.iter().find_map(|&(a, in_a)| {
         let class = class_of(bundle, &objects[a])?;
-        let place = |object: usize| objects[object].world_from_obj.translation.vector;
         let other = |&&(b, in_b): &&(usize, usize)| {
             in_b != in_a
                 && objects[b].class == objects[a].class
-                && (place(a) - place(b)).norm() > ELSEWHERE * class.diameter_m
                 && is_inside(class, &cameras[in_b], &objects[a].world_from_obj)
         };
         let (_, in_b) = alone.iter().find(other)?;
