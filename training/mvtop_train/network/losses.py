@@ -188,6 +188,9 @@ def detection_loss(logits, boxes, truth, class_index, stride: int):
     """
     _, classes, rows, columns = logits.shape
     there = truth[..., 2] > truth[..., 0]
+    some = there.any(0)  # K is room for many more than most images show
+    some[0] = True
+    truth, class_index, there = truth[:, some], class_index[:, some], there[:, some]
     present = there & (class_index >= 0)
     center = (truth[..., :2] + truth[..., 2:]) / 2
     size = (truth[..., 2:] - truth[..., :2]).clamp_min(1)
