@@ -200,15 +200,12 @@ def _infos(meshes: list[str], numbers: list[int]) -> list:
     """What the `models_info.json` beside each mesh says of it, None where there is no such file."""
     files, found = [Path(path).with_name(objects.INFO) for path in meshes], []
     for path, file, number in zip(meshes, files, numbers, strict=True):
-        infos = objects.read_infos(file) if file.exists() else {number: None}
-        stem = Path(path).stem
-        if file.exists() and not NUMBERED.fullmatch(stem):
-            beside = sum(other.suffix.lower() in MESHES for other in file.parent.iterdir())
-            named = [other for other, info in infos.items() if info.name == stem]
-            if named:
-                number = named[0]
-            elif number not in infos and len(infos) == 1 and files.count(file) == 1 >= beside:
-                (number,) = infos  # of the one mesh there, whatever its number
+        if not file.exists():
+            found.append(None)
+            continue
+        infos = objects.read_infos(file)
+        if not NUMBERED.fullmatch(Path(path).stem):
+            number = _entry_of(Path(path), number, infos, alone=files.count(file) == 1)
         if number not in infos:
             raise UserError(
                 f"{file}: expected object {number}, which {Path(path).name} is, got "
@@ -217,6 +214,19 @@ def _infos(meshes: list[str], numbers: list[int]) -> list:
             )
         found.append(infos[number])
     return found
+
+
+def _entry_of(mesh: Path, number: int, infos: dict, alone: bool) -> int:
+    """Which of the entries tells of a mesh without a number: the one of its name, else of `number`;
+    of the one mesh of a folder, the one there is.
+
+    alone  whether no other mesh of its folder is given
+    """
+    named = [entry for entry, info in infos.items() if info.name == mesh.stem]
+    if named or number in infos:
+        return (named or [number])[0]
+    beside = sum(other.suffix.lower() in MESHES for other in mesh.parent.iterdir())
+    return next(iter(infos)) if alone and beside <= 1 and len(infos) == 1 else number
 
 
 def _refuse_another(part: PartFile, diameter_m: float):
