@@ -10,8 +10,8 @@ SCENES_PER_MINUTE = 8  # of a whole run: two cores render them in a tenth of it
 # Of the export; of what is chosen and of the report, for each scene of so many parts and views.
 END_MINUTES = 2.0, 0.06, 0.1
 END_PARTS, END_VIEWS = 12, 4
-MOST_END = 0.5  # of the minutes; many parts or cameras are told of by fewer scenes, but so many
-LEAST_SCENES = 8
+MOST_END = 0.5  # of the minutes: of many parts or cameras fewer scenes are held out,
+LEAST_SCENES = 8  # but so many of each kind
 
 
 def config(

@@ -196,9 +196,9 @@ impl<'a> Seen<'a> {
             )?;
             let quality = &refined.quality;
             let end = Hypothesis {
-                world_from_obj: match !class.symmetry.is_none() {
-                    true => class.symmetry.canonical(&refined.world_from_obj),
-                    false => refined.world_from_obj,
+                world_from_obj: match class.symmetry.is_none() {
+                    true => refined.world_from_obj,
+                    false => class.symmetry.canonical(&refined.world_from_obj),
                 },
                 sigma: refined.sigma,
                 probability: start.probability * quality.score().exp(),

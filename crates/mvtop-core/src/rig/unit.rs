@@ -60,7 +60,7 @@ impl Spread<'_> {
             None => "check the translations".to_owned(),
         };
         format!(
-            "with `unit` \"{}\" {self}; {fix}, or `trust_unit` to true",
+            "with `unit` \"{}\" {self}; {fix}, or set `trust_unit` to true",
             unit.name
         )
     }

@@ -192,7 +192,7 @@ fn cameras_tell_where_it_is_however_near_they_stand() {
         let mut evidence = seen_from(&[LEFT, other], 0.1, 0.003);
         let position = position(&evidence).unwrap();
         let off = (position - pose().translation.vector).norm();
-        assert!(off < 0.12 * 1.0, "{other:?}: {off} m");
+        assert!(off < 0.12, "{other:?}: {off} m");
         let (turned, moved) = self::off(&fit(&mut evidence, &guess()).unwrap());
         assert!(
             turned < 2.0 && moved < 0.01,
