@@ -29,13 +29,19 @@ MIRI = six_locations_worked_by_hand gradients_worked_by_hand locations_that_are_
 MODEL ?= models/mvball
 SAMPLES = out/eval/$(SPLIT)-seed$(SEED)-views$(VIEWS)-$(PAIRS)
 
+# Test sets of parts are left out where there is no such bundle.
+OUT ?= out/accuracy.json
+MODEL_PARTS ?= runs/parts/bundle
+ACCURACY = $(PY) -m mvtop_train.evaluation.accuracy
+BASELINE = training/tests/accuracy-baseline.json
+
 # Views of the samples that the tables are from (tables.py).
 MOST_hard = 8
 MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
-.PHONY: help demo test built-tests test-rust test-python lint fuzz soak miri fixtures eval tables pictures bench bench-peers \
-  wheel release-wheel test-wheel stubs licences test-ray
+.PHONY: help demo test built-tests test-rust test-python lint fuzz soak miri fixtures eval accuracy test-accuracy accuracy-baseline \
+  tables pictures bench bench-peers wheel release-wheel test-wheel stubs licences test-ray
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -119,6 +125,23 @@ eval: $(MVTOP)  ## held-out scenes: SPLIT=hard|easy SEED=n PAIRS=n VIEWS=n
 	$(PY) -m mvtop_train.synthesis.samples --out $(SAMPLES) --split $(SPLIT) --seed $(SEED) \
 	  --count $(PAIRS) --views $(VIEWS)
 	$(MVTOP) eval samples $(SAMPLES) --model $(MODEL)
+
+accuracy: .venv/test.done $(MVTOP)  ## recall, false positives, calibration on fixed test sets: OUT=file; resumes
+	scripts/need-gl.sh
+	$(ACCURACY) run --out $(OUT) $(if $(wildcard $(MODEL_PARTS)/model.json),--model-parts $(MODEL_PARTS))
+
+test-accuracy: out/accuracy-short.json  ## a small part of it, compared with what it was
+	$(ACCURACY) compare $(BASELINE) $< --fail-if-worse
+
+accuracy-baseline: out/accuracy-short.json  ## what test-accuracy compares with, written anew
+	cp $< $(BASELINE)
+
+# Always anew: models and code change.
+.PHONY: out/accuracy-short.json
+out/accuracy-short.json: .venv/test.done $(MVTOP)
+	scripts/need-gl.sh
+	rm -f $@
+	$(ACCURACY) run --out $@ --set ball-short --set example-mvball --set example-ycbv4
 
 tables: .venv/tables.done $(MVTOP)  ## errors over views and noise, tables and curves: SEED=n PAIRS=n; resumes
 	scripts/need-gl.sh

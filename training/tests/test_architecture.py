@@ -17,6 +17,7 @@ ALLOWED = {
     "training": {"network", "data"},
     "export": {"network", "data", "training"},
     "study": {"network", "data", "training"},
+    "evaluation": {"network", "data", "training"},
 }
 COMMANDS = {"generate", "train", "run"}  # beside `python -m mvtop_train.export`
 BASE = {"errors", "files", "description"}

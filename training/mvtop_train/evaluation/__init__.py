@@ -1,0 +1,1 @@
+"""How accurate a build and its models are: fixed test sets, outcomes, comparisons of two runs."""
