@@ -35,13 +35,18 @@ MODEL_PARTS ?= runs/parts/bundle
 ACCURACY = $(PY) -m mvtop_train.evaluation.accuracy
 BASELINE = training/tests/accuracy-baseline.json
 
+# Of lies: a test set or a folder; VIEWS counts where it is given.
+SET ?= ball-short
+LIE_VIEWS = $(if $(filter-out file,$(origin VIEWS)),$(VIEWS))
+LIES = out/lies/$(notdir $(MODEL))-$(notdir $(patsubst %/,%,$(SET)))$(addprefix -,$(LIE_VIEWS)).jsonl
+
 # Views of the samples that the tables are from (tables.py).
 MOST_hard = 8
 MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
 .PHONY: help demo test built-tests test-rust test-python lint fuzz soak miri fixtures eval accuracy test-accuracy accuracy-baseline \
-  tables pictures bench bench-peers wheel release-wheel test-wheel stubs licences test-ray
+  lies tables pictures bench bench-peers wheel release-wheel test-wheel stubs licences test-ray
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -142,6 +147,10 @@ out/accuracy-short.json: .venv/test.done $(MVTOP)
 	scripts/need-gl.sh
 	rm -f $@
 	$(ACCURACY) run --out $@ --set ball-short --set example-mvball --set example-ycbv4
+
+lies: .venv/test.done $(MVTOP)  ## wrong calibrations and images, and what becomes of them: MODEL=dir SET=name or folder VIEWS=n; resumes
+	scripts/need-gl.sh
+	$(PY) -m mvtop_train.evaluation.lies run --model $(MODEL) --set $(SET) $(addprefix --views ,$(LIE_VIEWS)) --out $(LIES)
 
 tables: .venv/tables.done $(MVTOP)  ## errors over views and noise, tables and curves: SEED=n PAIRS=n; resumes
 	scripts/need-gl.sh

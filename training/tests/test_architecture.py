@@ -16,7 +16,7 @@ ALLOWED = {
     "synthesis": {"data"},
     "training": {"network", "data"},
     "export": {"network", "data", "training"},
-    "study": {"network", "data", "training"},
+    "study": {"network", "data", "training", "evaluation"},
     "evaluation": {"network", "data", "training"},
 }
 COMMANDS = {"generate", "train", "run"}  # beside `python -m mvtop_train.export`

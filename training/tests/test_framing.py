@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mvtop_train.study import framing, lies
+from mvtop_train.errors import UserError
+from mvtop_train.evaluation.shots import Shot, Shots
+from mvtop_train.study import framing
 
 REPO = Path(__file__).parents[2]
 SAMPLE = REPO / "examples/mvball"
@@ -14,14 +16,14 @@ SAMPLE = REPO / "examples/mvball"
 
 @pytest.fixture(scope="module")
 def shots():
-    return lies.read(SAMPLE)
+    return framing.read(SAMPLE)
 
 
-def disturbed(name: str, shots: lies.Shots) -> lies.Shots:
+def disturbed(name: str, shots: Shots) -> Shots:
     return framing.CASES[name](shots, np.random.default_rng(1))
 
 
-def pixel(shot: lies.Shot, world: np.ndarray) -> np.ndarray:
+def pixel(shot: Shot, world: np.ndarray) -> np.ndarray:
     """Where a camera sees a point in the world, px."""
     in_cam = np.linalg.inv(shot.world_from_cam) @ np.append(world, 1)
     return (shot.k @ in_cam[:3])[:2] / in_cam[2]
@@ -67,3 +69,9 @@ def test_the_example_is_found_in_every_light_and_frame(tmp_path):
     again = framing.measure([SAMPLE], REPO / "models/mvball", out)
     assert out.read_text() == before
     assert [json.dumps(line) for line in again] == before.splitlines()
+
+
+def test_folders_without_samples_are_refused(tmp_path):
+    (tmp_path / "rig.json").write_text("{}")
+    with pytest.raises(UserError, match=r"rig.json.*; fix: --samples"):
+        framing.read(tmp_path)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mvtop_train.errors import UserError
+from mvtop_train.evaluation.shots import Shot
 from mvtop_train.study import rigs
-from mvtop_train.study.lies import Shot
 
 
 def shots():

@@ -14,12 +14,13 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 from tqdm import tqdm
 
-from ..errors import asking_mvtop, command
+from ..errors import UserError, asking_mvtop, command
+from ..evaluation.shots import Lie, Shot, Shots, of_all, of_last
 from .disturbed import arguments
-from .lies import Lie, Shot, Shots, of_all, of_last, read
 
 GREY = 128
 
@@ -80,6 +81,25 @@ CASES: dict[str, Lie] = {
     "all cameras upside down": of_all(upside_down),
 }
 WAYS = {"network": False, "refined": True}
+
+
+def read(folder: Path) -> Shots:
+    """The cameras and images of a sample."""
+    import mvtop  # loads its compiled part
+
+    with asking_mvtop("--samples DIR of python -m mvtop_train.synthesis.samples"):
+        cameras = mvtop.Rig.load(folder / "rig.json").cameras
+    shots = []
+    for camera in cameras:
+        image = cv2.imread(str(folder / f"{camera.id}.png"))
+        if image is None or camera.model != "pinhole" or len(camera.distortion):
+            raise UserError(
+                f"{folder}/{camera.id}.png: expected an image of a pinhole camera without "
+                "distortion, got none; fix: python -m mvtop_train.synthesis.samples"
+            )
+        pose = np.array(camera.world_from_cam)
+        shots.append(Shot(camera.id, np.array(camera.K), pose, image[:, :, ::-1].copy()))
+    return shots
 
 
 def answer(estimator, shots: Shots, world_from_obj: np.ndarray, refine: bool) -> dict:

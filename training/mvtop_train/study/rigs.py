@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 from ..errors import UserError, argument_parser, asking_mvtop, command
-from .lies import Lie, Shot, Shots, moved, of_all, relative, rolled, turned
+from ..evaluation.shots import Lie, Shot, Shots, moved, of_all, relative, rolled, turned
 
 RIGS: dict[str, Lie] = {
     "true": lambda shots, rng: shots,
