@@ -39,7 +39,7 @@ pub enum Command {
 Examples:
   The two views that come along, with nothing else at hand:
     mvtop-cli infer --example
-  All cameras of the rig, in its order:
+  All cameras of the rig, named after them, or in its order:
     mvtop-cli infer --rig rig.json left.png right.png
   Some cameras, poses in the frame of one of them, with pictures:
     mvtop-cli infer --rig rig.json left=a.png top=b.png --reference top --overlay out
@@ -53,7 +53,8 @@ pub struct Infer {
     #[arg(long, value_name = "FILE", required_unless_present = "example")]
     pub rig: Option<PathBuf>,
 
-    /// PNG, JPEG, TIFF or BMP images: one for each camera in the rig's order, or ID=PATH for some cameras
+    /// PNG, JPEG, TIFF or BMP images: one for each camera, in the rig's order or named after the cameras
+    /// (left.png), or ID=PATH for some cameras
     #[arg(required_unless_present = "example", value_name = "IMAGE")]
     pub images: Vec<PathBuf>,
 

@@ -166,7 +166,40 @@ pub fn assign(rig: &Rig, images: &[PathBuf]) -> Result<Vec<(usize, PathBuf)>> {
             images.len()
         )));
     }
-    Ok(images.iter().cloned().enumerate().collect())
+    by_name(rig, images)
+}
+
+/// Images that are named after cameras are of these, whatever their order; where no name is a camera's
+/// id, the order tells.
+fn by_name(rig: &Rig, images: &[PathBuf]) -> Result<Vec<(usize, PathBuf)>> {
+    let named = |image: &PathBuf| rig.index_of(image.file_stem()?.to_str()?);
+    let Some(example) = images.iter().find(|image| named(image).is_some()) else {
+        return Ok(images.iter().cloned().enumerate().collect());
+    };
+    let mut found: Vec<(usize, PathBuf)> = Vec::new();
+    for image in images {
+        let told = image.display();
+        let Some(camera) = named(image) else {
+            let ids: Vec<&str> = rig.cameras().iter().map(|camera| camera.id()).collect();
+            return Err(Failure(format!(
+                "image `{told}`: expected a file that is named after a camera ({}), as `{}` is, got another \
+                 name; give each image as ID=PATH",
+                ids.join(", "),
+                example.display()
+            )));
+        };
+        if let Some((_, other)) = found.iter().find(|(taken, _)| *taken == camera) {
+            return Err(Failure(format!(
+                "image `{told}`: expected one file that is named after camera `{}`, got `{}` as well; give \
+                 each image as ID=PATH",
+                rig.cameras()[camera].id(),
+                other.display()
+            )));
+        }
+        found.push((camera, image.clone()));
+    }
+    found.sort_by_key(|(camera, _)| *camera);
+    Ok(found)
 }
 
 /// Where the pictures go.

@@ -57,6 +57,7 @@ def test_arrays_and_paths_and_dicts_are_the_same_images(estimator, rig, paths, a
         np.stack(arrays),
         paths,
         [str(path) for path in paths],
+        [paths[n] for n in (2, 0, 3, 1)],  # named after cameras
         dict(reversed(list(zip(ids, arrays, strict=True)))),
     ]
     all_ = [numbers(estimator.predict(images, rig, boxes=truth)) for images in given]
@@ -182,6 +183,18 @@ REFUSED = {
     "no list": (lambda a: {"images": a[0].tobytes()}, "images: expected a list"),
     "a path": (lambda a: {"images": "cam0.png"}, "images: expected a list"),
     "too few": (lambda a: {"images": a[:1]}, "images: expected 4, one for each camera"),
+    "only some named": (
+        lambda a: {"images": ["cam1.png", "cam0.png", "front.png", "cam3.png"]},
+        "(cam0, cam1, cam2, cam3), as `cam1.png` is, got `front.png`; give a dict by camera id",
+    ),
+    "named and array": (
+        lambda a: {"images": ["cam1.png", *a[1:]]},
+        "as `cam1.png` is, got an array",
+    ),
+    "one name twice": (
+        lambda a: {"images": ["a/cam1.png", "cam0.png", "cam2.png", "b/cam1.png"]},
+        "after camera `cam1`, got `a/cam1.png` and `b/cam1.png`",
+    ),
     "unknown camera": (lambda a: {"images": {"top": a[0]}}, "no camera `top` in the rig"),
     "none": (lambda a: {"images": {}}, "no image given"),
     "floats": (

@@ -112,8 +112,8 @@ pub struct Check {
     #[command(flatten)]
     pub show: Show,
 
-    /// Images of objects of the model: sets of one for each camera in the rig's order, one set after the
-    /// other; or ID=PATH, where an id that comes again begins the next set
+    /// Images of objects of the model: sets of one for each camera, in the rig's order or named after the
+    /// cameras, one set after the other; or ID=PATH, where an id that comes again begins the next set
     #[arg(value_name = "IMAGE")]
     pub images: Vec<PathBuf>,
 
@@ -148,8 +148,8 @@ pub struct Refine {
     #[arg(value_name = "RIG")]
     pub rig: PathBuf,
 
-    /// Images of objects of the model: sets of one for each camera in the rig's order, one set after the
-    /// other; or ID=PATH, where an id that comes again begins the next set
+    /// Images of objects of the model: sets of one for each camera, in the rig's order or named after the
+    /// cameras, one set after the other; or ID=PATH, where an id that comes again begins the next set
     #[arg(value_name = "IMAGE", required = true)]
     pub images: Vec<PathBuf>,
 

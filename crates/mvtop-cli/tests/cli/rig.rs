@@ -268,6 +268,20 @@ fn images_that_do_not_fit_a_rig_are_refused_before_the_network_is_loaded() {
         error.contains("sets of 2 images") && error.contains("got 3"),
         "{error}"
     );
+    // In each set all images are named after cameras, and are of these in any order, or none is.
+    for command in [&["check"][..], &["refine", "-o", &out]] {
+        let run = |images: &[&str]| {
+            let args = [&["rig"], command, &[&pair], images].concat();
+            refusal(&mvtop(&args))
+        };
+        let error = run(&["a/c1.png", "a/c0.png", "b/c0.png", "b/c1.png"]);
+        assert!(error.contains("cannot read a/c0.png"), "{error}");
+        let error = run(&["a/c0.png", "a/c1.png", "b/c0.png", "b/front.png"]);
+        assert!(
+            error.contains("image `b/front.png`: expected") && error.contains("ID=PATH"),
+            "{error}"
+        );
+    }
     // The rig that is read is never replaced, whatever is forced.
     let onto = [
         "rig", "refine", &pair, "a.png", "b.png", "--force", "-o", &pair,

@@ -92,7 +92,8 @@ class Estimator:
         """Finds the objects that the network knows, and their poses.
 
         - images: RGB arrays of uint8 and shape (H, W, 3), or paths of PNG, JPEG, TIFF or BMP
-          files: one for each camera in the rig's order, or a dict by camera id for some of them
+          files: one for each camera in the rig's order, or a dict by camera id for some of them;
+          of paths that are named after cameras (left.png), the names tell
         - reference: id of the camera in whose frame poses are given; the rig's by default
         - boxes: to use instead of detecting: [{"class": name, "boxes": {camera: [x0, y0, x1, y1]}}]
           in px, or the path of a JSON file with {"objects": that list}
@@ -177,7 +178,36 @@ def images_by_camera(images: Images, rig: Rig) -> list[tuple[int, Any]]:
             f"images: expected {len(ids)}, one for each camera of the rig ({known}), got "
             f"{len(images)}; to use some of the cameras, give a dict by camera id"
         )
-    return list(enumerate(images))
+    return _by_name(list(images), ids)
+
+
+def _by_name(images: list[Any], ids: list[str]) -> list[tuple[int, Any]]:
+    """Files that are named after cameras are of these, whatever their order; where no name is a
+    camera's id, the order tells."""
+    paths = [os.fspath(one) if isinstance(one, (str, os.PathLike)) else None for one in images]
+    stems = [
+        None if path is None else os.path.splitext(os.path.basename(path))[0] for path in paths
+    ]
+    example = next((path for path, stem in zip(paths, stems, strict=True) if stem in ids), None)
+    if example is None:
+        return list(enumerate(images))
+    fix = "give a dict by camera id"
+    found: dict[int, Any] = {}
+    for image, stem in zip(images, stems, strict=True):
+        if stem not in ids:
+            what = "an array" if stem is None else f"`{image}`"
+            raise ValueError(
+                f"images: expected files that are named after cameras ({', '.join(ids)}), as "
+                f"`{example}` is, got {what}; {fix}"
+            )
+        camera = ids.index(stem)
+        if camera in found:
+            raise ValueError(
+                f"images: expected one file that is named after camera `{stem}`, got "
+                f"`{found[camera]}` and `{image}`; {fix}"
+            )
+        found[camera] = image
+    return sorted(found.items(), key=lambda pair: pair[0])
 
 
 def boxes_by_camera(boxes: Boxes | None) -> list[Any] | None:
