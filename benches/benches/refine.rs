@@ -4,7 +4,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use mvtop_benches::repository;
 use mvtop_core::annotations::load_truth;
 use mvtop_core::prediction::Sigma;
-use mvtop_core::refine::{Refiner, View};
+use mvtop_core::refine::{Refiner, Schedule, View};
 use mvtop_core::{Rig, image, mesh, pose};
 use nalgebra::{Isometry3, Vector3};
 
@@ -35,7 +35,9 @@ fn refine(c: &mut Criterion) {
         rot_deg: 5.0,
         t_m: 0.003,
     };
-    let found = refiner.refine(&views, &start, sigma).expect("a view");
+    let found = refiner
+        .refine(&views, &start, sigma, Schedule::Full)
+        .expect("a view");
     println!(
         "off by {:.2} degrees and {:.2} mm, by {:.2} and {:.2} before",
         pose::rotation_error_deg(&found.world_from_obj.rotation, &truth.rotation),
@@ -48,7 +50,7 @@ fn refine(c: &mut Criterion) {
         group.bench_function(format!("{count} views"), |b| {
             b.iter(|| {
                 refiner
-                    .refine(&views[..count], &start, sigma)
+                    .refine(&views[..count], &start, sigma, Schedule::Full)
                     .expect("a view")
             })
         });

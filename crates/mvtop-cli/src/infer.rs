@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use image::{ImageFormat, RgbImage};
 use mvtop_core::annotations::TruePose;
 use mvtop_core::bundle::Bundle;
-use mvtop_core::confidence::Verdict;
 use mvtop_core::report::Report;
+use mvtop_core::scorer::Verdict;
 use mvtop_core::{PredictOptions, Rig, ViewImage, annotations, overlay};
 
 use crate::args::Infer;

@@ -59,6 +59,18 @@ pub struct NetworkArgs {
     /// Threads inside one operation of the network; 0: one per physical core
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub threads: usize,
+
+    /// Change a setting of the inference, as in `search.settled=0.8` (docs/inference.md); may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = setting)]
+    pub settings: Vec<(String, serde_json::Value)>,
+}
+
+/// A setting by its dotted path, with a JSON value.
+fn setting(text: &str) -> std::result::Result<(String, serde_json::Value), String> {
+    let example = "expected KEY=VALUE, as in search.settled=0.8";
+    let (key, value) = text.split_once('=').ok_or(example)?;
+    let value = serde_json::from_str(value).map_err(|_| example)?;
+    Ok((key.to_owned(), value))
 }
 
 impl NetworkArgs {
@@ -81,17 +93,23 @@ impl NetworkArgs {
             threads: self.threads,
         };
         let ort_lib = self.library().map(Path::to_owned);
-        Ok(Estimator::load(bundle, &Options { ort_lib, session })?)
+        let inference = self.settings.clone();
+        let options = Options {
+            ort_lib,
+            session,
+            inference,
+        };
+        Ok(Estimator::load(bundle, &options)?)
     }
 }
 
 /// Refuses `--min-confidence` of a model that does not say how sure it is.
 pub fn knows_confidence(bundle: &Bundle) -> Result<()> {
-    match bundle.confidence {
+    match bundle.scorer {
         Some(_) => Ok(()),
         None => Err(Failure(format!(
             "--min-confidence: expected a model bundle that says how sure it is, got {} without; \
-             add it with `python -m mvtop_train.training.confidence`",
+             add it with `python -m mvtop_train.calibrate`",
             bundle.dir.display()
         ))),
     }

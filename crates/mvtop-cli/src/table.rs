@@ -2,9 +2,9 @@
 
 use mvtop_core::annotations::TruePose;
 use mvtop_core::bundle::Class;
-use mvtop_core::confidence::Verdict;
 use mvtop_core::pose::{rotation_error_deg, translation_error, wxyz};
 use mvtop_core::prediction::ObjectPose;
+use mvtop_core::scorer::Verdict;
 use mvtop_core::{Prediction, Rig};
 use nalgebra::Isometry3;
 
@@ -46,9 +46,17 @@ pub fn objects(prediction: &Prediction, rig: &Rig, least: Option<f64>) -> String
     let t = &prediction.timings;
     lines.push(String::new());
     lines.push(format!(
-        "prepare {:.1} ms, features {:.1} ms, detect {:.1} ms, close-ups {:.1} ms, decode {:.1} ms, \
+        "prepare {:.1} ms, features {:.1} ms, detect {:.1} ms, crops {:.1} ms, propose {:.1} ms, \
          refine {:.1} ms, check {:.1} ms, total {:.1} ms on `{}`",
-        t.prepare, t.features, t.detect, t.closeup, t.decode, t.refine, t.check, t.total, prediction.provider
+        t.prepare,
+        t.features,
+        t.detect,
+        t.crop,
+        t.propose,
+        t.refine,
+        t.check,
+        t.total,
+        prediction.provider
     ));
     lines.join("\n")
 }

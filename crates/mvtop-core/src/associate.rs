@@ -8,17 +8,9 @@ use std::collections::BinaryHeap;
 
 use nalgebra::Vector3;
 
+use crate::config::AssociationConfig;
 use crate::rays::BoxRays;
 use crate::{BBox, Camera};
-
-/// Lines of sight of one object may miss each other by this share of its apparent radius.
-const MAX_MISS: f64 = 0.5;
-
-/// Apparent radii of one object may differ by this factor between views.
-const MAX_SIZE_RATIO: f64 = 1.6;
-
-/// The radius that two boxes agree on may be out of the object's range by this factor.
-const SIZE_TOLERANCE: f64 = 1.25;
 
 /// The line of sight through a box's center and how large the box appears.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,10 +41,8 @@ impl LineOfSight {
 
 /// Groups the boxes of all views into objects.
 ///
-/// Two boxes of a class match where their lines of sight meet in front of both cameras, nearer
-/// than half the apparent radius, the apparent radii there differ by a factor of at most 1.6, and
-/// their mean is a size that an object of the class can have: things that only look alike, or boxes
-/// of two different things, seldom have it. Each matching pair proposes a place, and every other view
+/// Two boxes of a class match where their rays meet in front of both cameras, the apparent radii there
+/// are similar, and their mean is a size that an object of the class can have. Each matching pair proposes a place, and every other view
 /// adds the box that fits it best. Places that more views agree on go first, then those that fit
 /// better: so a third view settles which of two crossings in the first two is real. A box in no match
 /// is an object seen by one view.
@@ -62,18 +52,22 @@ impl LineOfSight {
 ///   [`crate::bundle::Class::half_widths`]
 /// - returns: for each object, the index of its box in each view, `[objects][V]`; every box is
 ///   in exactly one object
-pub fn associate(views: &[Vec<LineOfSight>], radii: &[[f64; 2]]) -> Vec<Vec<Option<usize>>> {
+pub fn associate(
+    config: &AssociationConfig,
+    views: &[Vec<LineOfSight>],
+    radii: &[[f64; 2]],
+) -> Vec<Vec<Option<usize>>> {
     let mut free: Vec<Vec<bool>> = views.iter().map(|boxes| vec![true; boxes.len()]).collect();
     let mut queue: BinaryHeap<Proposal> = pairs(views)
         .into_iter()
-        .filter_map(|seed| Proposal::grow(seed, views, radii, &free))
+        .filter_map(|seed| Proposal::grow(config, seed, views, radii, &free))
         .collect();
 
     let mut objects = Vec::new();
     while let Some(best) = queue.pop() {
         if best.boxes().any(|(view, index)| !free[view][index]) {
             // Some of its boxes went to a better object: try again with those that are left.
-            queue.extend(Proposal::grow(best.seed, views, radii, &free));
+            queue.extend(Proposal::grow(config, best.seed, views, radii, &free));
             continue;
         }
         for (view, index) in best.boxes() {
@@ -118,6 +112,7 @@ struct Proposal {
 impl Proposal {
     /// `None` where the seed's boxes are taken or do not match.
     fn grow(
+        config: &AssociationConfig,
         seed: Pair,
         views: &[Vec<LineOfSight>],
         radii: &[[f64; 2]],
@@ -127,9 +122,11 @@ impl Proposal {
         if !free[first][i] || !free[second][j] {
             return None;
         }
-        let (ball, mut cost) = meet(&views[first][i], &views[second][j])?;
+        let (ball, mut cost) = meet(config, &views[first][i], &views[second][j])?;
         let [least, greatest] = *radii.get(ball.class)?;
-        if ball.radius * SIZE_TOLERANCE < least || ball.radius > greatest * SIZE_TOLERANCE {
+        if ball.radius * config.size_tolerance < least
+            || ball.radius > greatest * config.size_tolerance
+        {
             return None;
         }
         let mut members = vec![None; views.len()];
@@ -141,7 +138,7 @@ impl Proposal {
             }
             let fit = (0..boxes.len())
                 .filter(|&index| free[view][index])
-                .filter_map(|index| Some((index, ball.fit(&boxes[index])?)))
+                .filter_map(|index| Some((index, ball.fit(config, &boxes[index])?)))
                 .min_by(|a, b| a.1.total_cmp(&b.1));
             if let Some((index, miss)) = fit {
                 members[view] = Some(index);
@@ -198,19 +195,19 @@ struct Ball {
 
 impl Ball {
     /// The cost of taking a box for a sight of this ball, or `None` where it is not one.
-    fn fit(&self, sight: &LineOfSight) -> Option<f64> {
+    fn fit(&self, config: &AssociationConfig, sight: &LineOfSight) -> Option<f64> {
         let to_center = self.center - sight.origin;
         let depth = to_center.dot(&sight.direction);
         if sight.class != self.class || depth <= 0.0 {
             return None;
         }
         let miss = (to_center - depth * sight.direction).norm();
-        cost(miss, self.radius, depth * sight.sin_radius)
+        cost(config, miss, self.radius, depth * sight.sin_radius)
     }
 }
 
 /// The ball that two boxes agree on and the cost of the match.
-fn meet(a: &LineOfSight, b: &LineOfSight) -> Option<(Ball, f64)> {
+fn meet(config: &AssociationConfig, a: &LineOfSight, b: &LineOfSight) -> Option<(Ball, f64)> {
     if a.class != b.class {
         return None;
     }
@@ -232,7 +229,7 @@ fn meet(a: &LineOfSight, b: &LineOfSight) -> Option<(Ball, f64)> {
     }
     let (on_a, on_b) = (a.origin + s * a.direction, b.origin + t * b.direction);
     let (radius_a, radius_b) = (s * a.sin_radius, t * b.sin_radius);
-    let cost = cost((on_a - on_b).norm(), radius_a, radius_b)?;
+    let cost = cost(config, (on_a - on_b).norm(), radius_a, radius_b)?;
     let ball = Ball {
         class: a.class,
         center: (on_a + on_b) / 2.0,
@@ -242,9 +239,9 @@ fn meet(a: &LineOfSight, b: &LineOfSight) -> Option<(Ball, f64)> {
 }
 
 /// 0 for a perfect match, 2 at both limits, `None` beyond either.
-fn cost(miss: f64, radius_a: f64, radius_b: f64) -> Option<f64> {
-    let miss = miss / ((radius_a + radius_b) / 2.0 * MAX_MISS);
-    let size = (radius_a / radius_b).ln().abs() / MAX_SIZE_RATIO.ln();
+fn cost(config: &AssociationConfig, miss: f64, radius_a: f64, radius_b: f64) -> Option<f64> {
+    let miss = miss / ((radius_a + radius_b) / 2.0 * config.max_ray_distance);
+    let size = (radius_a / radius_b).ln().abs() / config.max_size_ratio.ln();
     (miss <= 1.0 && size <= 1.0).then_some(miss + size)
 }
 

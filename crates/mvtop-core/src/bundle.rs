@@ -9,9 +9,10 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 use self::manifest::{Header, Manifest, ManifestClass, read_points};
-use crate::confidence::Confidence;
+use crate::config::InferenceConfig;
 use crate::mesh::Mesh;
 use crate::rays::LosEncoding;
+use crate::scorer::Scorer;
 use crate::symmetry::Symmetry;
 use crate::{Error, Result, file, json};
 
@@ -40,8 +41,10 @@ pub struct Bundle {
     pub classes: Vec<Class>,
     /// Settings of the detector.
     pub detector: Detector,
-    /// How probable it is that a pose is right; `None` where the bundle does not say.
-    pub confidence: Option<Confidence>,
+    /// How poses are scored; `None` of a bundle that was not calibrated.
+    pub scorer: Option<Scorer>,
+    /// Numbers that steer inference.
+    pub inference: InferenceConfig,
     /// What the poses are decoded from.
     pub poses: PoseInput,
     /// The graph that runs on whole images: the detector, and the encoder where poses are decoded from
@@ -144,26 +147,8 @@ pub struct Detector {
     /// agrees. Equal to `score_threshold` where the bundle does not say.
     #[serde(default)]
     pub agree_threshold: Option<f32>,
-    /// Least [support](crate::prediction::ObjectPose::support) of an object that is detected; 0
-    /// where the bundle does not say.
-    #[serde(default)]
-    pub support_threshold: f64,
-    /// How far the images must at least look [like what is printed
-    /// on](crate::prediction::Refinement::print) an object that is detected and refined; none is asked
-    /// where the bundle does not say.
-    #[serde(default)]
-    pub print_threshold: Option<f64>,
-    /// How far views may be from one pose of an object, in standard deviations, before the rig is
-    /// [warned of](crate::prediction::RigConsistency::deviation).
-    #[serde(default = "most_deviation")]
-    pub most_deviation: f64,
     /// Overlap (intersection over union) above which the weaker of two boxes is dropped.
     pub nms_iou: f32,
-}
-
-/// Chosen by the boxes of MV-ball alone: for bundles that do not say.
-fn most_deviation() -> f64 {
-    4.1
 }
 
 impl Detector {
@@ -264,7 +249,8 @@ impl Bundle {
             los_encoding: manifest.los_encoding,
             classes,
             detector: manifest.detector,
-            confidence: manifest.confidence,
+            scorer: manifest.scorer,
+            inference: manifest.inference,
             poses,
             features: dir.join(manifest.graphs.features),
             decoder: dir.join(manifest.graphs.decoder),

@@ -19,8 +19,8 @@ use self::adjust::{Adjusted, Object, Scene, Sighting, adjusted};
 use self::alone::Alone;
 use crate::estimator::{Estimator, PredictOptions};
 use crate::image::ViewImage;
-use crate::refine::lines::Lines;
-use crate::refine::{Refiner, View};
+use crate::refine::View;
+use crate::refine::correspondence_lines::CorrespondenceLines;
 use crate::{Error, Result, Rig};
 
 /// Steps of the lines, px of the close-ups, one after the other.
@@ -192,11 +192,14 @@ fn by_rig(
                 };
                 let camera = &start.cameras()[shown.camera];
                 let image = &view.image;
-                let lines = Lines::new(refiner, &View { camera, image }, &shown.cam_from_obj)?;
+                let lines = CorrespondenceLines::new(
+                    refiner,
+                    &View { camera, image },
+                    &shown.cam_from_obj,
+                )?;
                 views.extend(lines.map(|lines| Seen {
                     camera: shown.camera,
                     object: scene.objects.len(),
-                    refiner,
                     lines,
                 }));
             }
@@ -246,20 +249,19 @@ fn on_images(
 struct Seen<'a> {
     camera: usize,
     object: usize,
-    refiner: &'a Refiner,
-    lines: Lines,
+    lines: CorrespondenceLines<'a>,
 }
 
 impl Seen<'_> {
     fn look(&mut self, scene: &Scene, step: f64) -> Option<Sighting> {
         let world_from_obj = scene.objects[self.object].world_from_obj;
         let cam_from_obj = scene.cams_from_world[self.camera] * world_from_obj;
-        let told = self.lines.told(self.refiner, &cam_from_obj, step)?;
+        let told = self.lines.measure(&cam_from_obj, step)?;
         Some(Sighting {
             camera: self.camera,
             object: self.object,
             cam_from_obj: told.cam_from_obj,
-            edges: told.edges,
+            edges: told.information,
         })
     }
 }

@@ -12,10 +12,6 @@ use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector2, Vector3};
 use crate::bundle::SurfacePoint;
 use crate::{BBox, Camera};
 
-/// Standard deviation of a box's center, as a share of its side, as the shipped detector has it.
-pub const OFFSET_SIGMA: f64 = 0.006;
-/// Standard deviation of the logarithm of a box's size, likewise.
-pub const SIZE_SIGMA: f64 = 0.022;
 /// Steps of Gauss-Newton; the residuals are nearly linear.
 const STEPS: usize = 4;
 /// Step of the position for derivatives, as a share of the distance.
@@ -41,6 +37,9 @@ pub struct Residual {
     pub log_size: f64,
     /// Logarithm of the projection's width over its height, less the same of the box.
     pub log_aspect: f64,
+    /// Standard deviations of a detected box: of its center and of the logarithm of its size, as shares
+    /// of its side.
+    pub box_sigma: [f64; 2],
 }
 
 impl Residual {
@@ -55,13 +54,13 @@ impl Residual {
     /// center and size by half of what it changes the shape by. Half of that is laid to the box.
     pub fn deviation(&self) -> f64 {
         let by_shape = self.log_aspect / 4.0;
-        let offset = self.offset_share() / OFFSET_SIGMA.hypot(by_shape);
-        offset.hypot(self.log_size / SIZE_SIGMA.hypot(by_shape))
+        let [center, size] = self.box_sigma.map(|sigma| sigma.hypot(by_shape));
+        (self.offset_share() / center).hypot(self.log_size / size)
     }
 
     /// Whether it is off in size more than in place.
     pub fn is_of_size(&self) -> bool {
-        self.log_size.abs() / SIZE_SIGMA > self.offset_share() / OFFSET_SIGMA
+        self.log_size.abs() / self.box_sigma[1] > self.offset_share() / self.box_sigma[0]
     }
 }
 
@@ -79,15 +78,19 @@ pub struct Agreement {
 /// How well the boxes that show an object agree with each other and with its pose.
 ///
 /// - `points`: on its surface, object frame, metres
+/// - `box_sigma`: see [`Residual::box_sigma`]
 /// - returns: `None` where a camera's lens does not image the whole object
 pub fn agreement(
     points: &[SurfacePoint],
     sights: &[Sight],
     world_from_obj: &Isometry3<f64>,
+    box_sigma: [f64; 2],
 ) -> Option<Agreement> {
     let at = |position: &Vector3<f64>| {
         let pose = Isometry3::from_parts((*position).into(), world_from_obj.rotation);
-        let all = sights.iter().map(|sight| residual(points, sight, &pose));
+        let all = sights
+            .iter()
+            .map(|sight| residual(points, sight, &pose, box_sigma));
         all.collect::<Option<Vec<Residual>>>()
     };
     let start = world_from_obj.translation.vector;
@@ -137,6 +140,7 @@ fn residual(
     points: &[SurfacePoint],
     sight: &Sight,
     world_from_obj: &Isometry3<f64>,
+    box_sigma: [f64; 2],
 ) -> Option<Residual> {
     let whole = extent(points, sight.camera, world_from_obj)?;
     // A box ends where the image does. Far off it, there is nothing to cut.
@@ -149,14 +153,19 @@ fn residual(
         side: side(&sight.bbox),
         log_size: (side(&shown) / side(&sight.bbox)).ln(),
         log_aspect: (aspect(&shown) / aspect(&sight.bbox)).ln(),
+        box_sigma,
     };
     residual.deviation().is_finite().then_some(residual)
 }
 
 /// Offset along both axes and size, in standard deviations of a box of the right shape.
 fn numbers(residual: &Residual) -> Vector3<f64> {
-    let offset = residual.offset / (residual.side * OFFSET_SIGMA);
-    Vector3::new(offset.x, offset.y, residual.log_size / SIZE_SIGMA)
+    let offset = residual.offset / (residual.side * residual.box_sigma[0]);
+    Vector3::new(
+        offset.x,
+        offset.y,
+        residual.log_size / residual.box_sigma[1],
+    )
 }
 
 fn cost(residuals: &[Residual]) -> f64 {
@@ -223,7 +232,7 @@ mod tests {
             camera: &cameras[i],
             bbox: boxes[i],
         });
-        agreement(&square(), &sights, &found).unwrap()
+        agreement(&square(), &sights, &found, [0.006, 0.022]).unwrap()
     }
 
     #[test]
@@ -308,6 +317,7 @@ mod tests {
             side: 100.0,
             log_size: 0.0,
             log_aspect,
+            box_sigma: [0.006, 0.022],
         };
         assert!((off(0.0).deviation() - 5.0).abs() < 1e-9);
         // 0.03 / hypot(0.006, 0.008)

@@ -1,34 +1,39 @@
 //! From images to poses: start reading at [`Estimator::predict`].
 
-mod again;
-mod believed;
-mod closer;
-mod complete;
-mod decode;
-mod doubts;
-mod fit;
-mod hypotheses;
-mod kept;
+mod augmentation;
+mod color_check;
+mod crops;
+mod decoder;
+mod detections;
+mod feature_cache;
+mod grouping;
+mod instance;
 mod next_view;
-mod pass;
-mod picture;
-mod pose;
-mod refined;
-mod rolled;
+mod nms;
+mod pipeline;
+mod pnp;
+mod proposals;
+mod refinement;
+mod reprojection;
+mod rig_check;
+mod rig_test;
 mod self_test;
-mod sightings;
+mod tiling;
 mod tracker;
+mod verification;
 mod view;
 
 use std::path::{Path, PathBuf};
 
-use self::pass::Pass;
+use self::pipeline::Pipeline;
 use crate::annotations::GivenBoxes;
 use crate::bundle::{Bundle, Class};
+use crate::config::InferenceConfig;
 use crate::image::ViewImage;
 use crate::network::{Network, OnnxNetwork};
 use crate::prediction::{ObjectPose, Prediction};
 use crate::refine::{self, Edge, Refiner};
+use crate::scorer::Scorer;
 use crate::{Error, Result, Rig, onnx};
 
 pub use self::tracker::Tracker;
@@ -40,6 +45,8 @@ pub struct Options {
     pub ort_lib: Option<PathBuf>,
     /// What runs the graphs, and on how many threads.
     pub session: onnx::SessionOptions,
+    /// Inference settings that replace the bundle's, by dotted path, as in `search.settled`.
+    pub inference: Vec<(String, serde_json::Value)>,
 }
 
 /// What to predict.
@@ -59,6 +66,9 @@ pub struct PredictOptions {
 /// A loaded network, ready for any number of predictions with any rigs.
 pub struct Estimator {
     bundle: Bundle,
+    config: InferenceConfig,
+    /// The bundle's, or one that ranks candidates.
+    scorer: Scorer,
     /// Least and greatest half width of each class, metres.
     radii: Vec<[f64; 2]>,
     /// Of each class with a mesh.
@@ -76,19 +86,28 @@ impl Estimator {
         let bundle = Bundle::load(bundle)?;
         let runtime = onnx::Runtime::locate(options.ort_lib.as_deref())?;
         let network = OnnxNetwork::load(&runtime, &bundle, &options.session)?;
-        Ok(Self::new(bundle, Box::new(network)))
+        let config = bundle.inference.with(&options.inference)?;
+        Ok(Self::with_config(bundle, config, Box::new(network)))
     }
 
     /// An estimator with a network that something other than ONNX Runtime runs.
     pub fn new(bundle: Bundle, network: Box<dyn Network>) -> Self {
+        let config = bundle.inference.clone();
+        Self::with_config(bundle, config, network)
+    }
+
+    fn with_config(bundle: Bundle, config: InferenceConfig, network: Box<dyn Network>) -> Self {
         let radii = bundle.classes.iter().map(Class::half_widths).collect();
         let refiner = |class: &Class| {
             let refiner = Refiner::new(class.mesh.as_ref()?, class.diameter_m);
+            let refiner = refiner.with_config(config.refine.clone());
             let refiner = refiner.with_symmetry(class.symmetry.clone());
-            Some(refiner.with_print(&class.points))
+            Some(refiner.with_texture(&class.points))
         };
         let refiners = bundle.classes.iter().map(refiner).collect();
         Self {
+            scorer: bundle.scorer.clone().unwrap_or_default(),
+            config,
             bundle,
             radii,
             refiners,
@@ -117,6 +136,15 @@ impl Estimator {
              mvtop_train.export.mesh`, or {without}",
             self.bundle.dir.display()
         )))
+    }
+
+    /// The numbers that steer inference.
+    pub fn config(&self) -> &InferenceConfig {
+        &self.config
+    }
+
+    pub(crate) fn scorer(&self) -> &Scorer {
+        &self.scorer
     }
 
     /// What refines poses, of each class; `None` of those without a mesh.
@@ -183,7 +211,7 @@ impl Estimator {
             Some(id) => rig.find("reference", id)?,
             None => rig.reference(),
         };
-        Pass::new(self, network, rig, images, options)?.predict(reference)
+        Pipeline::new(self, network, rig, images, options)?.predict(reference)
     }
 
     /// Where each image should show edges of an object's mesh at its pose, and whether it does, in the

@@ -33,6 +33,7 @@ pub mod rays;
 
 /// The sampling of feature maps, as the network's operator does it.
 pub mod sampling;
+pub mod scorer;
 
 /// Surfaces of objects as triangles, from PLY files.
 pub mod mesh;
@@ -72,7 +73,7 @@ pub mod calibration;
 pub mod prediction;
 
 /// The probability that a pose is right.
-pub mod confidence;
+pub mod config;
 
 /// A prediction as JSON.
 pub mod report;

@@ -17,9 +17,9 @@ use crate::{BBox, Camera, Estimator, Rig};
 const OBJECT_COLORS: [Color; 4] = [[0, 229, 255], [255, 64, 208], [255, 196, 0], [178, 255, 89]];
 /// x, y and z.
 const AXIS_COLORS: [Color; 3] = [[255, 40, 40], [40, 220, 40], [60, 110, 255]];
-/// Of edges that the image shows and of those that it does not.
-const SUPPORTED: Color = [40, 220, 40];
-const MISSED: Color = [255, 40, 40];
+/// Colors of contour points with and without an edge in the image.
+const INLIER: Color = [40, 220, 40];
+const OUTLIER: Color = [255, 40, 40];
 /// Straight lines of the scene are drawn in this many pieces, for lenses bend them.
 const AXIS_PIECES: usize = 16;
 /// As many of an object's points are drawn at most, evenly chosen.
@@ -171,7 +171,7 @@ pub fn draw_edges(image: &RgbImage, camera: &Camera, edges: &[Edge]) -> RgbImage
     for edge in edges {
         let in_camera = camera.world_from_cam().inverse_transform_point(&edge.point);
         if let Some(pixel) = camera.intrinsics().project(&in_camera) {
-            let color = if edge.supported { SUPPORTED } else { MISSED };
+            let color = if edge.is_inlier { INLIER } else { OUTLIER };
             canvas.dot(pixel, 1.2 * unit, color, 1.0);
         }
     }
@@ -291,14 +291,14 @@ mod tests {
         let camera = camera()
             .moved_to(Isometry3::translation(1.0, 0.0, 0.0))
             .unwrap();
-        let edge = |x: f64, supported| Edge {
+        let edge = |x: f64, is_inlier| Edge {
             point: Point3::new(1.0 + x, 0.0, 1.0),
-            supported,
+            is_inlier,
         };
         let edges = [edge(0.1, true), edge(-0.1, false), edge(5.0, true)];
         let drawn = draw_edges(&RgbImage::new(640, 480), &camera, &edges);
-        assert_eq!(drawn.get_pixel(370, 240), &Rgb(SUPPORTED));
-        assert_eq!(drawn.get_pixel(270, 240), &Rgb(MISSED));
+        assert_eq!(drawn.get_pixel(370, 240), &Rgb(INLIER));
+        assert_eq!(drawn.get_pixel(270, 240), &Rgb(OUTLIER));
         assert_eq!(drawn.get_pixel(320, 240), &Rgb([0; 3]));
     }
 

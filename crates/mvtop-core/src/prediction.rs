@@ -4,6 +4,7 @@ use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 use crate::BBox;
+use crate::scorer::Scored;
 use crate::symmetry::Symmetry;
 
 /// Poses of all objects, and how long each stage took.
@@ -53,6 +54,8 @@ pub enum WarningCode {
     ViewsContradict,
     /// Cameras find objects of one class, but none that two of them see.
     NothingMatches,
+    /// Images seem to have red and blue exchanged.
+    ColorsExchanged,
 }
 
 /// How well the rig fits what was found, see [`crate::consistency`].
@@ -61,9 +64,17 @@ pub struct RigConsistency {
     /// How far the objects' projections are beside their boxes where these agree best: root mean
     /// square over the objects, of the camera where it is greatest, px.
     pub px: f64,
-    /// How far the views are from one pose of an object, in standard deviations of what each tells by
-    /// itself; of several objects, the lower median. Warned of above the bundle's `most_deviation`.
+    /// The greatest of the following over its limit for a true rig; above 1 it is warned of.
     pub deviation: f64,
+    /// What corrections of all cameras gain, about standard deviations.
+    pub camera_deviation: f64,
+    /// What one scale of the rig, or of its focal lengths, gains, about standard deviations.
+    pub scale_deviation: f64,
+    /// How far boxes of an object are off each other, standard deviations, lower median over objects; 0
+    /// where poses of single views could be compared.
+    pub box_deviation: f64,
+    /// Log-likelihood ratio by which two cameras do not show the same objects.
+    pub contradiction: f64,
     /// Index in the rig of the camera where `px` is greatest; `None` where two cameras show objects, of which none is known
     /// to be the wrong one.
     pub worst_camera: Option<usize>,
@@ -89,15 +100,16 @@ pub struct ObjectPose {
     /// How far the views are from one pose of it, in standard deviations; `None` where fewer than two
     /// show it.
     pub deviation: Option<f64>,
-    /// Of what the object would cover in the images at this pose, the share that shows it so, by the
-    /// object coordinates, 0 to 1: less where much of it is hidden or only one of the views has a box
-    /// of it, and least where it is something else. `None` where the network gives no object coordinates.
-    pub support: Option<f64>,
+    /// Share of the object's projection whose object coordinates agree with the pose, 0 to 1, mean over
+    /// the views that should show it; `None` where the network gives no object coordinates.
+    pub coordinate_inliers: Option<f64>,
     /// How the refinement of the pose on the images went; `None` where there was none.
     pub refinement: Option<Refinement>,
-    /// Probability that the pose is within the bounds that the bundle states, see
-    /// [`crate::confidence`]; `None` where it states none or the pose was not refined.
+    /// Probability that the pose is within the bounds that the bundle states, see [`crate::scorer`];
+    /// `None` of a bundle that was not calibrated.
     pub confidence: Option<f64>,
+    /// What the confidence is made of.
+    pub evidence: Option<Scored>,
     /// The poses that the object may have, far from each other: this one first, then by their
     /// probability. Empty where nothing but the pose itself is known.
     pub hypotheses: Vec<Hypothesis>,
@@ -127,23 +139,23 @@ pub struct Hypothesis {
 pub struct Refinement {
     /// Whether the images fit the refined pose better than the one before; otherwise that was kept.
     pub accepted: bool,
-    /// Share of the mesh's visible edges that the images show where the pose has them.
-    pub supported: f64,
-    /// Mean distance of these edges from where the images show them, px of close-ups.
-    pub residual_px: f64,
-    /// How likely a pixel within the silhouette is of the object by its color, less how likely one
-    /// next to it is, mean over views: 1 where colors tell them apart everywhere, 0 where they do not.
-    pub overlap: f64,
-    /// What knowing the part of the object tells of a pixel's color, bits, mean over views.
-    pub explained: f64,
-    /// Likewise, of the view where it is least.
-    pub explained_least: f64,
-    /// How far the images look like what is printed on the object, mean over the views that tell:
-    /// correlation of color and brightness, at most 1; `None` without print.
+    /// Share of the mesh's visible contour points with an edge in the image there, mean over views.
+    pub contour_inliers: f64,
+    /// Mean distance of the visible edges from their projections, px of the crops.
+    pub contour_residual_px: f64,
+    /// Mean probability of belonging to the object, by color, of the silhouette's pixels less that of
+    /// the background's, mean over views: 1 if colors separate them everywhere, 0 if they do not.
+    pub color_separation: f64,
+    /// Mutual information of segment and color, bits per pixel, mean over views.
+    pub mutual_information: f64,
+    /// Mutual information in the view with the least one.
+    pub mutual_information_min: f64,
+    /// Normalised cross-correlation of the surface's colors with the images, at most 1, mean over
+    /// views; `None` without texture.
     #[serde(default)]
-    pub print: Option<f64>,
-    /// How far the network expected its pose to be off, as it may have been another one.
-    pub sigma_before: Sigma,
+    pub texture_correlation: Option<f64>,
+    /// Expected error of the network's pose.
+    pub initial_sigma: Sigma,
 }
 
 /// The error that is expected of a pose.
@@ -175,16 +187,14 @@ pub struct Timings {
     pub features: f64,
     /// Boxes read off the detector's maps and associated across views.
     pub detect: f64,
-    /// Close-ups of the boxes: pictures, backbone and encoder; 0 where the bundle has none.
-    pub closeup: f64,
-    /// Pose decoder.
-    pub decode: f64,
-    /// Poses refined on the images; 0 where none is.
-    #[serde(default)]
+    /// Crops of objects: pixels, backbone and encoder; 0 of bundles without crops.
+    pub crop: f64,
+    /// Candidate poses proposed: decoder, PnP, perturbations.
+    pub propose: f64,
+    /// Candidates refined on the images, and scored.
     pub refine: f64,
-    /// What each view tells by itself compared with the others.
-    #[serde(default)]
+    /// Duplicates suppressed, views compared with each other, results gathered.
     pub check: f64,
-    /// All of these together.
+    /// All of these.
     pub total: f64,
 }

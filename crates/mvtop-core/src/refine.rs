@@ -1,154 +1,157 @@
-//! Poses made exact on the images: the edges of the object's mesh are brought to where the images
-//! show them, in all views at once.
+//! Region- and edge-based refinement of poses on all images at once.
 //!
-//! Each view is a close-up ([`crate::closeup`]) of the pose as it is, so that every lens is a pinhole
-//! here. The mesh is drawn into it; along lines across its outline, its sharp edges and the borders
-//! of its colors the true edge is searched for, by where colors change and how they differ to both
-//! sides; six numbers, a turn and a shift, bring all of them there (Gauss-Newton, lines and views
-//! losing weight as they disagree). From coarse to fine, the mesh being drawn anew each time. What
-//! the network expected counts as a measurement, too: what the images do not tell stays as it was.
-//! The turn of a round part, which no edge tells, is then found by its print.
+//! Each view is a crop through a virtual pinhole ([`crate::closeup`]). The mesh is rendered into it, and
+//! its visible edges are sampled at contour points: the outline, creases, and borders of colors. A
+//! correspondence line across each point is searched for the true edge. Color gradients and color
+//! histograms of both sides locate it (as SRT3D does). Robust Gauss-Newton steps minimise the
+//! displacements of all views, from coarse to fine, with the given pose as a Gaussian prior. The angle
+//! of a round part about its axis is then found by its texture.
 
-mod around;
+mod color_histograms;
+mod config;
 mod contour;
+pub(crate) mod correspondence_lines;
+mod crop_pixels;
 mod difference;
-mod explained;
-mod fit;
-pub(crate) mod lines;
-mod part;
-mod picture;
-mod print;
-mod quality;
+mod edge_search;
+mod fit_quality;
+mod gauss_newton;
+mod mesh_model;
+mod mutual_information;
+mod perturb;
 mod raster;
-mod region;
-pub(crate) mod solve;
-mod working;
+mod revolution_axis;
+mod texture;
+mod view_quality;
+mod view_state;
 
 use image::RgbImage;
 use nalgebra::{Isometry3, Matrix6, Point3};
 use rayon::prelude::*;
 
+pub use self::config::{RefineConfig, Stage, TextureConfig};
 use self::contour::EdgePoint;
-use self::fit::Fit;
-use self::part::Part;
-use self::print::Print;
-pub(crate) use self::quality::score;
-pub use self::quality::{Quality, ViewQuality};
-use self::solve::{ANGLE_PER_AXIS, Prior, Row};
-use self::working::{COARSE, Detail, FINE, Working};
+use self::edge_search::{StepFunction, step_function};
+use self::gauss_newton::{ANGLE_PER_AXIS, Prior, Residual, Step};
+use self::mesh_model::MeshModel;
+use self::texture::Texture;
+pub use self::view_quality::{Quality, ViewQuality};
+use self::view_state::ViewState;
 use crate::Camera;
 use crate::bundle::SurfacePoint;
 use crate::mesh::Mesh;
 use crate::prediction::Sigma;
 use crate::symmetry::Symmetry;
 
-/// Steps of the lines, px of the close-up, one after the other.
-const STEPS: [Steps; 2] = [
-    (COARSE, &[4.0, 3.0, 2.0]),
-    (FINE, &[2.0, 1.5, 1.0, 1.0, 1.0]),
-];
-/// Steps that end on the coarse close-ups.
-const COARSE_STEPS: [Steps; 1] = [(COARSE, &[4.0, 4.0, 3.0, 2.0, 1.0, 1.0, 1.0])];
-/// A camera's image in which the object may be seen.
+/// An image in which the object may be visible.
 #[derive(Debug, Clone, Copy)]
 pub struct View<'a> {
     /// With its true lens.
     pub camera: &'a Camera,
-    /// What it saw.
+    /// Image of the camera.
     pub image: &'a RgbImage,
 }
 
-/// A point on an edge of the mesh that a camera should see.
+/// A contour point of the mesh that a camera should see.
 #[derive(Debug, Clone, Copy)]
 pub struct Edge {
     /// World frame, metres.
     pub point: Point3<f64>,
-    /// Whether the image has an edge within 1.5 px of a close-up (the finest of the refinement).
-    pub supported: bool,
+    /// Whether the image has an edge there, see [`RefineConfig::inlier_px`].
+    pub is_inlier: bool,
+}
+
+/// Stages of a refinement.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Schedule {
+    /// Coarse stage, fine stage, texture.
+    Full,
+    /// Fine stage and texture, for a pose that comes from coarse crops.
+    FineOnly,
+    /// Coarse crops alone: quicker, and exact enough to compare views. It evaluates no
+    /// [`Refined::quality`].
+    CoarseOnly,
 }
 
 /// A refined pose.
 #[derive(Debug, Clone)]
 pub struct Refined {
-    /// Object frame to world frame, metres; the start where the refinement was not accepted.
+    /// Object frame to world frame, metres; the start if the refinement was not accepted.
     pub world_from_obj: Isometry3<f64>,
-    /// How far it is expected to be off.
+    /// Expected error.
     pub sigma: Sigma,
-    /// Inverse covariance of a turn about the object's center (radians) and a shift (metres), world
-    /// frame: what the images tell and what was known.
+    /// Inverse covariance by images and prior: rotation about the object's center (radians) and
+    /// translation (metres), world frame.
     pub information: Matrix6<f64>,
-    /// Share of the edge points that the images show within 1.5 px.
-    pub supported: f64,
-    /// Mean distance of the edges from where the images show them, px of the close-ups.
-    pub residual_px: f64,
-    /// How well the images show the object at this pose.
+    /// Share of inliers among the contour points, mean over views.
+    pub contour_inliers: f64,
+    /// Mean distance of the edges from their projections, px of the crops.
+    pub contour_residual_px: f64,
+    /// Evidence at this pose; empty after [`Schedule::CoarseOnly`].
     pub quality: Quality,
     /// Whether the images fit it better than the start.
     pub accepted: bool,
 }
 
-/// A pose that was refined on coarse close-ups.
-#[derive(Debug, Clone)]
-pub struct Coarse {
-    /// Object frame to world frame, metres; the start where the refinement was not accepted.
-    pub world_from_obj: Isometry3<f64>,
-    /// As [`Refined::information`].
-    pub information: Matrix6<f64>,
-    /// As [`Refined::supported`].
-    pub supported: f64,
-}
-
-/// What refines poses of one object.
+/// Refinement of poses of one object.
 pub struct Refiner {
-    part: Part,
+    mesh: MeshModel,
     diameter: f64,
-    print: Option<Print>,
+    config: RefineConfig,
+    /// By [`RefineConfig::function_amplitude`].
+    step_function: StepFunction,
+    texture: Option<Texture>,
     symmetry: Symmetry,
-}
-
-/// Close-ups, and the steps of the lines on them, px.
-type Steps = (Detail, &'static [f64]);
-
-/// What comes of a search.
-struct Search {
-    world_from_obj: Isometry3<f64>,
-    information: Matrix6<f64>,
-    fit: Fit,
-    /// Else `world_from_obj` is the start.
-    accepted: bool,
-    /// As they looked at what was found, accepted or not.
-    working: Vec<Working>,
 }
 
 impl Refiner {
     /// - `diameter_m`: largest distance between two points of the surface
     pub fn new(mesh: &Mesh, diameter_m: f64) -> Self {
+        let config = RefineConfig::default();
         Self {
-            part: Part::new(mesh),
+            mesh: MeshModel::new(mesh),
             diameter: diameter_m,
-            print: None,
+            step_function: step_function(config.function_amplitude),
+            config,
+            texture: None,
             symmetry: Symmetry::default(),
         }
     }
 
-    /// The same for a part that looks alike from several sides.
-    pub fn with_symmetry(self, symmetry: Symmetry) -> Self {
-        Self { symmetry, ..self }
-    }
-
-    /// The same for a part that may be round and printed on.
-    ///
-    /// - `points`: colored, of its surface
-    pub fn with_print(self, points: &[SurfacePoint]) -> Self {
+    /// Replaces the default configuration; to be called before [`Self::with_texture`], which uses it.
+    pub fn with_config(self, config: RefineConfig) -> Self {
+        debug_assert!(self.texture.is_none());
         Self {
-            print: Print::new(points, self.part.center, self.diameter),
+            step_function: step_function(config.function_amplitude),
+            config,
             ..self
         }
     }
 
-    /// Middle of the mesh's box, about which turns are told: object frame, metres.
+    /// Adds the symmetries of the object.
+    pub fn with_symmetry(self, symmetry: Symmetry) -> Self {
+        Self { symmetry, ..self }
+    }
+
+    /// Adds the texture of the object, if its colors vary.
+    ///
+    /// - `points`: colored, of its surface
+    pub fn with_texture(self, points: &[SurfacePoint]) -> Self {
+        let (center, config) = (self.mesh.center, &self.config.texture);
+        Self {
+            texture: Texture::new(points, center, self.diameter, config),
+            ..self
+        }
+    }
+
+    /// All numbers that steer the refinement.
+    pub fn config(&self) -> &RefineConfig {
+        &self.config
+    }
+
+    /// Middle of the mesh's box, the center of rotations: object frame, metres.
     pub fn center(&self) -> Point3<f64> {
-        self.part.center
+        self.mesh.center
     }
 
     /// Largest distance between two points of the surface, metres.
@@ -156,167 +159,130 @@ impl Refiner {
         self.diameter
     }
 
-    /// The pose near `world_from_obj` at which the images show the mesh's edges; `None` where no view
-    /// shows the object.
+    /// The pose near `world_from_obj` that fits the images; `None` if no view shows the object.
     ///
-    /// - `sigma`: how far the pose is expected to be off
+    /// - `sigma`: expected error of the given pose
     pub fn refine(
         &self,
         views: &[View],
         world_from_obj: &Isometry3<f64>,
         sigma: Sigma,
+        schedule: Schedule,
     ) -> Option<Refined> {
-        self.refined(&STEPS, views, world_from_obj, sigma)
-    }
-
-    /// Like [`Self::refine`], of a pose that coarse close-ups have told: no more than sharp ones add.
-    pub fn refine_finely(
-        &self,
-        views: &[View],
-        world_from_obj: &Isometry3<f64>,
-        sigma: Sigma,
-    ) -> Option<Refined> {
-        self.refined(&STEPS[1..], views, world_from_obj, sigma)
-    }
-
-    fn refined(
-        &self,
-        steps: &[Steps],
-        views: &[View],
-        world_from_obj: &Isometry3<f64>,
-        sigma: Sigma,
-    ) -> Option<Refined> {
-        let print = self.print.as_ref();
-        let mut found = self.search(steps, print, views, world_from_obj, sigma)?;
-        if !found.accepted {
-            found.fit = self.fit(&mut found.working, world_from_obj)?;
-        }
-        Some(Refined {
-            world_from_obj: found.world_from_obj,
-            sigma: match found.accepted {
-                true => self.expected(&found).unwrap_or(sigma),
-                false => sigma,
-            },
-            information: found.information,
-            supported: found.fit.supported(),
-            residual_px: found.fit.residual_px(),
-            quality: self.quality_of(&found.working, &found.fit, &found.world_from_obj),
-            accepted: found.accepted,
-        })
-    }
-
-    /// Like [`Self::refine`], on close-ups no sharper than the images: quicker, and exact enough to
-    /// compare what views tell.
-    pub fn refine_coarsely(
-        &self,
-        views: &[View],
-        world_from_obj: &Isometry3<f64>,
-        sigma: Sigma,
-    ) -> Option<Coarse> {
-        let found = self.search(&COARSE_STEPS, None, views, world_from_obj, sigma)?;
-        Some(Coarse {
-            world_from_obj: found.world_from_obj,
-            information: found.information,
-            supported: found.fit.supported(),
-        })
-    }
-
-    fn search(
-        &self,
-        steps: &[Steps],
-        print: Option<&Print>,
-        views: &[View],
-        world_from_obj: &Isometry3<f64>,
-        sigma: Sigma,
-    ) -> Option<Search> {
         let prior = Prior::new(*world_from_obj, sigma);
         let (mut pose, mut information) = (*world_from_obj, Matrix6::zeros());
-        let mut working = Vec::new();
-        for &(detail, steps) in steps {
-            working = self.working(views, &pose, detail);
-            if working.is_empty() {
-                return None;
+        let (mut states, mut initial) = (Vec::new(), None);
+        let stages = self.stages(schedule);
+        let last = stages.len() - 1;
+        for (index, (stage, steps)) in stages.into_iter().enumerate() {
+            states = self.view_states(views, &pose, stage);
+            if index == last {
+                // Now, as the first iteration of an only stage uses what is rendered for it.
+                initial = Some(self.fit(&mut states, world_from_obj)?);
             }
             for &step in steps {
-                (pose, information) = self.stepped(&mut working, &prior, &pose, step)?;
+                let found = self.iterate(&mut states, &prior, &pose, step)?;
+                (pose, information) = (found.world_from_obj, found.information);
             }
         }
-        if let Some(print) = print {
-            for view in &mut working {
-                view.draw(self, &pose);
+        let is_coarse = schedule == Schedule::CoarseOnly;
+        if let Some(texture) = self.texture.as_ref().filter(|_| !is_coarse) {
+            for view in &mut states {
+                view.render(&pose);
             }
-            if let Some(turned) = print.turned(&working, &pose) {
-                pose = turned;
-                information += print.information(&pose);
+            if let Some((aligned, of_angle)) = texture.aligned(&states, &pose) {
+                pose = aligned;
+                information += of_angle;
             }
         }
-        let before = self.fit(&mut working, world_from_obj)?;
-        let after = self.fit(&mut working, &pose);
-        let after = after.filter(|after| after.is_better(&before));
-        let accepted = after.is_some();
-        let (world_from_obj, fit) = match after {
-            Some(after) => (pose, after),
-            None => (*world_from_obj, before),
+        let initial = initial?;
+        let margin = self.config.accept_margin_bits;
+        let better = self.fit(&mut states, &pose);
+        let better = better.filter(|fit| fit.is_better(&initial, margin));
+        let accepted = better.is_some();
+        let (pose, fit) = match better {
+            Some(fit) => (pose, fit),
+            None if is_coarse => (*world_from_obj, initial),
+            // Once more, so that the states are those of the start.
+            None => (*world_from_obj, self.fit(&mut states, world_from_obj)?),
         };
-        Some(Search {
-            world_from_obj,
+        Some(Refined {
+            world_from_obj: pose,
+            sigma: match accepted {
+                true => self.expected_error(&pose, &information).unwrap_or(sigma),
+                false => sigma,
+            },
             information,
-            fit,
+            contour_inliers: fit.contour_inliers,
+            contour_residual_px: fit.contour_residual_px,
+            quality: match is_coarse {
+                true => Quality::default(),
+                false => self.quality_of(&states, &fit, &pose),
+            },
             accepted,
-            working,
         })
     }
 
-    /// The pose after one step, and what the images and the prior tell of it.
-    fn stepped(
+    /// Stages of a schedule, with their line steps.
+    fn stages(&self, schedule: Schedule) -> Vec<(&Stage, &[f64])> {
+        let RefineConfig { coarse, fine, .. } = &self.config;
+        let fine = (fine, &fine.steps_px[..]);
+        match schedule {
+            Schedule::Full => vec![(coarse, &coarse.steps_px), fine],
+            Schedule::FineOnly => vec![fine],
+            Schedule::CoarseOnly => vec![(coarse, &self.config.coarse_only_steps_px)],
+        }
+    }
+
+    /// One Gauss-Newton step on all views.
+    fn iterate(
         &self,
-        working: &mut [Working],
+        states: &mut [ViewState],
         prior: &Prior,
         pose: &Isometry3<f64>,
         step: f64,
-    ) -> Option<(Isometry3<f64>, Matrix6<f64>)> {
-        working
-            .par_iter_mut()
-            .for_each(|view| view.look(self, pose, step));
-        let rows: Vec<&[Row]> = working.iter().map(|view| &view.rows[..]).collect();
-        let center = &self.part.center;
-        let (radius, scale) = (self.diameter / 4.0, 1.0 + 1.5 * step);
-        let found = solve::step(&rows, prior, pose, center, radius, scale)?;
-        let pose = solve::moved(pose, center, &found.motion);
-        Some((pose, found.information))
+    ) -> Option<Step> {
+        if states.is_empty() {
+            return None;
+        }
+        let each = states.par_iter_mut();
+        each.for_each(|view| view.update(pose, step));
+        let residuals: Vec<&[Residual]> = states.iter().map(|view| &view.residuals[..]).collect();
+        self.gauss_newton(&residuals, prior, pose, step)
     }
 
-    /// How well the images show the object at a pose; `None` where no view shows its edges.
+    /// Evidence for a pose; `None` if no view shows its outline.
     pub fn quality(&self, views: &[View], world_from_obj: &Isometry3<f64>) -> Option<Quality> {
-        let mut working = self.working(views, world_from_obj, FINE);
-        let fit = self.fit(&mut working, world_from_obj)?;
-        Some(self.quality_of(&working, &fit, world_from_obj))
+        let mut states = self.view_states(views, world_from_obj, &self.config.fine);
+        let fit = self.fit(&mut states, world_from_obj)?;
+        Some(self.quality_of(&states, &fit, world_from_obj))
     }
 
-    /// Where a view should show edges of the mesh at a pose, and whether it does; empty where the
-    /// object does not lie in its image.
+    /// Visible contour points of the mesh at a pose; empty if the object does not lie in the image.
     pub fn edges(&self, view: &View, world_from_obj: &Isometry3<f64>) -> Vec<Edge> {
-        let Some(mut working) = Working::new(self, 0, view, world_from_obj, FINE) else {
+        let fine = &self.config.fine;
+        let Some(mut state) = ViewState::new(self, 0, view, world_from_obj, fine) else {
             return Vec::new();
         };
-        working.look(self, world_from_obj, 1.0);
-        let world_from_cam = working.closeup.camera.world_from_cam();
+        let step = self.config.final_step_px();
+        state.update(world_from_obj, step);
+        let world_from_cam = state.closeup.camera.world_from_cam();
         let edge = |point: &EdgePoint| Edge {
             point: world_from_cam * point.point,
-            supported: working
-                .found(self, point, 1.0)
-                .is_some_and(|found| fit::is_supported(found.offset, found.variance)),
+            is_inlier: state
+                .match_edge(point, step)
+                .is_some_and(|found| found.is_inlier(self.config.inlier_px)),
         };
-        working.points.iter().map(edge).collect()
+        state.points.iter().map(edge).collect()
     }
 
-    /// The expected errors of a pose, by its inverse covariance.
+    /// Expected error of a pose by its inverse covariance.
     ///
-    /// The network says one number for turns about any axis, though mostly one axis is what it does
-    /// not know; so the least known axis counts for all of them.
-    fn expected(&self, found: &Search) -> Option<Sigma> {
-        let covariance = found.information.cholesky()?.inverse();
-        let obj_from_world = found.world_from_obj.rotation.to_rotation_matrix().inverse();
+    /// The network estimates one number for rotations about any axis, although mostly one axis is
+    /// ambiguous; so the axis with the largest variance counts for all of them.
+    fn expected_error(&self, pose: &Isometry3<f64>, information: &Matrix6<f64>) -> Option<Sigma> {
+        let covariance = information.cholesky()?.inverse();
+        let obj_from_world = pose.rotation.to_rotation_matrix().inverse();
         let turns = covariance.fixed_view::<3, 3>(0, 0);
         let turns = obj_from_world.matrix() * turns * obj_from_world.matrix().transpose();
         let turns = self.symmetry.covariance_of_errors(&turns);
@@ -328,10 +294,15 @@ impl Refiner {
         })
     }
 
-    fn working(&self, views: &[View], pose: &Isometry3<f64>, detail: Detail) -> Vec<Working> {
+    fn view_states(
+        &self,
+        views: &[View],
+        pose: &Isometry3<f64>,
+        stage: &Stage,
+    ) -> Vec<ViewState<'_>> {
         let views = views.par_iter().enumerate();
         views
-            .filter_map(|(index, view)| Working::new(self, index, view, pose, detail))
+            .filter_map(|(index, view)| ViewState::new(self, index, view, pose, stage))
             .collect()
     }
 }

@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 use nalgebra::Isometry3;
 use serde::Serialize;
 
-use crate::confidence::{self, EVIDENCE, Verdict};
 use crate::pose::wxyz;
 use crate::prediction::{
-    CameraPose, Hypothesis, ObjectPose, Prediction, Refinement, RigConsistency, Sigma, Timings,
-    Warning, WarningCode,
+    CameraPose, Hypothesis, ObjectPose, Prediction, Refinement, Sigma, Timings, Warning,
+    WarningCode,
 };
+use crate::scorer::{POSE_TERMS, Scored, VIEW_TERMS, Verdict};
 use crate::symmetry::{Axis, Symmetry};
 use crate::{BBox, Camera, Rig};
 
@@ -56,6 +56,14 @@ pub struct ReportedConsistency {
     pub px: f64,
     /// See [`RigConsistency::deviation`](crate::prediction::RigConsistency::deviation).
     pub deviation: f64,
+    /// What corrections of all cameras gain.
+    pub camera_deviation: f64,
+    /// What one scale gains.
+    pub scale_deviation: f64,
+    /// How far boxes of an object are off each other.
+    pub box_deviation: f64,
+    /// How far two cameras do not show the same objects.
+    pub contradiction: f64,
     /// Id of the camera where `px` is most, null of two cameras.
     pub worst_camera: Option<String>,
 }
@@ -81,16 +89,15 @@ pub struct Object {
     pub q_wxyz: [f64; 4],
     /// How far the pose is expected to be off.
     pub sigma: Sigma,
-    /// Share of what the object would cover that shows it so, [`ObjectPose::support`].
-    pub support: Option<f64>,
+    /// See [`ObjectPose::coordinate_inliers`].
+    pub coordinate_inliers: Option<f64>,
     /// How its refinement went; null where there was none.
     pub refinement: Option<Refinement>,
     /// Probability that the pose is within the bounds that the bundle states; null where it states
     /// none, or the pose was not refined.
     pub confidence: Option<f64>,
-    /// What that is computed from, by name, [`crate::confidence::EVIDENCE`]; null where the pose was
-    /// not refined.
-    pub evidence: Option<BTreeMap<&'static str, f64>>,
+    /// What that is made of, by name; null where nothing is known.
+    pub evidence: Option<Evidence>,
     /// Whether it is certain enough, null where that was not asked.
     pub verdict: Option<Verdict>,
     /// The poses that it may have, this one first, then by their probability.
@@ -159,6 +166,34 @@ pub struct ObjectInCamera {
     pub detected: bool,
 }
 
+/// What the confidence of a pose is made of, see [`crate::scorer`].
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Evidence {
+    /// Natural logarithm of the odds of this pose by itself.
+    pub log_odds: f64,
+    /// The same before refinement.
+    pub initial_log_odds: f64,
+    /// Of the pose as a whole, by name.
+    pub pose: BTreeMap<&'static str, f64>,
+    /// Of each view that should show the object, by name.
+    pub views: Vec<BTreeMap<&'static str, f64>>,
+}
+
+impl Evidence {
+    fn of(scored: &Scored) -> Self {
+        let of_view = |(visible, terms): &(f64, [f64; VIEW_TERMS.len()])| {
+            let named = VIEW_TERMS.into_iter().zip(*terms);
+            named.chain([("visible", *visible)]).collect()
+        };
+        Self {
+            log_odds: scored.log_odds,
+            initial_log_odds: scored.initial_log_odds,
+            pose: POSE_TERMS.into_iter().zip(scored.pose).collect(),
+            views: scored.views.iter().map(of_view).collect(),
+        }
+    }
+}
+
 impl Report {
     /// The document of a prediction.
     ///
@@ -175,12 +210,14 @@ impl Report {
         Self {
             schema_version: SCHEMA_VERSION,
             reference: id(prediction.reference),
-            objects: objects
-                .map(|object| Object::new(object, prediction.rig_consistency.as_ref(), id))
-                .collect(),
+            objects: objects.map(|object| Object::new(object, id)).collect(),
             rig_consistency: prediction.rig_consistency.map(|fit| ReportedConsistency {
                 px: fit.px,
                 deviation: fit.deviation,
+                camera_deviation: fit.camera_deviation,
+                scale_deviation: fit.scale_deviation,
+                box_deviation: fit.box_deviation,
+                contradiction: fit.contradiction,
                 worst_camera: fit.worst_camera.map(id),
             }),
             timings_ms: prediction.timings,
@@ -191,12 +228,7 @@ impl Report {
 }
 
 impl Object {
-    fn new(
-        object: &ObjectPose,
-        rig: Option<&RigConsistency>,
-        id: impl Fn(usize) -> String,
-    ) -> Self {
-        let named = |numbers| EVIDENCE.into_iter().zip(numbers).collect();
+    fn new(object: &ObjectPose, id: impl Fn(usize) -> String) -> Self {
         let in_camera = |seen: &CameraPose| ObjectInCamera {
             id: id(seen.camera),
             t_cam_obj: rows(&seen.cam_from_obj),
@@ -212,10 +244,10 @@ impl Object {
             t_m: object.ref_from_obj.translation.vector.into(),
             q_wxyz: wxyz(&object.ref_from_obj.rotation),
             sigma: object.sigma,
-            support: object.support,
+            coordinate_inliers: object.coordinate_inliers,
             refinement: object.refinement,
             confidence: object.confidence,
-            evidence: confidence::evidence(object, rig).map(named),
+            evidence: object.evidence.as_ref().map(Evidence::of),
             verdict: None,
             hypotheses: object
                 .hypotheses
@@ -238,6 +270,7 @@ pub fn rows(pose: &Isometry3<f64>) -> [[f64; 4]; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::prediction::RigConsistency;
     use crate::{Intrinsics, Projection};
     use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
@@ -269,21 +302,27 @@ mod tests {
                     t_m: 0.01,
                 },
                 deviation: None,
-                support: None,
+                coordinate_inliers: Some(0.625),
                 refinement: Some(Refinement {
                     accepted: true,
-                    supported: 0.75,
-                    residual_px: 0.5,
-                    overlap: 0.25,
-                    explained: 0.125,
-                    explained_least: 0.0625,
-                    print: None,
-                    sigma_before: Sigma {
+                    contour_inliers: 0.75,
+                    contour_residual_px: 0.5,
+                    color_separation: 0.25,
+                    mutual_information: 0.125,
+                    mutual_information_min: 0.0625,
+                    texture_correlation: None,
+                    initial_sigma: Sigma {
                         rot_deg: 6.0,
                         t_m: 0.02,
                     },
                 }),
                 confidence: Some(0.875),
+                evidence: Some(Scored {
+                    log_odds: 2.0,
+                    initial_log_odds: 1.5,
+                    pose: std::array::from_fn(|term| term as f64),
+                    views: vec![(0.5, [0.0, 0.1, 0.2, 0.3, 0.4, 0.5])],
+                }),
                 hypotheses: vec![Hypothesis {
                     world_from_obj: pose,
                     sigma: Sigma {
@@ -307,6 +346,10 @@ mod tests {
             rig_consistency: Some(RigConsistency {
                 px: 1.5,
                 deviation: 0.5,
+                camera_deviation: 0.25,
+                scale_deviation: 0.125,
+                box_deviation: 0.75,
+                contradiction: -1.0,
                 worst_camera: None,
             }),
             warnings: vec![
@@ -339,7 +382,10 @@ mod tests {
         );
         assert_eq!(
             json["rig_consistency"],
-            serde_json::json!({"px": 1.5, "deviation": 0.5, "worst_camera": null})
+            serde_json::json!({
+                "px": 1.5, "deviation": 0.5, "camera_deviation": 0.25, "scale_deviation": 0.125,
+                "box_deviation": 0.75, "contradiction": -1.0, "worst_camera": null
+            })
         );
         let object = &json["objects"][0];
         assert_eq!(object["class"], "mvball");
@@ -350,9 +396,10 @@ mod tests {
         assert_eq!(
             object["refinement"],
             serde_json::json!({
-                "accepted": true, "supported": 0.75, "residual_px": 0.5,
-                "overlap": 0.25, "explained": 0.125, "explained_least": 0.0625,
-                "print": null, "sigma_before": {"rot_deg": 6.0, "t_m": 0.02}
+                "accepted": true, "contour_inliers": 0.75, "contour_residual_px": 0.5,
+                "color_separation": 0.25, "mutual_information": 0.125,
+                "mutual_information_min": 0.0625, "texture_correlation": null,
+                "initial_sigma": {"rot_deg": 6.0, "t_m": 0.02}
             })
         );
         assert_eq!(object["confidence"], 0.875);
@@ -360,13 +407,21 @@ mod tests {
         let hypothesis = &object["hypotheses"][0];
         assert_eq!(hypothesis["probability"], 0.75);
         assert_eq!(hypothesis["T_world_obj"][2][3], 3.0);
-        let evidence = object["evidence"].as_object().unwrap();
-        assert_eq!(evidence.len(), EVIDENCE.len());
-        assert_eq!(evidence["first_of_hypotheses"], 0.75);
-        assert!((evidence["expected_translation"].as_f64().unwrap() - 10f64.ln()).abs() < 1e-12);
-        assert!((evidence["deviation"].as_f64().unwrap() - 1.5f64.ln()).abs() < 1e-12);
-        // One camera has a box.
-        assert_eq!(evidence["views"], 0.0);
+        let evidence = &object["evidence"];
+        assert_eq!(evidence["log_odds"], 2.0);
+        assert_eq!(
+            evidence["pose"].as_object().unwrap().len(),
+            POSE_TERMS.len()
+        );
+        assert_eq!(evidence["pose"]["prior"], 0.0);
+        assert_eq!(evidence["pose"]["rig_deviation"], 7.0);
+        assert_eq!(
+            evidence["views"],
+            serde_json::json!([{
+                "visible": 0.5, "detector": 0.0, "coordinates": 0.1, "contour": 0.2, "color": 0.3,
+                "mutual_information": 0.4, "texture": 0.5
+            }])
+        );
         assert_eq!(object["t_m"], serde_json::json!([1.0, 2.0, 3.0]));
         assert_eq!(
             object["T_world_obj"][0],
@@ -388,5 +443,24 @@ mod tests {
         assert_eq!(object["cameras"][1]["id"], "right");
         assert_eq!(object["cameras"][1]["box"], serde_json::Value::Null);
         assert_eq!(object["cameras"][1]["detected"], false);
+
+        // All keys, and their order.
+        let mut rounded = serde_json::to_value(Report::new(&prediction, &rig)).unwrap();
+        round(&mut rounded);
+        insta::assert_json_snapshot!(rounded);
+    }
+
+    /// Numbers to 9 digits after the point, without -0.
+    fn round(value: &mut serde_json::Value) {
+        use serde_json::Value;
+        match value {
+            Value::Number(number) if number.is_f64() => {
+                let number = number.as_f64().unwrap_or_default();
+                *value = ((number * 1e9).round() / 1e9 + 0.0).into();
+            }
+            Value::Array(all) => all.iter_mut().for_each(round),
+            Value::Object(all) => all.values_mut().for_each(round),
+            _ => {}
+        }
     }
 }

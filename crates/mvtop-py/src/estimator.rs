@@ -70,11 +70,21 @@ impl NativeEstimator {
         ort_lib: Option<PathBuf>,
         provider: &str,
         threads: usize,
+        inference: BTreeMap<String, String>,
     ) -> PyResult<Self> {
         let unknown = |error: mvtop_core::Error| value(error.to_string());
         let provider = provider.parse().map_err(unknown)?;
         let session = SessionOptions { provider, threads };
-        let options = Options { ort_lib, session };
+        let parsed = |(key, text): (String, String)| {
+            let parsed = serde_json::from_str(&text);
+            let parsed = parsed.map_err(|e| value(format!("inference setting `{key}`: {e}")));
+            Ok((key, parsed?))
+        };
+        let options = Options {
+            ort_lib,
+            session,
+            inference: inference.into_iter().map(parsed).collect::<PyResult<_>>()?,
+        };
         let estimator = compute(py, || Estimator::load(&bundle, &options))?.map_err(python)?;
         let_forks_exit();
         Ok(Self {

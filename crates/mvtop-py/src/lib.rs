@@ -38,6 +38,8 @@ mod _mvtop {
     #[pymodule_export]
     use super::cli::{eval_bop, run_cli};
     #[pymodule_export]
+    const PIPELINE_VERSION: u32 = mvtop_core::config::PIPELINE_VERSION;
+    #[pymodule_export]
     use super::estimator::{NativeEstimator, NativePrediction, NativeTracker};
     #[pymodule_export]
     use super::metrics::{

@@ -8,7 +8,11 @@ const RADIUS: f64 = 0.07;
 
 /// Objects of any size.
 fn associate(views: &[Vec<LineOfSight>]) -> Vec<Vec<Option<usize>>> {
-    super::associate(views, &[[0.0, f64::INFINITY]; 2])
+    of_sizes(views, &[[0.0, f64::INFINITY]; 2])
+}
+
+fn of_sizes(views: &[Vec<LineOfSight>], radii: &[[f64; 2]]) -> Vec<Vec<Option<usize>>> {
+    super::associate(&AssociationConfig::default(), views, radii)
 }
 
 fn sight(camera: [f64; 3], ball: [f64; 3]) -> LineOfSight {
@@ -144,7 +148,7 @@ fn cameras_that_face_each_other_see_one_object_between_them() {
             let a = sight(near, [aside, 0.0, depth]);
             let mut b = sight(far, [aside - 0.002, 0.002, depth]);
             b.sin_radius *= 1.05;
-            let (ball, _) = meet(&a, &b).unwrap();
+            let (ball, _) = meet(&AssociationConfig::default(), &a, &b).unwrap();
             let off = (ball.center - Vector3::new(aside, 0.0, depth)).norm();
             assert!(off < 0.05, "{off} m");
             assert_eq!(associate(&[vec![a], vec![b]]), [[Some(0), Some(0)]]);
@@ -169,13 +173,9 @@ fn boxes_that_agree_on_a_size_the_object_cannot_have_do_not_match() {
         ([0.01, 0.06], 1),
         ([0.01, 0.05], 3),
     ] {
-        assert_eq!(
-            super::associate(&views, &[radii]).len(),
-            objects,
-            "{radii:?}"
-        );
+        assert_eq!(of_sizes(&views, &[radii]).len(), objects, "{radii:?}");
     }
-    assert_eq!(super::associate(&views, &[]).len(), 3, "no such class");
+    assert_eq!(of_sizes(&views, &[]).len(), 3, "no such class");
 }
 
 #[test]

@@ -9,9 +9,10 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
 use super::{CloseUps, Detector, Input, PoseInput, SelfTest, SurfacePoint};
-use crate::confidence::Confidence;
+use crate::config::{InferenceConfig, PIPELINE_VERSION};
 use crate::mesh::{Mesh, load_ply};
 use crate::rays::LosEncoding;
+use crate::scorer::Scorer;
 use crate::symmetry::{Axis, Symmetry};
 use crate::transform::from_matrix;
 use crate::{Error, Result, file, json};
@@ -38,8 +39,16 @@ pub(super) struct Manifest {
     pub los_encoding: LosEncoding,
     pub classes: Vec<ManifestClass>,
     pub detector: Detector,
+    /// Of bundles that were calibrated for an earlier pipeline.
     #[serde(default)]
-    pub confidence: Option<Confidence>,
+    confidence: Option<serde::de::IgnoredAny>,
+    #[serde(default)]
+    pub scorer: Option<Scorer>,
+    /// What the scorer was fitted for.
+    #[serde(default)]
+    pipeline_version: Option<u32>,
+    #[serde(default)]
+    pub inference: InferenceConfig,
     #[serde(default)]
     pub closeup: Option<ManifestCloseUp>,
     pub graphs: Graphs,
@@ -207,6 +216,22 @@ pub(super) struct PointsFile {
 }
 
 impl Manifest {
+    /// Refuses a calibration for another version of the pipeline; the text is the problem.
+    fn check_pipeline(&self) -> Result<(), String> {
+        let fitted = match (&self.scorer, self.pipeline_version, &self.confidence) {
+            (Some(_), version, _) => version.unwrap_or(1),
+            (None, _, Some(_)) => 1,
+            (None, _, None) => return Ok(()),
+        };
+        if fitted == PIPELINE_VERSION {
+            return Ok(());
+        }
+        Err(format!(
+            "was calibrated for version {fitted} of the pipeline, expected {PIPELINE_VERSION}; calibrate \
+             it anew with `python -m mvtop_train.calibrate --bundle DIR --data DATA`"
+        ))
+    }
+
     /// What serde cannot check; the text is the problem.
     pub fn check(&self) -> Result<(), String> {
         let (width, height) = (self.input.width, self.input.height);
@@ -240,16 +265,14 @@ impl Manifest {
         let detector = self.detector;
         let shares = [detector.score_threshold, detector.nms_iou];
         let mut shares = shares.into_iter().chain(detector.agree_threshold);
-        let supported = (0.0..=1.0).contains(&detector.support_threshold);
-        let printed = (detector.print_threshold).is_none_or(|x| (-1.0..=1.0).contains(&x));
-        let bounded = detector.most_deviation > 0.0 && detector.most_deviation.is_finite();
-        if !(supported && printed && bounded && shares.all(|x| (0.0..=1.0).contains(&x))) {
+        if !shares.all(|x| (0.0..=1.0).contains(&x)) {
             return Err(format!(
-                "detector has {detector:?}, expected numbers from 0 to 1 (print_threshold from -1), and a \
-                 most_deviation above 0"
+                "detector has {detector:?}, expected numbers from 0 to 1"
             ));
         }
-        self.confidence.as_ref().map_or(Ok(()), Confidence::check)?;
+        self.check_pipeline()?;
+        self.inference.check()?;
+        self.scorer.as_ref().map_or(Ok(()), Scorer::check)?;
         if self.classes.is_empty() {
             return Err("classes are empty, expected at least one".into());
         }

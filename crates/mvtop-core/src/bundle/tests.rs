@@ -400,3 +400,72 @@ fn mesh_of_a_class_is_read_and_checked() {
     let unlisted = refusal(|m| m["classes"][0]["mesh"] = json!("m.ply"));
     assert!(unlisted.contains("used but not listed"), "{unlisted}");
 }
+
+#[test]
+fn calibrations_for_another_pipeline_are_refused() {
+    let earlier = refusal(|m| m["confidence"] = json!({"within_deg": 5.0, "weights": {}}));
+    let says = [
+        "version 1 of the pipeline, expected 2",
+        "mvtop_train.calibrate",
+    ];
+    assert!(says.iter().all(|part| earlier.contains(part)), "{earlier}");
+    let scorer = || serde_json::to_value(Scorer::default()).unwrap();
+    // Unversioned, earlier, later.
+    for version in [None, Some(1), Some(3)] {
+        let problem = refusal(|m| {
+            m["scorer"] = scorer();
+            if let Some(version) = version {
+                m["pipeline_version"] = json!(version);
+            }
+        });
+        let fitted = format!("version {} of the pipeline", version.unwrap_or(1));
+        assert!(problem.contains(&fitted), "{problem}");
+    }
+    // Of this one; what is left over from an earlier calibration does not matter.
+    let dir = bundle(|m| {
+        m["scorer"] = scorer();
+        m["pipeline_version"] = json!(2);
+        m["confidence"] = json!({});
+    });
+    assert_eq!(
+        Bundle::load(dir.path()).unwrap().scorer,
+        Some(Scorer::default())
+    );
+    // Without a calibration there is nothing to refuse.
+    let dir = bundle(|m| m["pipeline_version"] = json!(1));
+    assert_eq!(Bundle::load(dir.path()).unwrap().scorer, None);
+}
+
+#[test]
+fn settings_of_inference_are_read_and_checked() {
+    let dir = bundle(|m| m["inference"] = json!({"search": {"settled": 0.7}}));
+    let bundle = Bundle::load(dir.path()).unwrap();
+    let mut expected = InferenceConfig::default();
+    expected.search.settled = 0.7;
+    assert_eq!(bundle.inference, expected);
+    let unknown = refusal(|m| m["inference"] = json!({"search": {"setled": 0.7}}));
+    assert!(unknown.contains("setled"), "{unknown}");
+    let impossible = refusal(|m| m["inference"] = json!({"search": {"settled": 1.7}}));
+    assert!(impossible.contains("search.settled"), "{impossible}");
+    let scorer = refusal(|m| {
+        m["pipeline_version"] = json!(2);
+        m["scorer"] = serde_json::to_value(Scorer::default()).unwrap();
+        m["scorer"]["refined"]["view"]["smell"] = json!(1.0);
+    });
+    assert!(scorer.contains("\"smell\""), "{scorer}");
+}
+
+#[test]
+fn bundles_of_the_fixtures_are_read() {
+    for (name, closeups) in [("tiny", true), ("tiny/portable", true), ("whole", false)] {
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../../fixtures")
+            .join(name);
+        let bundle = Bundle::load(&dir).unwrap();
+        assert_eq!(matches!(bundle.poses, PoseInput::CloseUps(_)), closeups);
+        assert_eq!(
+            (bundle.scorer, bundle.inference),
+            (None, InferenceConfig::default())
+        );
+    }
+}

@@ -9,7 +9,7 @@ use super::adjust::{Object, Scene, Sighting, adjusted};
 use crate::estimator::{Estimator, PredictOptions};
 use crate::image::ViewImage;
 use crate::refine::View;
-use crate::refine::lines::Lines;
+use crate::refine::correspondence_lines::CorrespondenceLines;
 use crate::{Error, Result, Rig};
 
 /// How far single images may be off an object's distance, as a share of it.
@@ -139,10 +139,10 @@ pub fn sightings(estimator: &Estimator, rig: &Rig, sets: &[Vec<ViewImage>]) -> R
                     camera: &camera,
                     image: &view.image,
                 };
-                let Some(mut lines) = Lines::new(refiner, &shown, &pose)? else {
+                let Some(mut lines) = CorrespondenceLines::new(refiner, &shown, &pose)? else {
                     continue;
                 };
-                let Some(told) = lines.told(refiner, &pose, 1.0) else {
+                let Some(told) = lines.measure(&pose, 1.0) else {
                     continue;
                 };
                 all.push(Alone {
@@ -152,7 +152,7 @@ pub fn sightings(estimator: &Estimator, rig: &Rig, sets: &[Vec<ViewImage>]) -> R
                         camera: view.camera,
                         object: 0,
                         cam_from_obj: pose,
-                        edges: told.edges,
+                        edges: told.information,
                     },
                 });
             }

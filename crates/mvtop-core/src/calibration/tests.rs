@@ -3,6 +3,7 @@ use nalgebra::{Matrix6, Point3, UnitQuaternion, Vector3};
 
 use super::*;
 use crate::pose::{rotation_error_deg, translation_error};
+use crate::refine::Refiner;
 use crate::refine::tests::{Draw, camera, cuboid, seen};
 
 /// What a view tells of an object: px by radians of turns and metres of shifts, camera frame.
@@ -219,8 +220,9 @@ fn cameras_come_back_by_the_edges_of_what_they_see() {
             views.push(Seen {
                 camera: index,
                 object,
-                refiner: &refiner,
-                lines: Lines::new(&refiner, &view, &cam_from_obj).unwrap().unwrap(),
+                lines: CorrespondenceLines::new(&refiner, &view, &cam_from_obj)
+                    .unwrap()
+                    .unwrap(),
             });
         }
         let off = Isometry3::from_parts((draw.direction() * 0.003).into(), draw.rotation(0.05));

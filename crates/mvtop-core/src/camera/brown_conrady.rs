@@ -30,6 +30,8 @@ pub struct BrownConrady {
     params: [f64; 14],
     /// Radius at which `g r` stops rising; beyond it the image would fold back.
     fold: f64,
+    /// Square of a radius up to which nothing folds for certain.
+    calm: f64,
     /// `None` for a sensor that is not tilted, as nearly all are.
     tilt: Option<Box<Tilt>>,
 }
@@ -52,9 +54,11 @@ impl ProjectionModel for BrownConrady {
     fn from_finite(params: &[f64]) -> Self {
         let params: [f64; 14] = padded(params);
         let [k1, k2, _, _, k3, k4, k5, k6, _, _, _, _, tx, ty] = params;
+        let fold = fold([k1, k2, k3], [k4, k5, k6]);
         Self {
             params,
-            fold: fold([k1, k2, k3], [k4, k5, k6]),
+            fold,
+            calm: calm(&params, fold),
             tilt: Tilt::new(tx, ty).map(Box::new),
         }
     }
@@ -97,6 +101,21 @@ impl BrownConrady {
         let (image, jacobian) = self.map(&point);
         let shown = self.in_range(&point, &jacobian);
         [image.x, image.y].map(|x| if shown { x } else { f64::NAN })
+    }
+
+    /// Whether points of the plane z = 1 are so near the axis that [`BrownConrady::distort_calm`] does.
+    #[inline(always)]
+    pub(super) fn is_calm<const N: usize>(&self, [x, y]: &[[f64; N]; 2]) -> bool {
+        // Without branches.
+        (0..N).fold(true, |calm, i| {
+            calm & (x[i] * x[i] + y[i] * y[i] <= self.calm)
+        })
+    }
+
+    /// [`BrownConrady::distort_or_nan`] where nothing folds.
+    #[inline(always)]
+    pub(super) fn distort_calm(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        self.map(&Point2::new(x, y)).0.into()
     }
 
     /// Whether the sensor is not tilted.
@@ -219,6 +238,28 @@ fn along(homography: &Matrix3<f64>, point: &Point2<f64>) -> Option<Point2<f64>> 
     on_plane(&Point3::from(moved))
 }
 
+/// Square of a radius, below the fold, up to which the Jacobian's determinant is above 0 for certain: where
+/// its entries differ from the identity's by less than a half in each row. A bound: 0 of lenses that bend
+/// strongly everywhere.
+fn calm(params: &[f64; 14], fold: f64) -> f64 {
+    let [k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, _, _] = params.map(f64::abs);
+    let is_calm = |r2: &f64| {
+        let r2 = *r2;
+        let series = |a: f64, b: f64, c: f64| r2 * (a + r2 * (b + r2 * c));
+        let slope = |a: f64, b: f64, c: f64| a + r2 * (2.0 * b + r2 * 3.0 * c);
+        let (over, under) = (series(k1, k2, k3), series(k4, k5, k6));
+        let (d_over, d_under) = (slope(k1, k2, k3), slope(k4, k5, k6));
+        let least = 1.0 - under;
+        let g = (over + under) / least;
+        let dg = (d_over + (1.0 + over) / least * d_under) / least;
+        let prism = s1 + s3 + 2.0 * r2 * (s2 + s4);
+        let row = g + 3.0 * r2 * dg + 8.0 * r2.sqrt() * (p1 + p2 + prism);
+        r2 < 0.99 * fold * fold && least > 0.1 && row < 0.5
+    };
+    let mut tried = (0..100).map(|n| 4.0 * 0.9_f64.powi(n));
+    tried.find(is_calm).unwrap_or(0.0)
+}
+
 /// The first radius at which `g r` stops rising or `g` has a pole, at most [`WIDEST`].
 fn fold([k1, k2, k3]: [f64; 3], [k4, k5, k6]: [f64; 3]) -> f64 {
     let over = [1.0, k1, k2, k3];
@@ -238,4 +279,37 @@ fn fold([k1, k2, k3]: [f64; 3], [k4, k5, k6]: [f64; 3]) -> f64 {
         .sqrt()
         // A hair inside: rounding must not put the end of the range on the far side of a pole.
         * (1.0 - SETTLED)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_folds_where_a_lens_is_calm() {
+        let lenses: [(&[f64], f64); 5] = [
+            (&[-0.1, 0.01, 0.001, -0.001, 0.0], 0.5),
+            (&[-0.3, 0.1, 0.01, -0.01, 0.0], 0.2),
+            (&[8.0, -3.0, 0.001, 0.0, 0.2, 8.4, -1.0, 0.5], 0.0),
+            (
+                &[
+                    0.4, -0.2, 0.02, 0.01, 0.1, 0.3, 0.1, -0.1, 0.02, 0.01, -0.03, 0.01,
+                ],
+                0.02,
+            ),
+            (&[300.0, 0.0, 5.0, 5.0], 0.0),
+        ];
+        for (params, least) in lenses {
+            let lens = BrownConrady::new(params).unwrap();
+            assert!(lens.calm >= least, "{} of {params:?}", lens.calm);
+            for i in 0..1000 {
+                let (share, angle) = (f64::from(i) / 999.0, f64::from(i));
+                let radius = (lens.calm * share).sqrt() * (1.0 - 1e-12);
+                let point = [radius * angle.cos(), radius * angle.sin()];
+                assert!(lens.is_calm(&point.map(|x| [x])));
+                assert_eq!(lens.distort_calm(point), lens.distort_or_nan(point));
+            }
+            assert!(!lens.is_calm(&[[0.0, f64::NAN], [0.0, 0.0]]));
+        }
+    }
 }

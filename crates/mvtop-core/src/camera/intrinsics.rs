@@ -263,8 +263,18 @@ impl Branchless<'_> {
             }
             Self::BrownConrady(lens, distortion) => {
                 for i in 0..N {
-                    let [on_x, on_y] = distortion.distort_or_nan(plane(&point(i)));
-                    [x[i], y[i]] = lens.pixel(on_x, on_y);
+                    [x[i], y[i]] = plane(&point(i));
+                }
+                if distortion.is_calm(&[x, y]) {
+                    for i in 0..N {
+                        let [on_x, on_y] = distortion.distort_calm([x[i], y[i]]);
+                        [x[i], y[i]] = lens.pixel(on_x, on_y);
+                    }
+                } else {
+                    for i in 0..N {
+                        let [on_x, on_y] = distortion.distort_or_nan([x[i], y[i]]);
+                        [x[i], y[i]] = lens.pixel(on_x, on_y);
+                    }
                 }
             }
         }

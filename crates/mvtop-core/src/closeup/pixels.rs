@@ -143,6 +143,12 @@ fn byte(words: &[u32; LANES], bit: usize) -> [f32; LANES] {
     words.map(|word| (word >> bit & 0xff) as i32 as f32) // as processors convert it
 }
 
+/// From some numbers to others, by a share of the way.
+#[inline(always)]
+fn across(from: &[f32; LANES], to: &[f32; LANES], share: &[f32; LANES]) -> [f32; LANES] {
+    std::array::from_fn(|lane| from[lane] + share[lane] * (to[lane] - from[lane]))
+}
+
 /// An image, read between its pixels.
 pub(super) struct Between<'a> {
     /// Of its pixels, and zeros where these are fewer than are read at once.
@@ -196,14 +202,13 @@ impl<'a> Between<'a> {
                 corner[lane] = word as u32;
             }
         }
-        let channel = |channel: usize| {
+        let mut colors = [[0.0; LANES]; 3];
+        for (channel, color) in colors.iter_mut().enumerate() {
             let [a, b, c, d] = corners.map(|corner| byte(&corner, 8 * channel));
-            let across = |from: &[f32; LANES], to: &[f32; LANES], share: &[f32; LANES]| {
-                std::array::from_fn(|lane| from[lane] + share[lane] * (to[lane] - from[lane]))
-            };
-            across(&across(&a, &b, &right), &across(&c, &d, &right), &below)
-        };
-        [channel(0), channel(1), channel(2)]
+            let (above, under) = (across(&a, &b, &right), across(&c, &d, &right));
+            *color = across(&above, &under, &below);
+        }
+        colors
     }
 
     /// The bytes from `start` on, the first one lowest; zeros after the image.

@@ -4,44 +4,16 @@
 //! six numbers, of which an error of the calibration makes those of two views contradict each other:
 //! lines of sight that miss each other, distances that do not belong to the size, and turns.
 
-use nalgebra::{Isometry3, Matrix3, Matrix6, Rotation3, Vector3, Vector6};
+use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Rotation3, Vector3, Vector6};
 
 use super::{Sight, agreement};
 use crate::bundle::SurfacePoint;
+use crate::config::RigConfig;
 use crate::prediction::Sigma;
-use crate::refine::{self, Refiner};
+use crate::refine::{self, Refiner, Schedule};
 
-/// How far the pose that a view is searched from is expected to be off: turns, degrees, and the
-/// position as a share of the distance.
-const START: (f64, f64) = (10.0, 0.03);
-/// Starts that are nearer to each other are one, as a share of the diameter.
+/// Starts nearer to each other than this share of the diameter are one.
 const SAME_START: f64 = 0.05;
-/// Of an image that shows a smaller share of the edges, the box is believed instead.
-const LEAST_SUPPORTED: f64 = 0.5;
-/// Edges of one view err together: how much larger the covariance is than they say.
-const TOGETHER: f64 = 3.0;
-/// What the best images and meshes err by.
-const BY_EDGES: Error = Error {
-    across: 0.004,
-    along: 0.006,
-    turn: 0.02,
-};
-/// What boxes of hidden or blurred objects err by. They tell nothing of the rotation.
-const BY_BOX: Error = Error {
-    across: 0.03,
-    along: 0.05,
-    turn: 1.0,
-};
-
-/// Standard deviations of a view's own pose.
-struct Error {
-    /// Across the line of sight, as a share of the diameter.
-    across: f64,
-    /// Along it, as a share of the distance.
-    along: f64,
-    /// About each axis, radians.
-    turn: f64,
-}
 
 /// A pose as one view tells it.
 #[derive(Debug, Clone)]
@@ -76,6 +48,13 @@ pub struct Difference {
     pub by_edges: bool,
     /// What of these is most standard deviations.
     pub mostly: Kind,
+    /// From the joint pose to the view's own: turn about the object's center (radians) and shift
+    /// (metres), world frame.
+    pub motion: Vector6<f64>,
+    /// Covariance of the view's own pose, likewise.
+    pub covariance: Matrix6<f64>,
+    /// The object's center at the joint pose, world frame.
+    pub center: Point3<f64>,
 }
 
 /// In what poses differ.
@@ -96,13 +75,14 @@ impl Alone {
     /// - `points`: on the object's surface, object frame, metres
     /// - `world_from_obj`: the pose of all views
     pub fn of(
+        config: &RigConfig,
         refiner: &Refiner,
         view: &refine::View,
         sight: &Sight,
         points: &[SurfacePoint],
         world_from_obj: &Isometry3<f64>,
     ) -> Option<Self> {
-        let shift = agreement(points, &[*sight], world_from_obj)?.shift;
+        let shift = agreement(points, &[*sight], world_from_obj, config.box_sigma)?.shift;
         let mut by_box = *world_from_obj;
         by_box.translation.vector += shift;
         let to_object = |pose: &Isometry3<f64>| {
@@ -110,10 +90,17 @@ impl Alone {
         };
         let distance = to_object(&by_box).norm();
         let sigma = Sigma {
-            rot_deg: START.0,
-            t_m: START.1 * distance,
+            rot_deg: config.view_prior[0],
+            t_m: config.view_prior[1] * distance,
         };
-        let from = |start| refiner.refine_coarsely(std::slice::from_ref(view), start, sigma);
+        let from = |start| {
+            refiner.refine(
+                std::slice::from_ref(view),
+                start,
+                sigma,
+                Schedule::CoarseOnly,
+            )
+        };
         // Where the box is where the pose has it, both searches would be one.
         let apart = shift.norm() > SAME_START * refiner.diameter_m();
         let (joint, boxed) = rayon::join(
@@ -123,13 +110,23 @@ impl Alone {
         let best = [boxed, joint]
             .into_iter()
             .flatten()
-            .filter(|found| found.supported > LEAST_SUPPORTED)
-            .reduce(|a, b| if b.supported > a.supported { b } else { a });
+            .filter(|found| found.contour_inliers > config.min_contour_inliers)
+            .reduce(|a, b| {
+                if b.contour_inliers > a.contour_inliers {
+                    b
+                } else {
+                    a
+                }
+            });
         let best = best.and_then(|best| Some((best.information.cholesky()?.inverse(), best)));
         let by_edges = best.is_some();
-        let (pose, told, error) = match best {
-            Some((told, best)) => (best.world_from_obj, told * TOGETHER, BY_EDGES),
-            None => (by_box, Matrix6::zeros(), BY_BOX),
+        let (pose, told, [across, along_share, turn]) = match best {
+            Some((told, best)) => (
+                best.world_from_obj,
+                told * config.covariance_factor,
+                config.contour_floor,
+            ),
+            None => (by_box, Matrix6::zeros(), config.box_floor),
         };
         let along = to_object(&pose);
         let up = match along.x.abs() < along.y.abs() {
@@ -137,17 +134,13 @@ impl Alone {
             false => Vector3::y(),
         };
         let sight_from_world = Rotation3::look_at_rh(&-along, &up);
-        let across = (error.across * refiner.diameter_m()).powi(2);
-        let place = Vector3::new(across, across, (error.along * distance).powi(2));
+        let across = (across * refiner.diameter_m()).powi(2);
+        let place = Vector3::new(across, across, (along_share * distance).powi(2));
         let axes = sight_from_world.matrix();
         let place = axes.transpose() * Matrix3::from_diagonal(&place) * axes;
-        let mut covariance = told + Matrix6::from_diagonal_element(error.turn.powi(2));
+        let mut covariance = told + Matrix6::from_diagonal_element(turn.powi(2));
         for (row, column) in (0..9).map(|i| (i / 3, i % 3)) {
-            let by_turn = if row == column {
-                error.turn.powi(2)
-            } else {
-                0.0
-            };
+            let by_turn = if row == column { turn.powi(2) } else { 0.0 };
             covariance[(3 + row, 3 + column)] += place[(row, column)] - by_turn;
         }
         Some(Self {
@@ -189,7 +182,11 @@ pub fn differences(
     let agreed = information.cholesky()?.solve(&pull);
     let differences = told.into_iter().map(|(one, exact, motion)| {
         let off = motion - agreed;
-        difference(one, &exact, &off)
+        Difference {
+            motion,
+            center: around * center,
+            ..difference(one, &exact, &off)
+        }
     });
     let differences: Vec<Difference> = differences.collect();
     let finite = differences.iter().all(|one| one.deviation.is_finite());
@@ -223,5 +220,8 @@ fn difference(one: &Alone, exact: &Matrix6<f64>, off: &Vector6<f64>) -> Differen
         turn: turn.norm(),
         by_edges: one.by_edges,
         mostly: mostly.map_or(Kind::Across, |(kind, _)| kind),
+        motion: *off,
+        covariance: one.covariance,
+        center: Point3::origin(),
     }
 }

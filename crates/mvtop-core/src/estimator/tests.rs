@@ -1,17 +1,17 @@
 //! The whole flow with a network that answers from geometry alone.
 
-mod again;
 mod arguments;
 mod closer;
 mod closeups;
-mod completed;
+mod coordinates;
 mod detected;
 mod doubts;
 mod frames;
-mod rolled;
+mod instances;
+mod judged;
+mod proposers;
 
-use super::pose::{DecodedPose, mean_rotation};
-use super::sightings::Sighting;
+use super::grouping::mean_rotation;
 use super::*;
 use crate::bundle::{Class, CloseUps, Detector, Input, PoseInput};
 use crate::image::Letterbox;
@@ -50,12 +50,10 @@ fn bundle() -> Bundle {
         detector: Detector {
             score_threshold: 0.3,
             agree_threshold: None,
-            support_threshold: 0.0,
-            print_threshold: None,
-            most_deviation: 4.1,
             nms_iou: 0.5,
         },
-        confidence: None,
+        scorer: None,
+        inference: InferenceConfig::default(),
         poses: PoseInput::WholeImages {
             strides: vec![STRIDE, 16],
         },

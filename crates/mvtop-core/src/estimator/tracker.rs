@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::kept::{Answers, Kept};
+use super::feature_cache::{Answers, Kept};
 use super::{Estimator, PredictOptions, view};
 use crate::image::ViewImage;
 use crate::{Prediction, Result, Rig};

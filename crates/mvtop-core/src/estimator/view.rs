@@ -7,7 +7,7 @@ use crate::bundle::{Bundle, Input};
 use crate::camera::Camera;
 use crate::image::{Letterbox, ViewImage, fill, is_one_color};
 use crate::prediction::{Warning, WarningCode};
-use crate::{BBox, Error, Result, Rig, parallel};
+use crate::{BBox, Error, Result, Rig, parallel, refine};
 
 /// A camera that gave an image.
 pub struct View<'a> {
@@ -19,7 +19,8 @@ pub struct View<'a> {
     pub letterbox: Letterbox,
 }
 
-/// The images with their cameras, in the rig's order whatever order they came in.
+/// The images with their cameras, in the order of the cameras' ids: so that no sum depends on the order
+/// of the images or of the rig.
 pub fn gather<'a>(bundle: &Bundle, rig: &'a Rig, images: &'a [ViewImage]) -> Result<Vec<View<'a>>> {
     let mut views = Vec::new();
     for ViewImage {
@@ -48,7 +49,7 @@ pub fn gather<'a>(bundle: &Bundle, rig: &'a Rig, images: &'a [ViewImage]) -> Res
             letterbox: Letterbox::new(camera.width(), camera.height(), width, height),
         });
     }
-    views.sort_by_key(|view| view.index);
+    views.sort_by(|a, b| a.camera.id().cmp(b.camera.id()));
     if let Some(twice) = views.windows(2).find(|pair| pair[0].index == pair[1].index) {
         let id = twice[0].camera.id();
         return Err(Error::Input(format!(
@@ -90,6 +91,14 @@ pub fn tensor(views: &[View], input: &Input) -> Result<Array4<f32>> {
 }
 
 impl View<'_> {
+    /// As the refinement takes it.
+    pub fn refined(&self) -> refine::View<'_> {
+        refine::View {
+            camera: self.camera,
+            image: self.image,
+        }
+    }
+
     /// The part within the image of a box of the detector's input.
     pub fn image_box(&self, bbox: BBox) -> Option<BBox> {
         let bbox = self.letterbox.image_box(bbox);

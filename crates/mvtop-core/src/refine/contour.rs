@@ -1,120 +1,119 @@
-//! Where the edges of a part lie in a close-up, and which of them can be found again in the image.
+//! Visible edges of a mesh in a crop, sampled at contour points.
 
 use nalgebra::{Point2, Point3, Vector2};
 
-use super::part::{BACKGROUND, Part};
-use super::raster::{Raster, Seen};
+use super::RefineConfig;
+use super::mesh_model::{BACKGROUND, MeshEdge, MeshModel};
+use super::raster::{ProjectedVertex, Raster};
 
-/// Points on the edges of one view, about.
-const POINTS: f64 = 220.0;
-/// Least distance of two points, px.
-const CLOSEST: f64 = 1.5;
-/// How far beside an edge is looked which sides it has, px.
-const BESIDE: f64 = 1.5;
-/// How far behind what is seen beside it a point may lie and still count as seen, as a share of the
-/// diameter: further where the surface folds over, as it bends towards the camera there.
-const BEHIND: f64 = 0.03;
-const BEHIND_FOLD: f64 = 0.1;
-
-/// A point of an edge, and what lies to both sides of it.
+/// A point of a visible edge.
 #[derive(Debug, Clone, Copy)]
 pub struct EdgePoint {
-    /// Px.
+    /// Px of the crop.
     pub pixel: Point2<f64>,
     /// Unit vector across the edge, outwards.
     pub normal: Vector2<f64>,
-    /// Close-up's frame, metres.
+    /// Crop's frame, metres.
     pub point: Point3<f64>,
-    /// Label of the side within and of the one outside; the same one twice where only a
-    /// change of color can tell them apart.
+    /// Segments on the inner and the outer side.
     pub sides: [u8; 2],
 }
 
 impl EdgePoint {
-    /// Whether regions tell its sides apart.
-    pub fn parts_regions(&self) -> bool {
+    /// Whether its sides are different segments, so that regions locate it.
+    pub fn separates_segments(&self) -> bool {
         self.sides[0] != self.sides[1]
     }
 
-    /// Whether it is of the object's outline.
+    /// Whether it belongs to the object's outline.
     pub fn is_outline(&self) -> bool {
         self.sides[1] == BACKGROUND
     }
 }
 
-/// An edge as it lies in the picture.
-struct Segment {
-    ends: [Seen; 2],
+/// An edge of the mesh in a crop.
+struct ProjectedEdge {
+    ends: [ProjectedVertex; 2],
     normal: Vector2<f64>,
     length: f64,
-    folds: bool,
+    /// Whether both of its triangles lie on one side of it.
+    is_fold: bool,
 }
 
-/// Points spread evenly over the edges that can be seen, written to `points`.
-///
-/// - `segments`: memory that is used again
-pub fn points(part: &Part, raster: &Raster, diameter: f64, points: &mut Vec<EdgePoint>) {
+/// Writes points spread evenly over the visible edges to `points`, whose memory is reused.
+pub fn sample_edges(
+    mesh: &MeshModel,
+    raster: &Raster,
+    diameter: f64,
+    config: &RefineConfig,
+    points: &mut Vec<EdgePoint>,
+) {
     points.clear();
-    let segments: Vec<Segment> = part
-        .edges
-        .iter()
-        .filter_map(|edge| segment(edge.ends, edge.across, edge.marked, raster))
-        .collect();
-    // First with every pixel, to know how many are seen.
-    let seen: f64 = segments
-        .iter()
-        .filter_map(|segment| at(segment, 0.5, raster, diameter).map(|_| segment.length))
-        .sum();
-    let step = (seen / POINTS).max(CLOSEST);
+    let edges = mesh.edges.iter().filter_map(|edge| projected(edge, raster));
+    let edges: Vec<ProjectedEdge> = edges.collect();
+    let at = |edge: &ProjectedEdge, share| edge_point(edge, share, raster, diameter, config);
+    // An edge counts towards the visible length if its middle is visible.
+    let visible = edges.iter().filter(|edge| at(edge, 0.5).is_some());
+    let length: f64 = visible.map(|edge| edge.length).sum();
+    let step = (length / config.contour_points).max(config.contour_margin_px);
     let mut next = step / 2.0;
-    for segment in &segments {
-        while next < segment.length {
-            points.extend(at(segment, next / segment.length, raster, diameter));
+    for edge in &edges {
+        while next < edge.length {
+            points.extend(at(edge, next / edge.length));
             next += step;
         }
-        next -= segment.length;
+        next -= edge.length;
     }
 }
 
-/// An edge where it may be seen: where the surface folds over, or at marked ones.
-fn segment(ends: [u32; 2], across: [u32; 2], marked: bool, raster: &Raster) -> Option<Segment> {
-    let [a, b] = ends.map(|v| raster.seen[v as usize]);
+/// An edge that may be visible: a fold of the surface, or a marked edge.
+fn projected(edge: &MeshEdge, raster: &Raster) -> Option<ProjectedEdge> {
+    let [a, b] = edge.ends.map(|v| raster.vertices[v as usize]);
     let along = b.pixel - a.pixel;
     let length = along.norm();
     if length < 1e-6 {
         return None;
     }
     let normal = Vector2::new(along.y, -along.x) / length;
-    let side = |v: u32| (raster.seen[v as usize].pixel - a.pixel).dot(&normal);
-    let [one, other] = across.map(side);
-    let folds = (one < 0.0) == (other < 0.0);
-    (folds || marked).then(|| Segment {
+    let side = |v: u32| (raster.vertices[v as usize].pixel - a.pixel).dot(&normal);
+    let [one, other] = edge.across.map(side);
+    let is_fold = (one < 0.0) == (other < 0.0);
+    (is_fold || edge.marked).then(|| ProjectedEdge {
         ends: [a, b],
         normal: if one < 0.0 { normal } else { -normal },
         length,
-        folds,
+        is_fold,
     })
 }
 
-/// The point at a share of a segment's length, where it is seen and its sides differ.
-fn at(segment: &Segment, share: f64, raster: &Raster, diameter: f64) -> Option<EdgePoint> {
-    let [a, b] = segment.ends;
+/// The point at a share of an edge's length; `None` if it is occluded.
+fn edge_point(
+    edge: &ProjectedEdge,
+    share: f64,
+    raster: &Raster,
+    diameter: f64,
+    config: &RefineConfig,
+) -> Option<EdgePoint> {
+    let [a, b] = edge.ends;
     let pixel = a.pixel + (b.pixel - a.pixel) * share;
-    // What lies evenly in the picture lies by 1/z on the edge.
+    // Interpolation in the picture is linear in 1/z.
     let (near_a, near_b) = ((1.0 - share) / a.point.z, share / b.point.z);
     let point = (a.point.coords * near_a + b.point.coords * near_b) / (near_a + near_b);
-    let beside = |distance: f64| raster.index(pixel + segment.normal * distance);
-    let (within, outside) = (beside(-BESIDE)?, beside(BESIDE)?);
-    let sides = [within, outside].map(|index| raster.label(index));
-    let depths = [within, outside].map(|index| raster.depth(index));
-    let behind = if segment.folds { BEHIND_FOLD } else { BEHIND };
-    let hidden = point.z > depths[0].min(depths[1]) + behind * diameter;
+    let margin = config.contour_margin_px;
+    let inner = raster.index(pixel + edge.normal * -margin)?;
+    let outer = raster.index(pixel + edge.normal * margin)?;
+    let sides = [inner, outer].map(|index| raster.label(index));
+    let nearest = raster.depth(inner).min(raster.depth(outer));
+    // A fold bends towards the camera beside its edge.
+    let [at_fold, elsewhere, _] = config.occlusion_tolerance;
+    let tolerance = if edge.is_fold { at_fold } else { elsewhere };
+    let hidden = point.z > nearest + tolerance * diameter;
     if sides[0] == BACKGROUND || (hidden && sides[1] != BACKGROUND) {
         return None;
     }
     Some(EdgePoint {
         pixel,
-        normal: segment.normal,
+        normal: edge.normal,
         point: point.into(),
         sides,
     })

@@ -7,7 +7,7 @@ use ::image::RgbImage;
 use mvtop_core::annotations::{self, TruePose};
 use mvtop_core::calibration::{Expected, observe};
 use mvtop_core::prediction::Sigma;
-use mvtop_core::refine::{Refiner, View};
+use mvtop_core::refine::{Refiner, Schedule, View};
 use mvtop_core::{
     Estimator, Intrinsics, Options, PredictOptions, Rig, Tracker, ViewImage, image, mesh,
 };
@@ -15,7 +15,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 
 use crate::mutate::{changed, edits};
-use crate::{answered, good, repo};
+use crate::{answered, good, repo, shipped};
 
 /// Each case runs a network, some of them often: a share of the cases of files that are read.
 fn one_in(so_many: u32) -> ProptestConfig {
@@ -45,7 +45,9 @@ static EXAMPLE: LazyLock<Example> = LazyLock::new(|| {
         images: rig.cameras().iter().enumerate().map(view).collect(),
         rig,
         known: annotations::load_truth(&at("truth.json")).unwrap(),
-        estimator: Arc::new(Estimator::load(&repo("models/mvball"), &Options::default()).unwrap()),
+        estimator: Arc::new(
+            Estimator::load(shipped("mvball").path(), &Options::default()).unwrap(),
+        ),
     }
 });
 
@@ -135,9 +137,9 @@ proptest! {
         let start = known[0].world_from_obj * Isometry3::new(Vector3::from(off.1), Vector3::from(off.0));
         for start in [&known[0].world_from_obj, &start] {
             let sigma = Sigma { rot_deg: 5.0, t_m: 0.003 };
-            if let Some(found) = refiner.refine(&views, start, sigma) {
+            if let Some(found) = refiner.refine(&views, start, sigma, Schedule::Full) {
                 prop_assert!(finite(&found.world_from_obj));
-                prop_assert!((0.0..=1.0).contains(&found.supported));
+                prop_assert!((0.0..=1.0).contains(&found.contour_inliers));
             }
             for view in &views {
                 let edges = refiner.edges(view, start);

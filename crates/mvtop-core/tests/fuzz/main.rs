@@ -22,6 +22,23 @@ fn good(path: &str) -> Vec<u8> {
     std::fs::read(repo(path)).unwrap()
 }
 
+/// A copy of a shipped bundle, without a calibration for an earlier pipeline.
+fn shipped(name: &str) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for entry in std::fs::read_dir(repo(&format!("models/{name}"))).unwrap() {
+        let from = entry.unwrap().path();
+        std::fs::copy(&from, folder.path().join(from.file_name().unwrap())).unwrap();
+    }
+    let about = folder.path().join("model.json");
+    let mut model: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(&about).unwrap()).unwrap();
+    if model.get("scorer").is_none() {
+        model.as_object_mut().unwrap().remove("confidence");
+        std::fs::write(&about, model.to_string()).unwrap();
+    }
+    folder
+}
+
 /// A sentence, or a value.
 fn answered<T>(answer: mvtop_core::Result<T>) -> Option<T> {
     match answer {
@@ -34,10 +51,11 @@ fn answered<T>(answer: mvtop_core::Result<T>) -> Option<T> {
 }
 
 /// As bundles have it.
-const CONFIDENCE: &str = r#""confidence": {"within_deg": 5.0, "within_m": 0.005, "bias": 6.05,
- "weights": {"deviation": -1.17, "expected_rotation": -1.83, "views": 2.07, "overlap": 4.58},
- "one_view": {"bias": -1.5, "weights": {"supported": 2.0}, "squares": {"supported": -0.5},
- "limits": {"supported": [0.1, 0.95]}}}"#;
+const SCORER: &str = r#""pipeline_version": 2, "scorer": {"within_deg": 5.0, "within_m": 0.005,
+ "refined": {"bias": 1.05, "view_bias": -2.5, "view": {"contour": 4.58, "detector": 1.5},
+ "pose": {"expected_rotation": -1.83, "rig_deviation": -0.7}, "bound": 6.0, "correlation": 0.4},
+ "unrefined": {"bias": -1.5, "view_bias": 0.0, "view": {}, "pose": {"prior": 1.0}, "bound": 4.0,
+ "correlation": 0.0}}"#;
 
 /// A copy of the fixture's bundle.
 fn whole() -> tempfile::TempDir {
@@ -51,16 +69,23 @@ fn whole() -> tempfile::TempDir {
     folder
 }
 
-#[test]
-fn confidences_are_read_where_they_are_good() {
+/// The fixture's bundle with a calibration.
+fn calibrated(scorer: &str) -> tempfile::TempDir {
     let folder = whole();
     let manifest = String::from_utf8(good("fixtures/whole/model.json")).unwrap();
-    let manifest = manifest.replacen('{', &format!("{{{CONFIDENCE}, "), 1);
+    let manifest = manifest.replacen('{', &format!("{{{scorer}, "), 1);
     std::fs::write(folder.path().join("model.json"), manifest).unwrap();
-    let bundle = Bundle::load(folder.path()).unwrap();
-    let found = bundle.confidence.unwrap();
-    assert_eq!(found.odds.weights.len(), 4);
-    assert_eq!(found.one_view.unwrap().limits["supported"], [0.1, 0.95]);
+    folder
+}
+
+#[test]
+fn scorers_are_read_where_they_are_good() {
+    let found = Bundle::load(calibrated(SCORER).path())
+        .unwrap()
+        .scorer
+        .unwrap();
+    assert_eq!(found.refined.view["contour"], 4.58);
+    assert_eq!(found.unrefined.pose["prior"], 1.0);
 }
 
 proptest! {
@@ -100,18 +125,16 @@ proptest! {
     }
 
     #[test]
-    fn confidences(edits in edits()) {
-        let folder = whole();
-        let weights = String::from_utf8_lossy(&changed(CONFIDENCE.as_bytes(), &edits)).into_owned();
-        let manifest = String::from_utf8(good("fixtures/whole/model.json")).unwrap();
-        let manifest = manifest.replacen('{', &format!("{{{weights}, "), 1);
-        std::fs::write(folder.path().join("model.json"), manifest).unwrap();
-        if let Some(found) = answered(Bundle::load(folder.path())).and_then(|b| b.confidence) {
+    fn scorers(edits in edits()) {
+        let scorer = String::from_utf8_lossy(&changed(SCORER.as_bytes(), &edits)).into_owned();
+        let bundle = answered(Bundle::load(calibrated(&scorer).path()));
+        if let Some(found) = bundle.and_then(|bundle| bundle.scorer) {
             // The odds of any evidence are a number.
-            for odds in [Some(&found.odds), found.one_view.as_ref()].into_iter().flatten() {
-                let weights = odds.weights.values().chain(odds.squares.values());
-                prop_assert!(weights.chain([&odds.bias]).all(|weight| weight.abs() < 1e9));
-                prop_assert!(odds.limits.values().all(|[least, most]| least <= most));
+            for weights in [&found.refined, &found.unrefined] {
+                let all = weights.view.values().chain(weights.pose.values());
+                let mut all = all.chain([&weights.bias, &weights.view_bias]);
+                prop_assert!(all.all(|weight| weight.abs() < 1e9));
+                prop_assert!(weights.bound > 0.0 && (0.0..=1.0).contains(&weights.correlation));
             }
             prop_assert!(found.within_deg > 0.0 && found.within_m > 0.0);
         }

@@ -6,3 +6,4 @@ mod onnx;
 mod parity;
 mod pipeline;
 mod reference;
+mod settings;

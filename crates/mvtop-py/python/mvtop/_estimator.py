@@ -41,6 +41,7 @@ class Estimator:
         provider: str = "cpu",
         threads: int = 0,
         ort_lib: str | os.PathLike[str] | None = None,
+        inference: Mapping[str, Any] | None = None,
     ) -> Estimator:
         """Loads a model bundle, a folder with `model.json`.
 
@@ -51,21 +52,27 @@ class Estimator:
         - threads: inside one operation of the network; 0 for one per physical core
         - ort_lib: ONNX Runtime's library; by default $ORT_DYLIB_PATH, else the one of the installed
           package `onnxruntime`. One process can use only one.
+        - inference: settings that replace the bundle's, by dotted path, as {"search.settled": 0.8}
+          (docs/inference.md)
 
         Raises OSError where a file cannot be read, mvtop.Error where the bundle, the library or the
         provider cannot be used.
         """
         self = cls.__new__(cls)
         self._path = os.path.abspath(path or os.environ.get("MVTOP_MODEL") or _shipped.model())
-        self._options = {"provider": provider, "threads": threads, "ort_lib": ort_lib}
+        settings = {key: json.dumps(value) for key, value in (inference or {}).items()}
+        self._options = {
+            "provider": provider, "threads": threads, "ort_lib": ort_lib, "inference": settings,
+        }  # fmt: skip
         self._native = self._load()
         return self
 
     def _load(self) -> NativeEstimator:
         library = self._options["ort_lib"] or _runtime.library()
         return NativeEstimator(
-            self._path, library, self._options["provider"], self._options["threads"]
-        )
+            self._path, library, self._options["provider"], self._options["threads"],
+            self._options["inference"],
+        )  # fmt: skip
 
     def _here(self) -> NativeEstimator:
         """The network in this process: its threads do not survive a fork."""

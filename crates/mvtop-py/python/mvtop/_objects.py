@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import numpy as np
@@ -58,9 +58,15 @@ class RigConsistency:
     """How far projections are beside their boxes where these agree best: root mean square over the
     objects, of the camera where it is greatest, px."""
     deviation: float
-    """How far the views are from one pose of an object, in standard deviations of what each tells
-    by itself; of several objects, the lower median. Warned of above the bundle's
-    `most_deviation`."""
+    """The greatest of the following over its limit for a true rig; above 1 it is warned of."""
+    camera_deviation: float
+    """What corrections of all cameras gain, about standard deviations."""
+    scale_deviation: float
+    """What one scale of the rig, or of its focal lengths, gains, about standard deviations."""
+    box_deviation: float
+    """How far boxes of an object are off each other, standard deviations, lower median."""
+    contradiction: float
+    """Log-likelihood ratio by which two cameras do not show the same objects."""
     worst_camera: str | None
     """Id of the camera where `px` is greatest; None where only two show objects, of which none is
     known to be wrong."""
@@ -82,22 +88,22 @@ class Refinement:
 
     accepted: bool
     """Whether the images fit the refined pose better; otherwise the one before was kept."""
-    supported: float
-    """Share of the mesh's visible edges that the images show where the pose has them."""
-    residual_px: float
-    """Mean distance of these edges from where the images show them, px of close-ups."""
-    overlap: float
-    """How likely a pixel within the silhouette is of the object by its color, less how likely one
-    next to it is, mean over views: 1 where colors tell them apart, 0 where they do not."""
-    explained: float
-    """What knowing the part of the object tells of a pixel's color, bits, mean over views."""
-    explained_least: float
-    """Likewise, of the view where it is least."""
-    sigma_before: Sigma
-    """How far the network expected its pose to be off, as it may have been another one."""
-    print: float | None = None
-    """How far the images look like what is printed on the object, mean over the views that tell:
-    correlation of color and brightness, at most 1; None without print."""
+    contour_inliers: float
+    """Share of the mesh's visible contour points with an edge in the image there, mean over views."""
+    contour_residual_px: float
+    """Mean distance of the visible edges from their projections, px of the crops."""
+    color_separation: float
+    """Mean probability of belonging to the object, by color, of the silhouette's pixels less that of
+    the background's, mean over views: 1 if colors separate them everywhere, 0 if they do not."""
+    mutual_information: float
+    """Mutual information of segment and color, bits per pixel, mean over views."""
+    mutual_information_min: float
+    """Mutual information in the view with the least one."""
+    initial_sigma: Sigma
+    """Expected error of the network's pose."""
+    texture_correlation: float | None = None
+    """Normalised cross-correlation of the surface's colors with the images, at most 1, mean over
+    views; None without texture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,18 +155,17 @@ class ObjectPose:
     quat_wxyz: NDArray[np.float64]
     """Rotation of `ref_from_obj` as a unit quaternion, w >= 0."""
     sigma: Sigma
-    support: float | None
-    """Of what the object would cover in the images at this pose, the share that shows it so, 0 to
-    1: less where it is hidden or only one of the views has a box of it, least where it is something
-    else. None where the model gives no object coordinates."""
+    coordinate_inliers: float | None
+    """Share of the object's projection whose object coordinates agree with the pose, 0 to 1, mean
+    over the views that should show it. None where the model gives no object coordinates."""
     refinement: Refinement | None
     """None where there was none."""
     confidence: float | None
     """Probability that the pose is within the bounds that the model states, 5 degrees and 5 mm if
-    it was made as the shipped ones; None where it states none, or the pose was not refined."""
-    evidence: dict[str, float] | None
-    """What that is computed from, by name (docs/confidence.md); None where the pose was not
-    refined."""
+    it was made as the shipped ones; None of a model that was not calibrated."""
+    evidence: dict[str, Any] | None
+    """What the confidence is made of: `log_odds`, `pose` and `views`, terms by name
+    (docs/confidence.md)."""
     hypotheses: list[Hypothesis]
     """The poses that it may have, far from each other: this one first, then by probability."""
     next_view: str | None

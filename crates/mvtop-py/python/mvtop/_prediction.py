@@ -182,7 +182,7 @@ def _object(found: dict[str, Any]) -> ObjectPose:
         return Hypothesis(place, Sigma(**one["sigma"]), one["probability"])
 
     def refinement(one: dict[str, Any]) -> Refinement:
-        return Refinement(**one | {"sigma_before": Sigma(**one["sigma_before"])})
+        return Refinement(**one | {"initial_sigma": Sigma(**one["initial_sigma"])})
 
     return ObjectPose(
         class_name=found["class"],
@@ -192,7 +192,7 @@ def _object(found: dict[str, Any]) -> ObjectPose:
         world_from_obj=np.array(found["T_world_obj"]),
         quat_wxyz=np.array(found["q_wxyz"]),
         sigma=Sigma(**found["sigma"]),
-        support=found["support"],
+        coordinate_inliers=found["coordinate_inliers"],
         refinement=None if found["refinement"] is None else refinement(found["refinement"]),
         confidence=found["confidence"],
         evidence=found["evidence"],

@@ -36,6 +36,9 @@ fn objects_are_found_where_they_are_whichever_views_see_them() {
             .map(|camera| camera.world_from_cam().rotation)
             .collect();
         assert!(is_mean_of_some(&object.world_from_obj.rotation, &turns));
+        // Each anchor gives another rotation, and they are equally probable.
+        let prior = object.evidence.as_ref().unwrap().pose[0].exp();
+        assert!((prior - 1.0 / turns.len() as f64).abs() < 1e-9, "{prior}");
         for camera in &object.cameras {
             let world = rig.cameras()[camera.camera].world_from_cam() * camera.cam_from_obj;
             assert!(
@@ -58,7 +61,7 @@ fn objects_are_found_where_they_are_whichever_views_see_them() {
     );
 }
 
-/// Scores of the objects and the number of views that see each, best first.
+/// Scores of the objects and the number of views that see each, the highest score first.
 ///
 /// - `seen`: for cameras 0, 1, ... the balls seen there; the first has score 0.9, the second 0.8
 fn found(agree_threshold: Option<f32>, seen: &[&[[f64; 3]]]) -> Vec<(f64, usize)> {
@@ -74,9 +77,12 @@ fn found(agree_threshold: Option<f32>, seen: &[&[[f64; 3]]]) -> Vec<(f64, usize)
         .unwrap();
     let views = |object: &ObjectPose| object.cameras.iter().filter(|c| c.bbox.is_some()).count();
     let objects = prediction.objects.iter();
-    objects
+    let mut found: Vec<(f64, usize)> = objects
         .map(|object| ((object.score * 1e3).round() / 1e3, views(object)))
-        .collect()
+        .collect();
+    // Poses are in the order of their log-odds.
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found
 }
 
 #[test]

@@ -100,3 +100,59 @@ fn poses_in_the_world_do_not_depend_on_the_reference() {
         }
     }
 }
+
+#[test]
+fn order_of_the_cameras_changes_no_bit() {
+    let balls: &[[f64; 3]] = &BALLS;
+    for views in 2..=8 {
+        let shown = |camera: usize| match camera {
+            1 => &balls[..1],
+            _ => balls,
+        };
+        for from_closeups in [false, true] {
+            // Images go to the network by their cameras' ids, whatever the order in the rig.
+            let ordered = Rig::new(arc(views), 0).unwrap();
+            let seen: Vec<(usize, &[[f64; 3]])> = (0..views).map(|i| (i, shown(i))).collect();
+            let found = |order: &[usize]| {
+                let cameras = order
+                    .iter()
+                    .map(|&i| ordered.cameras()[i].clone())
+                    .collect();
+                let rig = Rig::new(cameras, 0).unwrap();
+                let geometry = Geometry::new(&ordered, &seen);
+                let mut bundle = if from_closeups {
+                    closeup_bundle()
+                } else {
+                    bundle()
+                };
+                bundle.classes[0].points = super::doubts::sphere();
+                let network: Box<dyn Network> = match from_closeups {
+                    true => Box::new(Triangulation(geometry)),
+                    false => Box::new(geometry),
+                };
+                let estimator = Estimator::new(bundle, network);
+                let shuffled: Vec<usize> = (0..views).rev().collect();
+                let images = images(&rig, &shuffled);
+                let prediction = estimator.predict(&rig, &images, &PredictOptions::default());
+                let objects = prediction.unwrap().objects;
+                let each = objects.into_iter().map(|object| {
+                    let seen = object.cameras.iter().filter(|seen| seen.bbox.is_some());
+                    let mut seen: Vec<usize> = seen.map(|seen| order[seen.camera]).collect();
+                    seen.sort_unstable();
+                    let pose = object.world_from_obj.to_homogeneous();
+                    (pose, object.sigma, object.score, seen)
+                });
+                each.collect::<Vec<_>>()
+            };
+            let identity: Vec<usize> = (0..views).collect();
+            let expected = found(&identity);
+            assert!(expected.len() >= 2, "{views} views");
+            let mut rotated = identity.clone();
+            rotated.rotate_left(views / 2);
+            let reversed: Vec<usize> = identity.iter().rev().copied().collect();
+            for order in [rotated, reversed] {
+                assert_eq!(found(&order), expected, "{views} views, {order:?}");
+            }
+        }
+    }
+}

@@ -5,10 +5,10 @@ use crate::bundle::SurfacePoint;
 use crate::consistency::alone::{Alone, Difference, Kind, differences};
 use crate::consistency::{Sight, extent};
 
-/// What the views of a box at the origin tell, with its true pose as that of all views.
+/// Differences between the single-view poses of a box at the origin, near its true pose.
 ///
-/// - `told`: of the true calibration, the one that is claimed
-fn apart(told: impl Fn(usize, &Camera) -> Isometry3<f64>) -> Vec<Difference> {
+/// - `claimed`: the claimed camera pose, by index and true camera
+fn apart(claimed_of: impl Fn(usize, &Camera) -> Isometry3<f64>) -> Vec<Difference> {
     let mesh = cuboid();
     let refiner = Refiner::new(&mesh, 0.15);
     let corner = |v: &Point3<f64>| SurfacePoint {
@@ -23,13 +23,21 @@ fn apart(told: impl Fn(usize, &Camera) -> Isometry3<f64>) -> Vec<Difference> {
         let image = seen(&mesh, &true_camera, &truth, &mut draw);
         let bbox = extent(&points, &true_camera, &truth).unwrap();
         let (size, pinhole) = ([SIDE; 2], true_camera.intrinsics().clone());
-        let claimed = told(index, &true_camera);
+        let claimed = claimed_of(index, &true_camera);
         let camera = &Camera::new(true_camera.id(), size, pinhole, claimed).unwrap();
         let view = View {
             camera,
             image: &image,
         };
-        Alone::of(&refiner, &view, &Sight { camera, bbox }, &points, &truth).unwrap()
+        Alone::of(
+            &crate::config::RigConfig::default(),
+            &refiner,
+            &view,
+            &Sight { camera, bbox },
+            &points,
+            &truth,
+        )
+        .unwrap()
     });
     let alone: Vec<Alone> = alone.collect();
     differences(&refiner, &alone, &truth).unwrap()

@@ -1,9 +1,9 @@
-//! How well images show an object at a pose.
+//! Evidence for a pose.
 
 use super::*;
 
 #[test]
-fn images_are_explained_best_by_the_right_one_of_several_poses() {
+fn mutual_information_is_largest_at_the_correct_pose() {
     let cameras = [0.0, 70.0].map(camera);
     let mut draw = Draw(7);
     for mesh in [ball(), cuboid()] {
@@ -17,9 +17,12 @@ fn images_are_explained_best_by_the_right_one_of_several_poses() {
             let views: Vec<View> = (cameras.iter().zip(&images))
                 .map(|(camera, image)| View { camera, image })
                 .collect();
-            let right = refiner.quality(&views, &truth).unwrap().explained();
-            // Of the ball, the turn that puts the red knob where the green one is; of the box, none
-            // that makes it look the same.
+            let right = refiner
+                .quality(&views, &truth)
+                .unwrap()
+                .mutual_information();
+            // The quarter turn puts the ball's red knob in place of the green one. No turn is a symmetry
+            // of the box.
             let quarter = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 90_f64.to_radians());
             for turn in [
                 draw.rotation(0.5),
@@ -28,7 +31,10 @@ fn images_are_explained_best_by_the_right_one_of_several_poses() {
                 quarter.inverse(),
             ] {
                 let wrong = Isometry3::from_parts(truth.translation, pose * turn);
-                let wrong = refiner.quality(&views, &wrong).unwrap().explained();
+                let wrong = refiner
+                    .quality(&views, &wrong)
+                    .unwrap()
+                    .mutual_information();
                 assert!(wrong < right - 0.02, "{wrong} against {right} by {turn}");
             }
         }
@@ -36,7 +42,7 @@ fn images_are_explained_best_by_the_right_one_of_several_poses() {
 }
 
 #[test]
-fn right_pose_explains_most_also_where_a_view_is_half_hidden() {
+fn mutual_information_is_largest_also_under_occlusion() {
     let mesh = cuboid();
     let refiner = Refiner::new(&mesh, 0.13);
     let cameras = [0.0, 70.0, 140.0].map(camera);
@@ -59,7 +65,7 @@ fn right_pose_explains_most_also_where_a_view_is_half_hidden() {
             let explained = |degrees: f64| {
                 let turn = UnitQuaternion::from_axis_angle(&axis, degrees.to_radians());
                 let pose = Isometry3::from_parts(truth.translation, turn * truth.rotation);
-                refiner.quality(&views, &pose).unwrap().explained()
+                refiner.quality(&views, &pose).unwrap().mutual_information()
             };
             let right = explained(0.0);
             for off in [5.0, -5.0, 20.0, -20.0, 90.0, 180.0] {
@@ -74,7 +80,7 @@ fn right_pose_explains_most_also_where_a_view_is_half_hidden() {
 }
 
 #[test]
-fn edges_are_seen_at_the_true_pose_where_the_image_has_them() {
+fn edges_are_inliers_at_the_true_pose() {
     let (mesh, camera, mut draw) = (cuboid(), camera(70.0), Draw(4));
     let truth = Isometry3::from_parts(Translation3::identity(), draw.rotation(3.0));
     let image = seen(&mesh, &camera, &truth, &mut draw);
@@ -95,7 +101,7 @@ fn edges_are_seen_at_the_true_pose_where_the_image_has_them() {
             let near = (0..3).filter(|&i| (at[i].abs() - half[i]).abs() < 1e-6);
             assert!(near.count() >= 2, "{at}");
         }
-        edges.iter().filter(|edge| edge.supported).count() as f64 / edges.len() as f64
+        edges.iter().filter(|edge| edge.is_inlier).count() as f64 / edges.len() as f64
     };
     let turned = truth * Isometry3::rotation(Vector3::new(0.0, 0.2, 0.0));
     // But for those next to background of the box's own color.
@@ -107,7 +113,7 @@ fn edges_are_seen_at_the_true_pose_where_the_image_has_them() {
 }
 
 #[test]
-fn quality_says_which_view_does_not_show_the_object() {
+fn quality_is_worst_in_the_view_without_the_object() {
     let mesh = cuboid();
     let refiner = Refiner::new(&mesh, 0.13);
     let cameras = [0.0, 70.0, 140.0].map(camera);
@@ -123,17 +129,24 @@ fn quality_says_which_view_does_not_show_the_object() {
     assert_eq!(quality.worst().unwrap().view, 2);
     for shown in [first, second] {
         // Not all of it: some creases lie between faces of like brightness.
-        assert!(shown.supported > 0.5 && shown.supported > hidden.supported + 0.3);
-        assert!(shown.residual_px < 0.7 && shown.residual_px < hidden.residual_px / 2.0);
-        assert!(shown.overlap > 0.7 && shown.overlap > hidden.overlap + 0.2);
+        assert!(
+            shown.contour_inliers > 0.5 && shown.contour_inliers > hidden.contour_inliers + 0.3
+        );
+        assert!(
+            shown.contour_residual_px < 0.7
+                && shown.contour_residual_px < hidden.contour_residual_px / 2.0
+        );
+        assert!(
+            shown.color_separation > 0.7 && shown.color_separation > hidden.color_separation + 0.2
+        );
     }
-    let mean = (first.supported + second.supported + hidden.supported) / 3.0;
-    assert!((quality.supported() - mean).abs() < 1e-12);
-    assert_eq!(Quality::default().explained(), 0.0);
+    let mean = (first.contour_inliers + second.contour_inliers + hidden.contour_inliers) / 3.0;
+    assert!((quality.contour_inliers() - mean).abs() < 1e-12);
+    assert_eq!(Quality::default().mutual_information(), 0.0);
 }
 
 #[test]
-fn a_camera_that_sees_the_knobs_tells_turns_apart_and_one_that_sees_nothing_does_not() {
+fn difference_grows_with_the_angle_and_is_zero_outside_the_image() {
     let refiner = Refiner::new(&ball(), 0.1);
     let pose = Isometry3::identity();
     let turned = |angle: f64| {

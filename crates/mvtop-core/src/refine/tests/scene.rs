@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use crate::camera::Intrinsics;
 use crate::mesh::Mesh;
 use crate::refine::View;
-use crate::refine::part::Part;
+use crate::refine::mesh_model::MeshModel;
 use crate::refine::raster::Raster;
 use crate::{Camera, Projection};
 
@@ -147,7 +147,7 @@ pub(crate) fn background(draw: &mut Draw) -> RgbImage {
     image
 }
 
-/// What a camera sees of a mesh that is lit from the side, before blocks of any colors, with noise.
+/// Image of a mesh lit from the side, in front of blocks of random colors, with noise.
 pub(crate) fn seen(
     mesh: &Mesh,
     camera: &Camera,
@@ -166,7 +166,7 @@ pub(crate) fn seen_before(
     pose: &Isometry3<f64>,
     draw: &mut Draw,
 ) -> RgbImage {
-    let mut part = Part::new(mesh);
+    let mut part = MeshModel::new(mesh);
     // Each label is a color and how bright it is.
     let light = Vector3::new(0.5, -0.8, -0.3).normalize();
     let mut palette: Vec<[f64; 3]> = vec![[0.0; 3]];
@@ -188,9 +188,9 @@ pub(crate) fn seen_before(
         (size as f64 - 1.0) / 2.0,
     );
     let pinhole = Intrinsics::new(focal, focal, middle, middle, Projection::Pinhole).unwrap();
-    let cam_from_obj = camera.world_from_cam().inv_mul(pose);
+    let finer = Camera::new("finer", [size as u32; 2], pinhole, *camera.world_from_cam()).unwrap();
     let mut raster = Raster::default();
-    assert!(raster.draw(&part, &cam_from_obj, &pinhole, size));
+    assert!(raster.render(&part, &finer, pose));
     let mut image = background;
     for (u, v, pixel) in image.enumerate_pixels_mut() {
         let mut sum = [0.0; 3];

@@ -1,0 +1,271 @@
+//! What poses are decoded from: whole images or crops of objects, encoded by the network.
+
+use std::ops::Range;
+
+use ndarray::{Array, Array2, Array3, Array4, ArrayView, Axis, RemoveAxis, concatenate};
+
+use super::instance::Instance;
+use super::view::View;
+use crate::bundle::{Bundle, CloseUps};
+use crate::camera::Camera;
+use crate::closeup::CloseUp;
+use crate::image::Letterbox;
+use crate::network::Network;
+use crate::rays::camera_rays;
+use crate::{BBox, Error, Result};
+
+/// Crops that go through the network at once: bounds the memory.
+const BATCH: usize = 32;
+/// Index of the trust among a cell's object coordinates.
+pub const TRUST: usize = 3;
+
+/// What the network is shown: a whole image, or a crop of it.
+pub struct Crop {
+    /// Index of the view that it is of.
+    pub view: usize,
+    /// The camera that takes it: the real one, or the crop's virtual one.
+    pub camera: Camera,
+    /// How it lies in the network's input.
+    pub letterbox: Letterbox,
+    /// Where its feature cells look, in the camera's frame, `[N, 3]`.
+    pub camera_rays: Array2<f32>,
+}
+
+/// Crops, and the network's features of them.
+pub struct Crops {
+    pub list: Vec<Crop>,
+    /// `[P, N, C]`, in the order of the list.
+    pub memory: Array3<f32>,
+    /// `[P, 4, h, w]`, where the network gives them, see [`Encoded`]; not to be trusted off the image.
+    pub coordinates: Option<Array4<f32>>,
+}
+
+impl Crops {
+    /// - `memory`: `[P, N, C]`, refused where it is of another number of crops
+    pub fn new(list: Vec<Crop>, memory: Array3<f32>) -> Result<Self> {
+        let memory = checked(memory, list.len())?;
+        Ok(Self {
+            list,
+            memory,
+            coordinates: None,
+        })
+    }
+}
+
+/// Objects that the same crops show. They are decoded together: the decoder lets them attend to each
+/// other.
+pub struct Group {
+    /// Of the list, in the rig's order.
+    pub crops: Range<usize>,
+    pub objects: Vec<Query>,
+}
+
+/// An object to decode.
+pub struct Query {
+    /// Its index among all objects.
+    pub object: usize,
+    /// Index into the bundle's classes.
+    pub class: usize,
+    /// In each of the group's crops; at least one is known.
+    pub boxes: Vec<Option<BBox>>,
+}
+
+impl Crop {
+    /// Center and half size of a box, as shares of the network's input.
+    pub fn relative(&self, bbox: BBox) -> ([f64; 2], [f64; 2]) {
+        let bbox = self.letterbox.net_box(bbox);
+        let size = [self.letterbox.net_width, self.letterbox.net_height].map(f64::from);
+        let center = bbox.center();
+        (
+            [(center.x + 0.5) / size[0], (center.y + 0.5) / size[1]],
+            [bbox.width() / 2.0 / size[0], bbox.height() / 2.0 / size[1]],
+        )
+    }
+}
+
+/// The whole images.
+///
+/// - `strides`: of the feature levels
+pub fn whole_images(views: &[View], strides: &[usize]) -> Vec<Crop> {
+    let crop = |(index, view): (usize, &View)| Crop {
+        view: index,
+        camera: view.camera.clone(),
+        letterbox: view.letterbox.clone(),
+        camera_rays: camera_rays(view.camera, &view.letterbox, strides),
+    };
+    views.iter().enumerate().map(crop).collect()
+}
+
+/// All objects as one group, which all views show.
+pub fn in_whole_images(views: &[View], objects: &[Instance]) -> Vec<Group> {
+    let query = |(object, seen): (usize, &Instance)| Query {
+        object,
+        class: seen.class,
+        boxes: seen.boxes(),
+    };
+    vec![Group {
+        crops: 0..views.len(),
+        objects: objects.iter().enumerate().map(query).collect(),
+    }]
+}
+
+/// Crops that are to be taken of an object; at least one.
+pub struct CropRequest<'a> {
+    /// Index into the bundle's classes.
+    pub class: usize,
+    /// By index of the view.
+    pub taken: Vec<(usize, &'a View<'a>, CloseUp)>,
+}
+
+impl<'a> CropRequest<'a> {
+    /// Crops of boxes, px of each image.
+    ///
+    /// - `size`: of the crops, px
+    pub fn boxes(
+        bundle: &Bundle,
+        views: &'a [View],
+        class: usize,
+        boxes: &[Option<BBox>],
+        size: u32,
+    ) -> Result<Self> {
+        let each = views.iter().enumerate().zip(boxes);
+        let crop = |((index, view), bbox): ((usize, &'a View<'a>), &Option<BBox>)| {
+            Some((index, view, CloseUp::new(view.camera, (*bbox)?, size)?))
+        };
+        let taken: Vec<_> = each.filter_map(crop).collect();
+        if taken.is_empty() {
+            let name = &bundle.classes[class].name;
+            return Err(Error::Input(format!(
+                "box of `{name}`: expected one that spans less than half the view around, give a \
+                 smaller one"
+            )));
+        }
+        Ok(Self { class, taken })
+    }
+}
+
+/// Takes crops and encodes them; the crops of each request are a group.
+pub fn encoded(
+    network: &dyn Network,
+    bundle: &Bundle,
+    closeups: &CloseUps,
+    requests: Vec<CropRequest>,
+) -> Result<(Crops, Vec<Group>)> {
+    let mut taken: Vec<(usize, &View, CloseUp)> = Vec::new();
+    let mut groups = Vec::new();
+    for (object, request) in requests.into_iter().enumerate() {
+        let start = taken.len();
+        taken.extend(request.taken);
+        let boxes = taken[start..]
+            .iter()
+            .map(|(.., closeup)| Some(closeup.bbox));
+        groups.push(Group {
+            crops: start..taken.len(),
+            objects: vec![Query {
+                object,
+                class: request.class,
+                boxes: boxes.collect(),
+            }],
+        });
+    }
+
+    let crop = |(index, view, closeup): &(usize, &View, CloseUp)| Crop {
+        view: *index,
+        camera: closeup.camera.clone(),
+        letterbox: closeup.letterbox(),
+        camera_rays: closeup.camera_rays(view.camera, &closeups.strides),
+    };
+    let list: Vec<Crop> = taken.iter().map(crop).collect();
+    let (side, mean, std) = (closeups.size as usize, bundle.input.mean, bundle.input.std);
+    let (mut memory, mut coordinates) = (Vec::new(), Vec::new());
+    for (taken, list) in taken.chunks(BATCH).zip(list.chunks(BATCH)) {
+        let mut tensor = Array4::zeros((taken.len(), 3, side, side));
+        for ((_, view, closeup), pixels) in taken.iter().zip(tensor.outer_iter_mut()) {
+            closeup.fill(pixels, view.camera, view.image, mean, std);
+        }
+        let encoded = network.encode(tensor.view(), rays(list).view())?;
+        memory.push(checked(encoded.memory, list.len())?);
+        if let Some(codes) = encoded.coordinates {
+            coordinates.push(on_images(codes, taken)?);
+        }
+    }
+    let coordinates = joined("coordinates", &coordinates)?;
+    let memory = joined("memory", &memory)?.unwrap_or_default();
+    let crops = Crops {
+        list,
+        memory,
+        coordinates,
+    };
+    Ok((crops, groups))
+}
+
+/// Parts one after the other; `None` without parts.
+fn joined<D: RemoveAxis>(
+    name: &'static str,
+    parts: &[Array<f32, D>],
+) -> Result<Option<Array<f32, D>>> {
+    let views: Vec<ArrayView<f32, D>> = parts.iter().map(|part| part.view()).collect();
+    let mismatch = |cause| Error::Shape {
+        name,
+        expected: format!("the same for all crops ({cause})"),
+        got: parts[0].shape().to_vec(),
+    };
+    let joined = (!views.is_empty()).then(|| concatenate(Axis(0), &views).map_err(mismatch));
+    joined.transpose()
+}
+
+/// Center of a row's cell `n` of `cells`, px of a picture of `side` px.
+pub fn cell_center(n: usize, cells: usize, side: u32) -> f64 {
+    (n as f64 + 0.5) * f64::from(side) / cells as f64 - 0.5
+}
+
+/// The cell in whose column (or row) a pixel lies, of so many; `None` off the image.
+pub fn cell_at(pixel: f64, cells: usize, side: u32) -> Option<usize> {
+    let cell = ((pixel + 0.5) * cells as f64 / f64::from(side)).floor();
+    (0.0..cells as f64).contains(&cell).then_some(cell as usize)
+}
+
+/// The coordinates, without trust where a cell's center is off the real image.
+fn on_images(mut codes: Array4<f32>, taken: &[(usize, &View, CloseUp)]) -> Result<Array4<f32>> {
+    let (crops, axes, rows, columns) = codes.dim();
+    if crops != taken.len() || axes != 4 || rows == 0 || rows != columns {
+        return Err(Error::Shape {
+            name: "coordinates",
+            expected: format!("[{}, 4, h, h]", taken.len()),
+            got: codes.shape().to_vec(),
+        });
+    }
+    for ((_, view, closeup), mut codes) in taken.iter().zip(codes.outer_iter_mut()) {
+        let center = |cell| cell_center(cell, columns, closeup.camera.width());
+        for row in 0..rows {
+            for column in 0..columns {
+                if !closeup.shows(view.camera, center(column), center(row)) {
+                    codes[(TRUST, row, column)] = 0.0;
+                }
+            }
+        }
+    }
+    Ok(codes)
+}
+
+/// Rays of some crops, `[P, N, 3]`.
+pub fn rays(crops: &[Crop]) -> Array3<f32> {
+    let cells = crops.first().map_or(0, |p| p.camera_rays.nrows());
+    let mut rays = Array3::zeros((crops.len(), cells, 3));
+    for (crop, mut row) in crops.iter().zip(rays.outer_iter_mut()) {
+        row.assign(&crop.camera_rays);
+    }
+    rays
+}
+
+/// Refuses a memory of another number of crops.
+fn checked(memory: Array3<f32>, crops: usize) -> Result<Array3<f32>> {
+    if memory.dim().0 == crops {
+        return Ok(memory);
+    }
+    Err(Error::Shape {
+        name: "memory",
+        expected: format!("{crops} crops"),
+        got: memory.shape().to_vec(),
+    })
+}

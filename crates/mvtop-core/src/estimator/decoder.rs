@@ -1,0 +1,200 @@
+//! The decoder's poses of objects.
+
+use std::iter;
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion};
+use ndarray::{Array2, Array3, ArrayView1, Axis, s};
+
+use super::crops::{Crop, Crops, Group, Query};
+use super::grouping::{groups, means};
+use crate::bundle::Bundle;
+use crate::config::SearchConfig;
+use crate::network::{Decoded, Network, Queries};
+use crate::pose::rotation_from_6d;
+use crate::prediction::{Hypothesis, Sigma};
+use crate::rays::{BoxRays, LosEncoding, encode};
+use crate::{Error, Result};
+
+/// The hypotheses of every object, by its index, the most probable first.
+///
+/// An object is decoded anchored in one crop after the other, in the order of its detections: so the
+/// poses depend neither on which camera is the reference nor on the rig's order. Hypotheses near each
+/// other are averaged.
+pub fn hypotheses(
+    network: &dyn Network,
+    bundle: &Bundle,
+    config: &SearchConfig,
+    crops: &Crops,
+    grouped: &[Group],
+) -> Result<Vec<Vec<Hypothesis>>> {
+    let encoding = bundle.los_encoding;
+    let objects = grouped.iter().map(|group| group.objects.len()).sum();
+    let mut classes = vec![0; objects];
+    for query in grouped.iter().flat_map(|group| &group.objects) {
+        classes[query.object] = query.class;
+    }
+    let mut anchored: Vec<Vec<Hypothesis>> = iter::repeat_with(Vec::new).take(objects).collect();
+    for Group {
+        crops: range,
+        objects,
+    } in grouped
+    {
+        for anchor in range.clone() {
+            let place = anchor - range.start;
+            let queries: Vec<&Query> = objects
+                .iter()
+                .filter(|query| {
+                    query
+                        .anchors(config.max_anchors, &crops.list[range.clone()])
+                        .contains(&place)
+                })
+                .collect();
+            if queries.is_empty() {
+                continue;
+            }
+            let others = range.clone().filter(|&crop| crop != anchor);
+            let order: Vec<usize> = iter::once(anchor).chain(others).collect();
+            let memory = crops.memory.select(Axis(0), &order);
+            let shown: Vec<(&Crop, usize)> = order
+                .iter()
+                .map(|&crop| (&crops.list[crop], crop - range.start))
+                .collect();
+            let decoded = network.decode(memory.view(), &inputs(&shown, &queries, encoding))?;
+            decoded.check(queries.len())?;
+            let world_from_anchor = &crops.list[anchor].camera.world_from_cam();
+            for (q, query) in queries.iter().enumerate() {
+                let found = Hypothesis::of_query(world_from_anchor, &decoded, q)?;
+                anchored[query.object].extend(found);
+            }
+        }
+    }
+    let of_class = |(all, class): (_, usize)| {
+        let class = &bundle.classes[class];
+        let groups = groups(all, &class.symmetry, class.diameter_m, config.merge_deg);
+        let mut means = means(&groups, &class.symmetry, class.diameter_m);
+        // Those of each anchor sum up to 1.
+        let total: f64 = means.iter().map(|one| one.probability).sum();
+        means.iter_mut().for_each(|one| one.probability /= total);
+        means
+    };
+    Ok(anchored.into_iter().zip(classes).map(of_class).collect())
+}
+
+impl Query {
+    /// Which of the group's crops are anchors: those with the largest boxes, which show most.
+    fn anchors(&self, most: usize, crops: &[Crop]) -> Vec<usize> {
+        let size = |(at, (bbox, crop)): (usize, (&Option<crate::BBox>, &Crop))| {
+            let angle =
+                bbox.as_ref()?.width().max(bbox.as_ref()?.height()) / crop.camera.intrinsics().fx();
+            Some((at, angle))
+        };
+        let sizes = self.boxes.iter().zip(crops).enumerate();
+        let mut sizes: Vec<(usize, f64)> = sizes.filter_map(size).collect();
+        sizes.sort_by(|a, b| b.1.total_cmp(&a.1));
+        sizes.truncate(most);
+        sizes.into_iter().map(|(at, _)| at).collect()
+    }
+}
+
+/// The decoder's input for objects anchored in the first of `crops`.
+///
+/// - `pictures`: each with its place in the objects' boxes
+fn inputs(crops: &[(&Crop, usize)], objects: &[&Query], encoding: LosEncoding) -> Queries {
+    let (v_len, q_len) = (crops.len(), objects.len());
+    let (anchor, _) = crops[0];
+    let cells = anchor.camera_rays.nrows();
+    let mut queries = Queries {
+        rays: Array3::zeros((v_len, cells, encoding.width())),
+        centers: Array3::from_elem((v_len, q_len, 2), 0.5),
+        half_sizes: Array3::zeros((v_len, q_len, 2)),
+        box_rays: Array3::zeros((v_len, q_len, 12)),
+        valid: Array2::zeros((v_len, q_len)),
+        class_index: objects.iter().map(|query| query.class as i64).collect(),
+    };
+    for (row, (crop, place)) in crops.iter().enumerate() {
+        let world_from_cam = &crop.camera.world_from_cam();
+        let anchor_from_cam = anchor.camera.world_from_cam().inv_mul(world_from_cam);
+        let rays = encode(crop.camera_rays.view(), &anchor_from_cam, encoding);
+        queries.rays.index_axis_mut(Axis(0), row).assign(&rays);
+        for (q, query) in objects.iter().enumerate() {
+            let Some(bbox) = query.boxes[*place] else {
+                continue;
+            };
+            // Boxes without rays are no detections, and are refused where they are given.
+            let Some(rays) = BoxRays::new(&crop.camera, bbox) else {
+                continue;
+            };
+            let (center, half_size) = crop.relative(bbox);
+            for axis in 0..2 {
+                queries.centers[(row, q, axis)] = center[axis] as f32;
+                queries.half_sizes[(row, q, axis)] = half_size[axis] as f32;
+            }
+            for (i, number) in rays.encode(&anchor_from_cam).into_iter().enumerate() {
+                queries.box_rays[(row, q, i)] = number;
+            }
+            queries.valid[(row, q)] = 1.0;
+        }
+    }
+    queries
+}
+
+impl Hypothesis {
+    /// Those of query `q`, from the anchor's frame into the world.
+    pub fn of_query(
+        world_from_anchor: &Isometry3<f64>,
+        decoded: &Decoded,
+        q: usize,
+    ) -> Result<Vec<Self>> {
+        let Some(several) = &decoded.hypotheses else {
+            let [rotation, t, sigma] = [&decoded.rotation_6d, &decoded.translation, &decoded.sigma]
+                .map(|array| array.row(q));
+            return Ok(vec![Self::new(
+                world_from_anchor,
+                [rotation, t, sigma],
+                1.0,
+            )?]);
+        };
+        let scores = several.score.row(q).mapv(f64::from);
+        let most = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let odds = scores.mapv(|score| (score - most).exp());
+        let one = |(k, odd): (usize, &f64)| {
+            let numbers = [&several.rotation_6d, &several.translation, &several.sigma]
+                .map(|array| array.slice(s![q, k, ..]));
+            Self::new(world_from_anchor, numbers, odd / odds.sum())
+        };
+        odds.iter().enumerate().map(one).collect()
+    }
+
+    /// - `numbers`: rotation, translation and sigma, in the anchor's frame
+    fn new(
+        world_from_anchor: &Isometry3<f64>,
+        [rotation, t, sigma]: [ArrayView1<f32>; 3],
+        probability: f64,
+    ) -> Result<Self> {
+        let number = |array: ArrayView1<f32>, i: usize| f64::from(array[i]);
+        let t = [0, 1, 2].map(|i| number(t, i));
+        let sigma = Sigma {
+            rot_deg: number(sigma, 0),
+            t_m: number(sigma, 1),
+        };
+        let all = t.iter().chain([&sigma.rot_deg, &sigma.t_m, &probability]);
+        if !all.copied().all(f64::is_finite) {
+            return Err(Error::Pose(format!(
+                "decoder: expected a finite pose, got translation {t:?} and {sigma:?}"
+            )));
+        }
+        if sigma.rot_deg < 0.0 || sigma.t_m < 0.0 {
+            return Err(Error::Pose(format!(
+                "decoder: expected errors of 0 or more, got {sigma:?}"
+            )));
+        }
+        let rotation = rotation_from_6d([0, 1, 2, 3, 4, 5].map(|i| number(rotation, i)))?;
+        let rotation = UnitQuaternion::from_rotation_matrix(&rotation);
+        let anchor_from_obj = Isometry3::from_parts(Translation3::from(t), rotation);
+        Ok(Self {
+            world_from_obj: world_from_anchor * anchor_from_obj,
+            sigma,
+            probability,
+        })
+    }
+}

@@ -1,0 +1,141 @@
+//! Objects before their poses are known: detected and matched across views, or given by the user.
+
+use ndarray::Axis;
+
+use super::instance::Instance;
+use super::view::View;
+use crate::annotations::GivenBoxes;
+use crate::associate::{LineOfSight, associate};
+use crate::bundle::{Bundle, PoseInput};
+use crate::closeup::CloseUp;
+use crate::config::AssociationConfig;
+use crate::detect::{Detection, peaks};
+use crate::network::DetectorMaps;
+use crate::rays::BoxRays;
+use crate::{BBox, Error, Result, Rig};
+
+/// Boxes of each view that the detector has found in the whole images, in pixels of these.
+pub fn in_whole_images(
+    bundle: &Bundle,
+    views: &[View],
+    maps: &DetectorMaps,
+) -> Vec<Vec<Detection>> {
+    let seen = |(v, view): (usize, &View)| {
+        let found = boxes(bundle, maps, v).into_iter();
+        let in_image = |peak: Detection| {
+            let bbox = view.image_box(peak.bbox)?;
+            Some(Detection { bbox, ..peak })
+        };
+        found.filter_map(in_image).collect()
+    };
+    views.iter().enumerate().map(seen).collect()
+}
+
+/// Boxes that the detector has found in one picture, in pixels of its input.
+pub fn boxes(bundle: &Bundle, maps: &DetectorMaps, picture: usize) -> Vec<Detection> {
+    let faintest = f64::from(bundle.detector.faintest());
+    let scores = maps.scores.index_axis(Axis(0), picture);
+    let boxes = maps.boxes.index_axis(Axis(0), picture);
+    peaks(scores, boxes, faintest, f64::from(bundle.detector.nms_iou))
+}
+
+/// Instances that the boxes of all views show, best score first.
+///
+/// The views count as independent: an instance's score is the probability that not all of them are
+/// wrong. So a box below the threshold becomes an instance together with its match in another view.
+///
+/// - `radii`: least and greatest half width of each class, metres
+/// - `boxes`: `[V][boxes]`, in the images; one that the lens gives no rays for, or of which there is no
+///   close-up where the network needs one, cannot be decoded
+pub fn detected(
+    bundle: &Bundle,
+    config: &AssociationConfig,
+    radii: &[[f64; 2]],
+    views: &[View],
+    boxes: &[Vec<Detection>],
+) -> Vec<Instance> {
+    let threshold = f64::from(bundle.detector.score_threshold);
+    let closeups = matches!(bundle.poses, PoseInput::CloseUps(_));
+    let mut detections: Vec<Vec<Detection>> = Vec::new();
+    let mut lines_of_sight = Vec::new();
+    for (view, boxes) in views.iter().zip(boxes) {
+        let (found, lines) = boxes
+            .iter()
+            .filter(|seen| !closeups || CloseUp::is_of(view.camera, seen.bbox))
+            .filter_map(|seen| Some((*seen, LineOfSight::new(seen.class, view.camera, seen.bbox)?)))
+            .unzip();
+        detections.push(found);
+        lines_of_sight.push(lines);
+    }
+
+    let instance = |members: Vec<Option<usize>>| {
+        let seen = members.iter().zip(&detections);
+        let seen: Vec<Option<Detection>> = seen
+            .map(|(index, found)| index.map(|index| found[index]))
+            .collect();
+        let instance = Instance {
+            class: seen.iter().flatten().next()?.class,
+            detections: seen,
+            candidates: Vec::new(),
+        };
+        (instance.score() >= threshold).then_some(instance)
+    };
+    let members = associate(config, &lines_of_sight, radii);
+    let mut instances: Vec<Instance> = members.into_iter().filter_map(instance).collect();
+    instances.sort_by(|a, b| b.score().total_cmp(&a.score()));
+    instances
+}
+
+/// Objects whose boxes are given, in their order.
+pub fn given(
+    bundle: &Bundle,
+    rig: &Rig,
+    views: &[View],
+    boxes: &[GivenBoxes],
+) -> Result<Vec<Instance>> {
+    let mut objects = Vec::new();
+    for (i, given) in boxes.iter().enumerate() {
+        let role = format!("boxes of object {i}");
+        let Some(class) = bundle.class_index(&given.class) else {
+            return Err(Error::UnknownClass {
+                role,
+                class: given.class.clone(),
+                known: bundle.classes.iter().map(|c| c.name.clone()).collect(),
+            });
+        };
+        for id in given.boxes.keys() {
+            rig.find(&role, id)?;
+        }
+        let mut in_views = Vec::new();
+        for View { camera, .. } in views {
+            let bbox = given.boxes.get(camera.id());
+            let usable = bbox
+                .and_then(|bbox| bbox.clip(camera.width(), camera.height()))
+                .filter(|&bbox| BoxRays::new(camera, bbox).is_some());
+            if let (Some(&bbox), None) = (bbox, usable) {
+                return Err(Error::Input(format!(
+                    "{role}: expected [x0, y0, x1, y1] with x0 < x1 and y0 < y1, a pixel or more of \
+                     each within the image and field of view of camera `{}`, got {:?}",
+                    camera.id(),
+                    <[f64; 4]>::from(bbox)
+                )));
+            }
+            in_views.push(usable);
+        }
+        if in_views.iter().all(Option::is_none) {
+            return Err(Error::Input(format!(
+                "{role}: expected a box in at least one of the given images, got none"
+            )));
+        }
+        let detection = |bbox: Option<BBox>| {
+            let score = 1.0;
+            bbox.map(|bbox| Detection { class, score, bbox })
+        };
+        objects.push(Instance {
+            class,
+            detections: in_views.into_iter().map(detection).collect(),
+            candidates: Vec::new(),
+        });
+    }
+    Ok(objects)
+}

@@ -1,0 +1,77 @@
+//! Suppression of duplicates in space: one thing is one object.
+
+use super::instance::Instance;
+use super::reprojection;
+use super::view::View;
+use crate::bundle::Class;
+use crate::config::SearchConfig;
+use crate::detect::Detection;
+
+/// Suppresses each instance that stands where a better one does.
+///
+/// Two instances are duplicates if their positions are near, or if the better one projects onto all
+/// boxes of the other. The better one takes over the boxes of the other in views without one.
+///
+/// - `radii`: least and greatest half width of each class, metres
+pub fn suppress(
+    config: &SearchConfig,
+    classes: &[Class],
+    views: &[View],
+    radii: &[[f64; 2]],
+    mut instances: Vec<Instance>,
+) -> Vec<Instance> {
+    instances.sort_by(|a, b| {
+        let odds = |one: &Instance| one.best().map_or(f64::NEG_INFINITY, |c| c.scored.log_odds);
+        odds(b).total_cmp(&odds(a))
+    });
+    let mut kept: Vec<Instance> = Vec::new();
+    for one in instances {
+        let better = kept.iter_mut().find(|better| {
+            near(config, radii, better, &one) || explains(config, classes, views, better, &one)
+        });
+        match better {
+            Some(better) if better.class == one.class => adopt(better, &one),
+            Some(_) => {}
+            None => kept.push(one),
+        }
+    }
+    kept
+}
+
+fn near(config: &SearchConfig, radii: &[[f64; 2]], a: &Instance, b: &Instance) -> bool {
+    let (Some(best), Some(other)) = (a.best(), b.best()) else {
+        return false;
+    };
+    let [p, q] = [best, other].map(|one| one.world_from_obj.translation.vector);
+    let reach = radii[a.class][0] + radii[b.class][0];
+    (p - q).norm() < config.duplicate_distance * reach
+}
+
+/// Whether a better instance of the same class projects onto all boxes of another.
+fn explains(
+    config: &SearchConfig,
+    classes: &[Class],
+    views: &[View],
+    better: &Instance,
+    one: &Instance,
+) -> bool {
+    let Some(best) = better.best().filter(|_| better.class == one.class) else {
+        return false;
+    };
+    let covers = |(view, seen): (&View, &Option<Detection>)| {
+        let Some(seen) = seen else { return true };
+        let projection = reprojection::project(&classes[better.class], view, &best.world_from_obj);
+        projection.is_some_and(|shown| shown.bbox.iou(&seen.bbox) >= config.same_box_iou)
+    };
+    // A view that has a box of both shows two things.
+    let mut both = better.detections.iter().zip(&one.detections);
+    !both.any(|(a, b)| a.is_some() && b.is_some()) && views.iter().zip(&one.detections).all(covers)
+}
+
+/// Takes over the boxes of a duplicate in views without one.
+fn adopt(better: &mut Instance, duplicate: &Instance) {
+    let boxes = better.detections.iter_mut().zip(&duplicate.detections);
+    for (own, other) in boxes {
+        *own = own.or(*other);
+    }
+}

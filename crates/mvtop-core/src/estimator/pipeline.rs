@@ -1,0 +1,226 @@
+//! One prediction, from images to poses: read [`Pipeline::predict`].
+
+use std::time::Instant;
+
+use super::crops::{self, Crops};
+use super::instance::{Candidate, Instance};
+use super::view::View;
+use super::{Estimator, PredictOptions};
+use super::{detections, nms, tiling, view};
+use crate::bundle::PoseInput;
+use crate::config::InferenceConfig;
+use crate::image::ViewImage;
+use crate::network::{DetectorMaps, Network};
+use crate::prediction::{Prediction, Timings};
+use crate::{Error, Result, Rig};
+
+/// What all stages of a prediction need.
+pub struct Pipeline<'a> {
+    pub estimator: &'a Estimator,
+    /// Runs the network: a tracker keeps some of its answers.
+    pub network: &'a dyn Network,
+    pub rig: &'a Rig,
+    /// In the order of the cameras' ids.
+    pub views: Vec<View<'a>>,
+    pub options: &'a PredictOptions,
+    /// Of the whole images; there once they were shown to the detector.
+    pub maps: Option<DetectorMaps>,
+}
+
+impl<'a> Pipeline<'a> {
+    /// - `images`: of the rig's cameras, as [`Estimator::predict`] takes them
+    pub fn new(
+        estimator: &'a Estimator,
+        network: &'a dyn Network,
+        rig: &'a Rig,
+        images: &'a [ViewImage],
+        options: &'a PredictOptions,
+    ) -> Result<Self> {
+        let bundle = &estimator.bundle;
+        if options.refine == Some(true) {
+            estimator.needs_mesh("refine", "do not ask for refinement")?;
+        }
+        let views = view::gather(bundle, rig, images)?;
+        let needed = options.min_views.max(1);
+        if views.len() < needed {
+            return Err(Error::TooFewImages {
+                expected: needed,
+                got: views.len(),
+            });
+        }
+        Ok(Self {
+            estimator,
+            network,
+            rig,
+            views,
+            options,
+            maps: None,
+        })
+    }
+
+    pub(super) fn config(&self) -> &'a InferenceConfig {
+        &self.estimator.config
+    }
+
+    /// Detect, associate, propose, refine, score, suppress, verify.
+    ///
+    /// - `reference`: index of the camera in whose frame poses are given
+    pub fn predict(mut self, reference: usize) -> Result<Prediction> {
+        let mut clock = Clock::start();
+        let whole_images = self.detect(&mut clock)?;
+        let mut instances = self.instances()?;
+        clock.lap(|timings| &mut timings.detect);
+
+        self.first_candidates(whole_images, &mut instances, &mut clock)?;
+        for proposer in &self.config().search.schedule {
+            self.search(*proposer, &mut instances, &mut clock)?;
+        }
+        if self.options.boxes.is_none() {
+            instances.retain(|one| one.best().is_some());
+            let Estimator { bundle, radii, .. } = self.estimator;
+            let search = &self.config().search;
+            instances = nms::suppress(search, &bundle.classes, &self.views, radii, instances);
+        }
+        let prediction = self.verified(reference, instances, &mut clock)?;
+        Ok(Prediction {
+            timings: clock.total(),
+            ..prediction
+        })
+    }
+
+    /// Shows the whole images to the detector, and encodes them for bundles without crops.
+    fn detect(&mut self, clock: &mut Clock) -> Result<Option<Crops>> {
+        let (bundle, views) = (&self.estimator.bundle, &self.views);
+        let images = view::tensor(views, &bundle.input)?;
+        let (maps, whole_images) = match &bundle.poses {
+            PoseInput::WholeImages { strides } => {
+                let list = crops::whole_images(views, strides);
+                let rays = crops::rays(&list);
+                clock.lap(|timings| &mut timings.prepare);
+                let (maps, memory) = self.network.detect_and_encode(images.view(), rays.view())?;
+                (maps, Some(Crops::new(list, memory)?))
+            }
+            PoseInput::CloseUps(_) => {
+                clock.lap(|timings| &mut timings.prepare);
+                (self.network.detect(images.view())?, None)
+            }
+        };
+        let faintest = bundle.detector.faintest();
+        maps.check(views.len(), bundle.classes.len(), faintest)?;
+        self.maps = Some(maps);
+        clock.lap(|timings| &mut timings.features);
+        Ok(whole_images)
+    }
+
+    /// The instances that the boxes of all views show, without poses yet.
+    fn instances(&self) -> Result<Vec<Instance>> {
+        let Estimator { bundle, radii, .. } = self.estimator;
+        if let Some(boxes) = &self.options.boxes {
+            return detections::given(bundle, self.rig, &self.views, boxes);
+        }
+        let Some(maps) = &self.maps else {
+            return Ok(Vec::new());
+        };
+        let mut boxes = detections::in_whole_images(bundle, &self.views, maps);
+        let config = self.config();
+        if let PoseInput::CloseUps(_) = bundle.poses {
+            tiling::detect(self.network, bundle, config, radii, &self.views, &mut boxes)?;
+        }
+        let association = &config.association;
+        let mut found = detections::detected(bundle, association, radii, &self.views, &boxes);
+        found.retain(|object| object.views() >= self.options.min_views);
+        Ok(found)
+    }
+
+    /// The network's candidates from the detected boxes.
+    fn first_candidates(
+        &self,
+        whole_images: Option<Crops>,
+        instances: &mut [Instance],
+        clock: &mut Clock,
+    ) -> Result<()> {
+        let rois: Vec<_> = instances.iter().map(Instance::boxes).collect();
+        let (crops, groups) = match (whole_images, &self.estimator.bundle.poses) {
+            (Some(crops), _) => (crops, crops::in_whole_images(&self.views, instances)),
+            (None, PoseInput::CloseUps(closeups)) => {
+                let requests = instances.iter().zip(&rois);
+                let requests = requests.map(|(one, rois)| self.request(closeups, one.class, rois));
+                self.encoded(closeups, requests.collect::<Result<_>>()?, clock)?
+            }
+            (None, PoseInput::WholeImages { .. }) => return Ok(()),
+        };
+        let classes: Vec<usize> = instances.iter().map(|one| one.class).collect();
+        let proposed = self.network_candidates(&crops, &groups, &classes, &rois)?;
+        clock.lap(|timings| &mut timings.propose);
+        self.accept(&mut instances.iter_mut().collect::<Vec<_>>(), proposed);
+        clock.lap(|timings| &mut timings.refine);
+        Ok(())
+    }
+
+    /// Refines and scores what was proposed, and adds it to the instances: the most probable candidate
+    /// of each first, the others of those that it does not settle.
+    pub(super) fn accept(
+        &self,
+        instances: &mut [&mut Instance],
+        mut proposed: Vec<Vec<Candidate>>,
+    ) {
+        let mut others: Vec<Vec<Candidate>> = proposed
+            .iter_mut()
+            .map(|all| all.split_off(all.len().min(1)))
+            .collect();
+        self.evaluate(instances, proposed);
+        for (instance, others) in instances.iter().zip(&mut others) {
+            if self.is_settled(instance) {
+                others.clear();
+            }
+        }
+        self.evaluate(instances, others);
+    }
+
+    fn evaluate(&self, instances: &mut [&mut Instance], proposed: Vec<Vec<Candidate>>) {
+        let read: Vec<&Instance> = instances.iter().map(|one| &**one).collect();
+        let scored = self.refine_and_score(&read, proposed);
+        let search = &self.config().search;
+        for (instance, new) in instances.iter_mut().zip(scored) {
+            let class = &self.estimator.bundle.classes[instance.class];
+            instance.add(new, class, search.merge_deg, search.max_candidates);
+        }
+    }
+
+    /// Whether an instance needs no further candidates; never with a bundle that was not calibrated.
+    pub(super) fn is_settled(&self, instance: &Instance) -> bool {
+        let calibrated = self.estimator.bundle.scorer.is_some();
+        calibrated && instance.confidence() >= self.config().search.settled
+    }
+}
+
+/// Measures the time of each stage.
+pub(super) struct Clock {
+    start: Instant,
+    lap: Instant,
+    timings: Timings,
+}
+
+impl Clock {
+    fn start() -> Self {
+        let now = Instant::now();
+        Self {
+            start: now,
+            lap: now,
+            timings: Timings::default(),
+        }
+    }
+
+    /// Adds the time since the last lap to a stage.
+    pub fn lap(&mut self, stage: fn(&mut Timings) -> &mut f64) {
+        *stage(&mut self.timings) += self.lap.elapsed().as_secs_f64() * 1e3;
+        self.lap = Instant::now();
+    }
+
+    fn total(&self) -> Timings {
+        Timings {
+            total: self.start.elapsed().as_secs_f64() * 1e3,
+            ..self.timings
+        }
+    }
+}

@@ -1,0 +1,310 @@
+//! Who proposes candidate poses of instances, and for which of them.
+
+use std::sync::Arc;
+
+use nalgebra::Point3;
+
+use super::crops::{self, CropRequest, Crops, Group};
+use super::instance::{Candidate, Instance};
+use super::pipeline::{Clock, Pipeline};
+use super::pnp::{self, Correspondences};
+use super::{decoder, grouping, reprojection};
+use crate::bundle::{Class, CloseUps, PoseInput};
+use crate::config::Proposer;
+use crate::prediction::Hypothesis;
+use crate::scorer::Scored;
+use crate::{BBox, Result};
+
+impl Pipeline<'_> {
+    pub(super) fn request(
+        &self,
+        closeups: &CloseUps,
+        class: usize,
+        rois: &[Option<BBox>],
+    ) -> Result<CropRequest<'_>> {
+        CropRequest::boxes(
+            &self.estimator.bundle,
+            &self.views,
+            class,
+            rois,
+            closeups.size,
+        )
+    }
+
+    pub(super) fn encoded(
+        &self,
+        closeups: &CloseUps,
+        requests: Vec<CropRequest>,
+        clock: &mut Clock,
+    ) -> Result<(Crops, Vec<Group>)> {
+        let encoded = crops::encoded(self.network, &self.estimator.bundle, closeups, requests);
+        clock.lap(|timings| &mut timings.crop);
+        encoded
+    }
+
+    /// Candidates of the decoder, or of PnP where crops have object coordinates.
+    ///
+    /// - `classes`, `rois`: of each object, by the groups' indices
+    pub(super) fn network_candidates(
+        &self,
+        crops: &Crops,
+        groups: &[Group],
+        classes: &[usize],
+        rois: &[Vec<Option<BBox>>],
+    ) -> Result<Vec<Vec<Candidate>>> {
+        let (bundle, config) = (&self.estimator.bundle, self.config());
+        let search = &config.search;
+        let decoded = match crops.coordinates.is_some() && !config.pnp.decoder_start {
+            true => vec![Vec::new(); classes.len()],
+            false => decoder::hypotheses(self.network, bundle, search, crops, groups)?,
+        };
+        let mut hypotheses = decoded;
+        let mut correspondences = vec![None; classes.len()];
+        if let Some(codes) = &crops.coordinates {
+            for group in groups {
+                for query in &group.objects {
+                    let class = &bundle.classes[query.class];
+                    let Some(extent) = class.coordinates_extent_m else {
+                        continue;
+                    };
+                    let least = config.pnp.min_trust;
+                    let codes = codes.view();
+                    let mut all = Correspondences::new(crops, codes, group, extent, class, least);
+                    let decoded = hypotheses[query.object].first();
+                    let starts: Vec<_> =
+                        decoded.map(|one| one.world_from_obj).into_iter().collect();
+                    let solved = pnp::solve(&config.pnp, &mut all, &starts, search.merge_deg);
+                    if !solved.is_empty() {
+                        hypotheses[query.object] = solved;
+                    }
+                    correspondences[query.object] = Some(Arc::new(all));
+                }
+            }
+        }
+        let candidates = hypotheses.into_iter().zip(correspondences).enumerate();
+        let candidates = candidates.map(|(object, (found, correspondences))| {
+            self.candidates(classes[object], found, &rois[object], correspondences)
+        });
+        Ok(candidates.collect())
+    }
+
+    /// Hypotheses of an object as candidates, without those that cannot be seen.
+    fn candidates(
+        &self,
+        class: usize,
+        mut found: Vec<Hypothesis>,
+        rois: &[Option<BBox>],
+        correspondences: Option<Arc<Correspondences>>,
+    ) -> Vec<Candidate> {
+        let class = &self.estimator.bundle.classes[class];
+        let search = &self.config().search;
+        let total: f64 = found.iter().map(|one| one.probability).sum();
+        found.iter_mut().for_each(|one| one.probability /= total);
+        found.retain(|one| self.can_be_seen(class, one));
+        let most = found.first().map_or(0.0, |one| one.probability);
+        found.retain(|one| one.probability >= search.min_prior.min(most));
+        found.truncate(search.max_candidates);
+        if found.is_empty() {
+            return Vec::new();
+        }
+        let initial_sigma = grouping::expected_error(&found, &class.symmetry, class.diameter_m);
+        let candidate = |one: Hypothesis| Candidate {
+            world_from_obj: one.world_from_obj,
+            sigma: one.sigma,
+            initial_sigma,
+            prior: one.probability,
+            rois: rois.to_vec(),
+            correspondences: correspondences.clone(),
+            refinement: None,
+            evidence: Vec::new(),
+            scored: Scored::default(),
+        };
+        found.into_iter().map(candidate).collect()
+    }
+
+    /// Whether a hypothesis is in front of a camera and near enough to be seen.
+    fn can_be_seen(&self, class: &Class, one: &Hypothesis) -> bool {
+        let origin = Point3::from(one.world_from_obj.translation.vector);
+        self.views.iter().any(|view| {
+            let in_cam = view
+                .camera
+                .world_from_cam()
+                .inverse_transform_point(&origin);
+            let pinhole = view.camera.intrinsics().projection().family() == "pinhole";
+            let near = in_cam.coords.norm() <= pnp::MAX_DIAMETERS * class.diameter_m;
+            near && (!pinhole || in_cam.z > 0.0)
+        })
+    }
+
+    /// Lets a proposer work on the instances that are not settled.
+    pub(super) fn search(
+        &self,
+        proposer: Proposer,
+        instances: &mut [Instance],
+        clock: &mut Clock,
+    ) -> Result<()> {
+        let PoseInput::CloseUps(closeups) = &self.estimator.bundle.poses else {
+            return Ok(());
+        };
+        let mut open = self.open(proposer, instances);
+        if open.is_empty() {
+            return Ok(());
+        }
+        let proposed = match proposer {
+            Proposer::Reprojected => self.reprojected(closeups, &open, clock)?,
+            Proposer::Augmented => self.augmented(closeups, &open, clock)?,
+            Proposer::Perturbed => self.perturbed(&open),
+        };
+        clock.lap(|timings| &mut timings.propose);
+        self.accept(&mut open, proposed);
+        clock.lap(|timings| &mut timings.refine);
+        Ok(())
+    }
+
+    /// The instances that a proposer works on: the most confident ones that are not settled.
+    fn open<'i>(&self, proposer: Proposer, instances: &'i mut [Instance]) -> Vec<&'i mut Instance> {
+        let search = &self.config().search;
+        let coordinates = self.estimator.bundle.has_coordinates();
+        let calibrated = self.estimator.bundle.scorer.is_some();
+        let works = |one: &Instance| {
+            let several = one.views() > 1;
+            let refined = one.best().is_some_and(|best| best.refinement.is_some());
+            match proposer {
+                // Boxes that were given are taken as they are.
+                Proposer::Reprojected => several && self.options.boxes.is_none(),
+                // Object coordinates are searched from rotations all around already.
+                Proposer::Augmented | Proposer::Perturbed => several && refined && !coordinates,
+            }
+        };
+        let mut open: Vec<(f64, &mut Instance)> = instances
+            .iter_mut()
+            .filter(|one| works(one))
+            .filter(|one| !self.is_settled(one))
+            .map(|one| (one.confidence(), one))
+            .filter(|(confidence, _)| !calibrated || *confidence >= search.hopeless)
+            .collect();
+        open.sort_by(|a, b| b.0.total_cmp(&a.0));
+        open.truncate(search.max_instances);
+        open.into_iter().map(|(_, one)| one).collect()
+    }
+
+    /// The network's candidates from the crops where the best pose projects the object.
+    fn reprojected(
+        &self,
+        closeups: &CloseUps,
+        open: &[&mut Instance],
+        clock: &mut Clock,
+    ) -> Result<Vec<Vec<Candidate>>> {
+        let classes = &self.estimator.bundle.classes;
+        let least = self.config().search.min_in_image;
+        let (mut of, mut requests, mut rois) = (Vec::new(), Vec::new(), Vec::new());
+        for (index, one) in open.iter().enumerate() {
+            let Some(best) = one.best() else { continue };
+            let pose = &best.world_from_obj;
+            let shown = reprojection::expected(&classes[one.class], &self.views, pose, least);
+            let shown = shown.iter().zip(&best.rois);
+            let new: Vec<_> = shown
+                .map(|(new, old)| new.map(|one| one.bbox).or(*old))
+                .collect();
+            if !reprojection::same_rois(&new, &best.rois) {
+                of.push(index);
+                requests.push(self.request(closeups, one.class, &new)?);
+                rois.push(new);
+            }
+        }
+        let mut proposed = vec![Vec::new(); open.len()];
+        if of.is_empty() {
+            return Ok(proposed);
+        }
+        let (crops, groups) = self.encoded(closeups, requests, clock)?;
+        let of_class: Vec<usize> = of.iter().map(|&index| open[index].class).collect();
+        let found = self.network_candidates(&crops, &groups, &of_class, &rois)?;
+        for (index, found) in of.into_iter().zip(found) {
+            proposed[index] = found;
+        }
+        Ok(proposed)
+    }
+
+    /// The network's candidates from rolled crops.
+    fn augmented(
+        &self,
+        closeups: &CloseUps,
+        open: &[&mut Instance],
+        clock: &mut Clock,
+    ) -> Result<Vec<Vec<Candidate>>> {
+        let (mut of, mut requests, mut rois) = (Vec::new(), Vec::new(), Vec::new());
+        for (index, one) in open.iter().enumerate() {
+            let Some(best) = one.best() else { continue };
+            for request in self.rolled(closeups, one) {
+                of.push(index);
+                requests.push(request);
+                rois.push(best.rois.clone());
+            }
+        }
+        let mut proposed = vec![Vec::new(); open.len()];
+        if of.is_empty() {
+            return Ok(proposed);
+        }
+        let (crops, groups) = self.encoded(closeups, requests, clock)?;
+        let of_class: Vec<usize> = of.iter().map(|&index| open[index].class).collect();
+        let found = self.network_candidates(&crops, &groups, &of_class, &rois)?;
+        for (index, found) in of.into_iter().zip(found) {
+            proposed[index].extend(found);
+        }
+        let search = &self.config().search;
+        for (index, one) in open.iter().enumerate() {
+            let class = &self.estimator.bundle.classes[one.class];
+            proposed[index] = distinct(
+                std::mem::take(&mut proposed[index]),
+                class,
+                search.start_deg,
+            );
+        }
+        Ok(proposed)
+    }
+
+    /// Small turns of the best pose.
+    fn perturbed(&self, open: &[&mut Instance]) -> Vec<Vec<Candidate>> {
+        let search = &self.config().search;
+        let of_instance = |one: &&mut Instance| {
+            let (best, refiner) = (one.best()?, self.estimator.refiners[one.class].as_ref()?);
+            let views = self.views.iter().zip(&best.rois);
+            let views: Vec<_> = views
+                .filter(|(_, roi)| roi.is_some())
+                .map(|(view, _)| view.refined())
+                .collect();
+            let sigma = best.sigma;
+            let center = &best.world_from_obj;
+            let poses = refiner.perturbed(&views, center, sigma, search.perturbation_deg);
+            let poses = poses.into_iter().take(search.max_perturbed);
+            let candidate = |world_from_obj| Candidate {
+                world_from_obj,
+                prior: best.prior,
+                refinement: None,
+                ..best.clone()
+            };
+            Some(poses.map(candidate).collect())
+        };
+        open.iter()
+            .map(|one| of_instance(one).unwrap_or_default())
+            .collect()
+    }
+}
+
+/// Of candidates nearer to each other than `start_deg` the first, as probable as all of them.
+fn distinct(all: Vec<Candidate>, class: &Class, start_deg: f64) -> Vec<Candidate> {
+    let mut kept: Vec<Candidate> = Vec::new();
+    let total: f64 = all.iter().map(|one| one.prior).sum();
+    for mut one in all {
+        one.prior /= total;
+        let near = |other: &&mut Candidate| {
+            let (a, b) = (&other.world_from_obj, &one.world_from_obj);
+            class.symmetry.apart_deg(a, b, class.diameter_m) < start_deg
+        };
+        match kept.iter_mut().find(near) {
+            Some(other) => other.prior += one.prior,
+            None => kept.push(one),
+        }
+    }
+    kept
+}

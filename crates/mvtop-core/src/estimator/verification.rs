@@ -1,0 +1,132 @@
+//! Views compared with each other, instances rejected, and results gathered.
+
+use nalgebra::Isometry3;
+
+use super::instance::Instance;
+use super::pipeline::{Clock, Pipeline};
+use super::{Estimator, color_check, grouping, next_view, rig_check, view};
+use crate::Result;
+use crate::prediction::{CameraPose, ObjectPose, Prediction, Timings, Warning};
+
+impl Pipeline<'_> {
+    /// Compares the views, judges the rig by all instances, scores what is left, and reports.
+    pub(super) fn verified(
+        &self,
+        reference: usize,
+        mut instances: Vec<Instance>,
+        clock: &mut Clock,
+    ) -> Result<Prediction> {
+        let (Estimator { bundle, .. }, rig) = (self.estimator, self.rig);
+        let scorer = self.estimator.scorer();
+        instances.retain(|one| one.best().is_some());
+        let hopeless = self.config().search.hopeless;
+        let compared: Vec<_> = instances
+            .iter()
+            .map(
+                |one| match bundle.scorer.is_none() || one.confidence() >= hopeless {
+                    true => self.compared(one),
+                    false => Vec::new(),
+                },
+            )
+            .collect();
+        let checked = rig_check::check(self, &instances, &compared);
+        let exchanged = color_check::check(self, &instances)?;
+        let rig_deviation = checked.deviation;
+        let ref_from_world = rig.cameras()[reference].world_from_cam().inverse();
+        let least = match self.options.boxes {
+            None => self.config().search.min_confidence,
+            Some(_) => 0.0,
+        };
+        let mut objects = Vec::new();
+        // Index of each instance among the objects that are reported.
+        let mut reported = vec![None; instances.len()];
+        for (index, instance) in instances.iter_mut().enumerate() {
+            let own = checked.deviations[index];
+            for one in &mut instance.candidates {
+                let refined = one.refinement.is_some();
+                let deviation = own.unwrap_or(0.0);
+                one.scored = scorer.verified(refined, &one.scored, deviation, rig_deviation);
+            }
+            let Some(mut object) = self.object(&ref_from_world, instance) else {
+                continue;
+            };
+            object.deviation = own;
+            object.evidence = instance.best().map(|best| best.scored.clone());
+            object.confidence = bundle.scorer.is_some().then(|| instance.confidence());
+            if rig_deviation > 1.0 {
+                let apart = compared[index]
+                    .iter()
+                    .map(|(_, one)| one.across.hypot(one.along));
+                object.sigma.t_m = apart.fold(object.sigma.t_m, f64::max);
+            }
+            if object
+                .confidence
+                .is_none_or(|confidence| confidence >= least)
+            {
+                reported[index] = Some(objects.len());
+                objects.push(object);
+            }
+        }
+        let rig_consistency = checked.consistency;
+        let doubts = checked.warnings.into_iter().map(|warning| Warning {
+            object: warning.object.and_then(|object| reported[object]),
+            ..warning
+        });
+        next_view::name(
+            bundle,
+            &self.estimator.refiners,
+            rig,
+            &self.views,
+            &mut objects,
+        );
+        let mut warnings = view::warnings(&self.views);
+        warnings.extend(doubts);
+        warnings.extend(exchanged);
+        clock.lap(|timings| &mut timings.check);
+        Ok(Prediction {
+            reference,
+            objects,
+            rig_consistency,
+            timings: Timings::default(),
+            provider: self.network.provider().to_owned(),
+            warnings,
+        })
+    }
+
+    fn object(&self, ref_from_world: &Isometry3<f64>, instance: &Instance) -> Option<ObjectPose> {
+        let class = &self.estimator.bundle.classes[instance.class];
+        let best = instance.best()?;
+        let world_from_obj = best.world_from_obj;
+        let hypotheses = instance.hypotheses();
+        let views = self.views.iter().zip(&instance.detections);
+        let mut cameras: Vec<CameraPose> = views
+            .map(|(view, detection)| CameraPose {
+                camera: view.index,
+                cam_from_obj: view.camera.world_from_cam().inv_mul(&world_from_obj),
+                bbox: detection.map(|one| one.bbox),
+            })
+            .collect();
+        cameras.sort_by_key(|one| one.camera);
+        let coordinates = best.correspondences.as_ref().map(|_| {
+            let shown = best.evidence.iter().map(|one| one.coordinates);
+            shown.sum::<f64>() / best.evidence.len().max(1) as f64
+        });
+        Some(ObjectPose {
+            class: class.name.clone(),
+            class_id: class.id,
+            score: instance.score(),
+            ref_from_obj: ref_from_world * world_from_obj,
+            world_from_obj,
+            sigma: grouping::expected_error(&hypotheses, &class.symmetry, class.diameter_m),
+            deviation: None,
+            coordinate_inliers: coordinates,
+            refinement: best.refinement,
+            confidence: None,
+            evidence: None,
+            hypotheses,
+            next_view: None,
+            symmetry: class.symmetry.clone(),
+            cameras,
+        })
+    }
+}

@@ -1,0 +1,217 @@
+//! Every number that steers the refinement.
+//!
+//! "SRT3D" is Stoiber et al., "SRT3D: A Sparse Region-Based 3D Object Tracking Approach for the Real
+//! World", 2022; M3T is its successor. "Not measured" marks values that no experiment supports.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::closeup::FILL;
+
+/// One stage of the refinement: the size of its crops, and its iterations.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stage {
+    /// Resolution of the crop, px per px of the image, if `side_px` allows it.
+    pub scale: f64,
+    /// Least and greatest side of the crop, px.
+    pub side_px: [f64; 2],
+    /// Share of the crop's side that the object's box takes.
+    pub fill: f64,
+    /// Distance between samples of a correspondence line in each iteration, px of the crop (M3T's
+    /// `scales`, 6 to 1 px there).
+    pub steps_px: Vec<f64>,
+}
+
+/// How the texture of a part is compared with the images; all of it is not measured.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TextureConfig {
+    /// Least standard deviation over the part of log brightness and of the shares of R and G.
+    pub contrast: [f32; 3],
+    /// Radius of the blur in the first and the last pass of the search, shares of the diameter.
+    pub blur: [f64; 2],
+    /// Reach and step of the first and of the last search about the axis of a round part, degrees.
+    pub search_deg: [[f64; 2]; 2],
+    /// Least normalised cross-correlation (NCC) at which the angle found is accepted.
+    pub min_correlation: f64,
+    /// Standard deviation of the angle found, degrees.
+    pub sigma_deg: f64,
+    /// Largest standard deviation of the radius of a round part, share of the diameter.
+    pub max_unevenness: f64,
+    /// Displacement with which the texture gain compares, share of the projected diameter.
+    pub displacement: f64,
+}
+
+/// Every number that steers the refinement.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RefineConfig {
+    /// First stage, at the image's resolution; 224 px was compared with 128 px on pairs of images of a
+    /// synthetic ball, the rest is not measured.
+    pub coarse: Stage,
+    /// Second stage, at twice the resolution, as regions are sampled by whole pixels; not measured.
+    pub fine: Stage,
+    /// Line steps of a refinement that ends on coarse crops, px; not measured.
+    pub coarse_only_steps_px: Vec<f64>,
+    /// Number of contour points per view (M3T uses 200 lines); not measured.
+    pub contour_points: f64,
+    /// Least distance of contour points, and distance at which both sides of an edge are sampled, px
+    /// of the crop; not measured.
+    pub contour_margin_px: f64,
+    /// Depth tolerance of the visibility test at silhouettes, at other edges and for texture, shares
+    /// of the diameter; not measured.
+    pub occlusion_tolerance: [f64; 3],
+    /// Amplitude of the smoothed step function of a correspondence line (M3T's `function_amplitude`, same value).
+    pub function_amplitude: f64,
+    /// Width of the band around the silhouette that gives the background's histogram, px of the crop
+    /// (M3T uses 20 px); not measured.
+    pub background_band_px: usize,
+    /// Added to the squared color gradient, of 1: on lines with steps up to the first fine one, and on
+    /// longer lines; not measured.
+    pub gradient_floor: [f64; 2],
+    /// Chromaticity difference at which two segments are equally likely, and the largest log-odds by
+    /// chromaticity; not measured.
+    pub chromaticity: [f64; 2],
+    /// Largest displacement and largest standard deviation of an inlier, px of the crop; poses are
+    /// compared with line steps of the first one; not measured.
+    pub inlier_px: [f64; 2],
+    /// Number of neighbouring lines with one common error, which count as one; not measured.
+    pub correlated_lines: f64,
+    /// Share of the images' information that the reported covariance uses; not measured.
+    pub information_deflation: f64,
+    /// Least eigenvalue of an observable direction, share of the largest one; not measured.
+    pub observability_floor: f64,
+    /// How much worse outline or inner edges may be separated at an accepted pose, bits per pixel; not
+    /// measured.
+    pub accept_margin_bits: f64,
+    /// Increases of mutual information (bits), texture correlation, inlier share and color separation
+    /// that multiply the odds of a pose by e; fitted on 300 pairs of images of a synthetic ball.
+    pub score_scales: [f64; 4],
+    /// Angles up to which perturbed poses are merged with each other after the first steps, with the
+    /// unperturbed pose, and at the end, degrees; not measured.
+    pub perturbation_merge_deg: [f64; 3],
+    /// Comparison of the texture with the images.
+    pub texture: TextureConfig,
+}
+
+impl Default for TextureConfig {
+    fn default() -> Self {
+        Self {
+            contrast: [0.15, 0.02, 0.02],
+            blur: [0.04, 0.008],
+            search_deg: [[24.0, 2.0], [5.0, 0.5]],
+            min_correlation: 0.35,
+            sigma_deg: 2.5,
+            max_unevenness: 0.0125,
+            displacement: 0.1,
+        }
+    }
+}
+
+impl Default for RefineConfig {
+    fn default() -> Self {
+        Self {
+            coarse: Stage {
+                scale: 1.0,
+                side_px: [96.0, 224.0],
+                fill: FILL,
+                steps_px: vec![4.0, 3.0, 2.0],
+            },
+            fine: Stage {
+                scale: 2.0,
+                side_px: [96.0, 320.0],
+                fill: 0.8,
+                steps_px: vec![2.0, 1.5, 1.0, 1.0, 1.0],
+            },
+            coarse_only_steps_px: vec![4.0, 2.0, 1.0, 1.0],
+            contour_points: 220.0,
+            contour_margin_px: 1.5,
+            occlusion_tolerance: [0.1, 0.03, 0.02],
+            function_amplitude: 0.43,
+            background_band_px: 24,
+            gradient_floor: [1e-4, 1e-3],
+            chromaticity: [0.06, 2.0],
+            inlier_px: [1.5, 2.0],
+            correlated_lines: 4.0,
+            information_deflation: 0.25,
+            observability_floor: 0.002,
+            accept_margin_bits: 0.05,
+            score_scales: [0.1, 0.2, 0.07, 0.1],
+            perturbation_merge_deg: [2.0, 1.5, 3.0],
+            texture: TextureConfig::default(),
+        }
+    }
+}
+
+impl RefineConfig {
+    /// Refuses numbers with which no pose can be refined; the text is the problem.
+    ///
+    /// # Errors
+    /// A number that is not above 0, or beyond its bound.
+    pub fn check(&self) -> Result<(), String> {
+        let all = serde_json::to_value(self).map_err(|error| error.to_string())?;
+        let stage = |stage: &Stage| {
+            let [least, most] = stage.side_px;
+            least >= 16.0 && least <= most && most <= 2048.0 && stage.fill < 1.0
+        };
+        let steps = [&self.coarse, &self.fine].map(|stage| &stage.steps_px);
+        let has_steps = |steps: &Vec<f64>| (1..=50).contains(&steps.len());
+        let angles = &self.texture.search_deg;
+        let is_usable = is_positive(&all)
+            && stage(&self.coarse)
+            && stage(&self.fine)
+            && steps
+                .into_iter()
+                .chain([&self.coarse_only_steps_px])
+                .all(has_steps)
+            && self.contour_points <= 1e4
+            && self.background_band_px <= 1000
+            && self.function_amplitude < 0.5
+            && angles
+                .iter()
+                .all(|[reach, step]| reach <= &180.0 && reach / step <= 1e3);
+        is_usable.then_some(()).ok_or_else(|| {
+            format!(
+                "refinement has {all}, expected numbers above 0, sides of 16 to 2048 px in order, a \
+                 fill below 1, an amplitude below 0.5, and 1 to 50 steps"
+            )
+        })
+    }
+
+    /// Log-odds of a pose, up to a constant, to compare poses of one object that may be far apart.
+    pub fn score(
+        &self,
+        mutual_information: f64,
+        texture_correlation: Option<f64>,
+        contour_inliers: f64,
+        color_separation: f64,
+    ) -> f64 {
+        let [information, texture, inliers, separation] = self.score_scales;
+        mutual_information / information
+            + texture_correlation.unwrap_or(0.0) / texture
+            + contour_inliers / inliers
+            + color_separation / separation
+    }
+
+    /// Line step at which poses are evaluated: the last one of the fine stage.
+    pub(super) fn final_step_px(&self) -> f64 {
+        self.fine.steps_px.last().copied().unwrap_or(1.0)
+    }
+
+    /// Whether a line's step is longer than the first one of the fine stage.
+    pub(super) fn is_long(&self, step_px: f64) -> bool {
+        self.fine.steps_px.first().is_some_and(|px| step_px > *px)
+    }
+}
+
+/// Whether all numbers in a value are finite and above 0.
+fn is_positive(value: &Value) -> bool {
+    match value {
+        Value::Number(number) => number.as_f64().is_some_and(|x| x > 0.0),
+        Value::Array(all) => all.iter().all(is_positive),
+        Value::Object(all) => all.values().all(is_positive),
+        // Numbers that are not finite become null.
+        _ => false,
+    }
+}
