@@ -57,7 +57,7 @@ demo: .venv/run.done $(CLI)  ## poses of the shipped two-view example, with over
 
 test:  ## every test, format and lint check
 	$(MAKE) --no-print-directory -j2 .venv/test.done built-tests # pip unpacks while cargo compiles
-	$(MAKE) --no-print-directory lint test-rust test-python test-wheel
+	$(MAKE) --no-print-directory lint test-rust test-python test-wheel test-accuracy
 
 built-tests:
 	cargo test --release --workspace --no-run
@@ -146,7 +146,7 @@ accuracy-baseline: out/accuracy-short.json  ## what test-accuracy compares with,
 out/accuracy-short.json: .venv/test.done $(MVTOP)
 	scripts/need-gl.sh
 	rm -f $@
-	$(ACCURACY) run --out $@ --set ball-short --set example-mvball --set example-ycbv4
+	$(ACCURACY) run --out $@ --set ball-short
 
 lies: .venv/test.done $(MVTOP)  ## wrong calibrations and images, and what becomes of them: MODEL=dir SET=name or folder VIEWS=n; resumes
 	scripts/need-gl.sh

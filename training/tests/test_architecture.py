@@ -14,12 +14,12 @@ ALLOWED = {
     "network": set(),
     "data": {"network"},
     "synthesis": {"data"},
-    "training": {"network", "data"},
+    "training": {"network", "data", "evaluation"},
     "export": {"network", "data", "training"},
     "study": {"network", "data", "training", "evaluation"},
-    "evaluation": {"network", "data", "training"},
+    "evaluation": {"network", "data"},
 }
-COMMANDS = {"generate", "train", "run"}  # beside `python -m mvtop_train.export`
+COMMANDS = {"calibrate", "generate", "train", "run"}  # beside `python -m mvtop_train.export`
 BASE = {"errors", "files", "description"}
 
 

@@ -13,9 +13,10 @@ from mvtop_train.data import bop, mvball, objects
 from mvtop_train.data.bank import Bank
 from mvtop_train.data.boxes import amodal_boxes
 from mvtop_train.data.views import ViewMaker, collate
+from mvtop_train.errors import UserError
 from mvtop_train.network import config
 from mvtop_train.network.model import Mvtop, decoder_boxes
-from mvtop_train.study import baselines, canonical, variants
+from mvtop_train.study import baselines, canonical, reliability, variants
 from mvtop_train.study.baselines import late_fusion, rotation_bins, vote
 from mvtop_train.training.checkpoint import TrainingState, load_weights
 
@@ -240,3 +241,16 @@ def test_dummy_queries_are_seen_and_say_nothing(trained, geometry):
         outputs.append(variants.outputs_of(model, views)[-1])
     assert [part.shape for part in outputs[1]] == [(1, 1, 6), (1, 1, 3), (1, 1, 2)]
     assert not torch.allclose(outputs[0][0], outputs[1][0])
+
+
+def test_results_are_judged_by_both_bounds(tmp_path):
+    row = {"rot_deg": 4.9, "trans_m": 0.0049, "confidence": 0.75, "views": 2}
+    rows = [row, row | {"rot_deg": 5.1}, row | {"trans_m": 0.0051}, row | {"confidence": None}]
+    path = tmp_path / "results.jsonl"
+    path.write_text("\n".join(map(json.dumps, rows)))
+    assert reliability.read(path).tolist() == [[0.75, 1], [0.75, 0], [0.75, 0]]
+    path.write_text("{}")
+    assert reliability.read(path).shape == (0, 2)  # nothing was found
+    path.write_text("poses")
+    with pytest.raises(UserError, match="eval samples --out"):
+        reliability.read(path)

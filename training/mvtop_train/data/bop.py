@@ -7,6 +7,7 @@ object pixel, coded in 8 bits per axis, 0 meaning "not the object"; its first pi
 `scene_gt_info.json`: both may be absent. See docs/data.md.
 """
 
+import itertools
 import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -300,3 +301,22 @@ def sightings(images: list[Image], known: dict[int, Object]) -> list[list[Image]
             else:
                 things.append((one.obj_id, place, [narrowed]))
     return [list_ for _, _, list_ in things]
+
+
+def rig_of(images: list[Image]):
+    """The cameras of a scene, and what they show: a rig of `mvtop`, and RGB arrays by camera."""
+    import mvtop  # loads its compiled part
+
+    pictures = {str(n): read_rgb(one.path) for n, one in enumerate(images)}
+    cameras = []
+    for (name, picture), image in zip(pictures.items(), images, strict=True):
+        size, pose = picture.shape[1::-1], np.linalg.inv(image.cam_from_world)
+        cameras.append(mvtop.Camera(image.k, size, world_from_cam=pose, id=name))
+    # A data set says its unit; two of its cameras may be in one housing.
+    return mvtop.Rig(cameras, trust_unit=True), pictures
+
+
+def scenes_of(images: list[Image]) -> list[list[Image]]:
+    """The images of each scene."""
+    by_folder = itertools.groupby(images, lambda image: image.path.parent.parent)
+    return [list(group) for _, group in by_folder]

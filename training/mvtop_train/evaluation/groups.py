@@ -16,7 +16,6 @@ from ..data import bop
 from ..errors import UserError, asking_mvtop
 from ..files import read_json
 from ..network.config import ObjectClass
-from ..training import support
 
 SAME_OBJECT = 0.2  # diameters: annotations of two views that are nearer are of one object
 ENDINGS = ("png", "jpg", "jpeg", "tif", "tiff", "bmp")  # of a sample's images
@@ -197,7 +196,7 @@ def choices(count: int, views: int, disjoint: bool) -> list[list[int]]:
 
 
 def _views(images: list[bop.Image], name: str, known: dict[int, ObjectClass]) -> Group:
-    rig, _ = support.rig_of(images)
+    rig, _ = bop.rig_of(images)
     pictures = decoded(rig, [image.path for image in images])
     asked = frozenset(one.name for one in known.values())
     truth = tuple(truth_of(images, known))

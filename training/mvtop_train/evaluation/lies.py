@@ -28,10 +28,9 @@ from tqdm import tqdm
 
 from ..errors import UserError, argument_parser, asking_mvtop, command
 from ..files import read_text
-from ..training.confidence import WITHIN_DEG, WITHIN_M
 from . import running, shots
 from .groups import Group, Planned, classes_of
-from .outcomes import errors
+from .outcomes import WITHIN_DEG, WITHIN_M, errors
 from .sets import TestSet, fixed
 from .shots import Lie, Shot, Shots, of_all, of_last, placed, relative
 

@@ -5,9 +5,9 @@ import torch
 
 from ..network import symmetry
 from ..network.config import ObjectClass
-from ..training.confidence import WITHIN_DEG, WITHIN_M
 from .groups import Group, Truth
 
+WITHIN_DEG, WITHIN_M = 5.0, 0.005  # of the true pose, of one that is right
 DIGITS = 6  # of numbers in results
 
 

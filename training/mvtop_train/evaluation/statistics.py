@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..training.confidence import reliability
-
+BINS = 10  # of confidences, as `mvtop-cli eval` has it
 RESAMPLES = 2000
 INTERVAL = 0.95
 LEAST_CONFIDENCES = 0.2, 0.5, 0.8
@@ -91,8 +90,36 @@ def _median(values: np.ndarray) -> float:
     return float(np.median(values)) if len(values) else np.nan
 
 
+def reliability(confidence: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, float]:
+    """[bins, 3] of count, mean confidence and share of right poses, in bins of as many poses; and
+    the expected calibration error.
+
+    - confidence [n] 0 to 1, right [n] 0 or 1
+    """
+    order = np.argsort(confidence, kind="stable")
+    bins = np.array_split(order, min(BINS, len(order)))
+    rows = np.array([[len(b), confidence[b].mean(), right[b].mean()] for b in bins])
+    return rows, float(np.average(abs(rows[:, 1] - rows[:, 2]), weights=rows[:, 0]))
+
+
+def print_reliability(name: str, confidence: np.ndarray, right: np.ndarray):
+    """Prints AUROC, calibration error and bins of poses; of fewer than `BINS`, only how many."""
+    import mvtop  # loads its compiled part
+
+    if len(right) < BINS:
+        print(f"{name}: {len(right)} poses, too few for statistics")
+        return
+    rows, error = reliability(confidence, right)
+    area = mvtop.statistics.auroc(confidence, right > 0)
+    area = "-" if area is None else f"{area:.3f}"
+    print(f"{name}: {len(right)} poses, {right.mean():.1%} right, AUROC {area}, "
+          f"calibration error {error:.3f}")  # fmt: skip
+    for count, mean, share in rows:
+        print(f"  {count:5.0f} poses  confidence {mean:6.1%}  right {share:6.1%}")
+
+
 def ece(table: Table) -> float:
-    """Expected calibration error of confidences, in ten bins of as many estimates."""
+    """Expected calibration error of confidences, in bins of as many estimates."""
     if not len(table.judged.value):
         return np.nan
     return reliability(*table.judged.value.T)[1]

@@ -58,15 +58,6 @@ def main():
     parser.add_argument(
         "--agree-threshold", type=float, help="least score of a box that another view agrees with"
     )
-    parser.add_argument(
-        "--support-threshold", type=float, default=0.0,
-        help="least share of an object's cells that agree with its pose",
-    )  # fmt: skip
-    parser.add_argument(
-        "--most-deviation", type=float,
-        help="how far views may be from one pose of an object before the calibration is doubted, "
-        "in standard deviations",
-    )  # fmt: skip
     args = parser.parse_args()
     ids = (args.object,) if args.object else ()
     known = objects.read_all(args.data, ids) if args.data else (objects.ball(),)
@@ -86,8 +77,7 @@ def main():
     pictures = integers.pictures_of(config, known, args.data) if args.integers else None
     write_bundle(
         model, args.out, provenance, args.portable, args.score_threshold, known,
-        args.agree_threshold, args.bits, args.support_threshold, args.most_deviation,
-        pictures,
+        args.agree_threshold, args.bits, pictures,
     )  # fmt: skip
     try:
         mesh.add(args.out, mesh.meshes_of(args.data, known))

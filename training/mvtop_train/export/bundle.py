@@ -285,8 +285,8 @@ def _symmetries(known: ObjectClass) -> dict:
 def write_bundle(
     model: Mvtop, out: Path, provenance: dict, portable: bool = False,
     score_threshold: float = 0.3, known: tuple[objects.Object, ...] = (),
-    agree_threshold: float | None = None, bits: int = 32, support_threshold: float = 0.0,
-    most_deviation: float | None = None, pictures: dict[str, np.ndarray] | None = None,
+    agree_threshold: float | None = None, bits: int = 32,
+    pictures: dict[str, np.ndarray] | None = None,
 ):  # fmt: skip
     """Write every file of a bundle; `model.json` comes last. `known`: the MV-ball if left out.
 
@@ -317,8 +317,6 @@ def write_bundle(
         (out / f"{obj.name}.points.json").write_text(json.dumps({"unit": "m", "points": rows}))
     files = [*(f"{name}.onnx" for name in graphs), *(f"{obj.name}.points.json" for obj in known)]
     agree = {} if agree_threshold is None else {"agree_threshold": agree_threshold}
-    agree |= {"support_threshold": support_threshold} if support_threshold else {}
-    agree |= {"most_deviation": most_deviation} if most_deviation else {}
     closeup = {"size": config.closeup, "strides": list(config.closeup_strides)}
     extents = [{"coordinates_extent_m": obj.extent_m} for obj in known]
     extents = extents if config.gives_coordinates else [{} for _ in known]

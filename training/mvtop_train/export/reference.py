@@ -19,9 +19,9 @@ from ..network.model import Mvtop
 from .bundle import ExportedCloseUps, ExportedDecoder, ExportedDetector, outputs_of
 from .optics import Camera, closeup_of, load_rig, picture_of, rays_of_box, seen_by
 
+# Of `search` in mvtop-core/src/config.rs: max_anchors, merge_deg.
 MAX_ANCHORS = 4
-# As in mvtop-core/src/estimator/hypotheses.rs.
-NEAR_DEG, MOST, FAINTEST = 25.0, 6, 0.02
+NEAR_DEG = 25.0
 
 
 @dataclass
@@ -33,6 +33,7 @@ class Picture:
     box_rays: np.ndarray  # [5, 3], in that frame
     center: np.ndarray  # [2], of the box, 0 to 1 over the picture
     half_size: np.ndarray  # [2]
+    extent: float  # of the box's longer side, at distance 1
     world_from_cam: np.ndarray  # [4, 4], m
 
 
@@ -73,6 +74,7 @@ def whole_image(config, camera: Camera, rgb: np.ndarray, box: np.ndarray) -> Pic
         camera.unproject(pixels) * camera.shows(pixels)[:, None],
         rays_of_box(camera, box),
         **_over((box + 0.5) * np.tile(scale, 2) - 0.5, config.width, config.height),
+        extent=max(box[2:] - box[:2]) / camera.k[0, 0],
         world_from_cam=camera.world_from_cam,
     )
 
@@ -87,6 +89,7 @@ def close_up(config, camera: Camera, rgb: np.ndarray, box: np.ndarray) -> Pictur
         virtual.unproject(pixels) * camera.shows(seen_by(camera, virtual, pixels))[:, None],
         rays_of_box(virtual, bounds),
         **_over(bounds, size, size),
+        extent=max(bounds[2:] - bounds[:2]) / virtual.k[0, 0],
         world_from_cam=virtual.world_from_cam,
     )
 
@@ -155,24 +158,13 @@ def grouped(found: list[Hypothesis]) -> list[list[Hypothesis]]:
     return groups
 
 
-def combined(found: list[Hypothesis]) -> tuple[np.ndarray, np.ndarray]:
-    """The most probable pose [4, 4], of means of those near each other, and its expected error."""
-    means = []
-    for group in grouped(found):
-        weights = np.array([one.probability for one in group])
-        mean = mean_pose([one.world_from_obj for one in group], weights)
-        sigma = np.average([one.sigma for one in group], 0, weights)
-        means.append(Hypothesis(weights.sum(), mean, sigma))
-    kept = [group[0] for group in grouped(means)]
-    total = sum(one.probability for one in kept)
-    kept = [one for one in kept if one.probability > FAINTEST * total][:MOST]
-    share = np.array([one.probability for one in kept])
-    share /= share.sum()
-    first = kept[0]
-    turns = [np.hypot(one.sigma[0], first.away_deg(one)) for one in kept]
-    shifts = [one.world_from_obj[:3, 3] - first.world_from_obj[:3, 3] for one in kept]
-    square = [one.sigma[1] ** 2 + s @ s / 3 for one, s in zip(kept, shifts, strict=True)]
-    return first.world_from_obj, np.array([share @ turns, np.sqrt(share @ square)])
+def most_probable(found: list[Hypothesis]) -> tuple[np.ndarray, np.ndarray]:
+    """The pose [4, 4] that is the mean of the most probable ones near each other, and their mean
+    expected error."""
+    group = max(grouped(found), key=lambda group: sum(one.probability for one in group))
+    weights = np.array([one.probability for one in group])
+    mean = mean_pose([one.world_from_obj for one in group], weights)
+    return mean, np.average([one.sigma for one in group], 0, weights)
 
 
 def mean_pose(poses: list[np.ndarray], weights=None) -> np.ndarray:
@@ -205,11 +197,12 @@ def detect(model: Mvtop, cameras: list[Camera], images) -> dict:
 def predict(model: Mvtop, cameras: list[Camera], images, boxes) -> dict:
     """Pose of one object, given its box in every view that sees it.
 
-    It is decoded with each of the first `MAX_ANCHORS` views as the reference; the mean of those of
-    these poses that are near the most probable one is the result.
+    It is decoded with each of the `MAX_ANCHORS` views with the largest boxes as the reference; the
+    mean of those of these poses that are near the most probable one is the result.
 
     images  per camera [H, W, 3] uint8;  boxes  per camera [4] px
-    returns every intermediate result; `inputs` and `decoded` per anchor; `world_from_obj` [4, 4]
+    returns every intermediate result; `inputs` of every view as the reference, `decoded` of those
+        that are one, by view; `world_from_obj` [4, 4] and `sigma` [2], the error of this pose
     """
     config = model.config
     show = close_up if config.closeup else whole_image
@@ -219,15 +212,15 @@ def predict(model: Mvtop, cameras: list[Camera], images, boxes) -> dict:
     camera_rays = torch.from_numpy(np.stack([picture.camera_rays for picture in pictures]))
     memory = ExportedCloseUps(model)(tensors.float(), camera_rays.float())
     out = {"pictures": tensors, "camera_rays": camera_rays, "memory": memory}
-    out |= {"inputs": [], "decoded": []}
-    found = []
-    for anchor in range(min(MAX_ANCHORS, len(pictures))):
-        out["inputs"].append(decoder_inputs(config, pictures, anchor))
+    out["inputs"] = [decoder_inputs(config, pictures, view) for view in range(len(pictures))]
+    largest = sorted(range(len(pictures)), key=lambda view: -pictures[view].extent)
+    out["decoded"], found = {}, []
+    for anchor in sorted(largest[:MAX_ANCHORS]):
         order = [anchor, *(v for v in range(len(pictures)) if v != anchor)]
-        decoded = decode(model, memory, out["inputs"][-1], order)
+        decoded = decode(model, memory, out["inputs"][anchor], order)
         found += hypotheses_of(decoded, pictures[anchor].world_from_cam)
-        out["decoded"].append(decoded)
-    world_from_obj, sigma = combined(found)
+        out["decoded"][anchor] = decoded
+    world_from_obj, sigma = most_probable(found)
     return out | {"world_from_obj": world_from_obj, "sigma": sigma}
 
 

@@ -10,25 +10,26 @@ Each file, and of several all together: AUROC, expected calibration error, tenth
 import json
 from pathlib import Path
 
+import numpy as np
+
 from ..errors import UserError, argument_parser, command
+from ..evaluation.outcomes import WITHIN_DEG, WITHIN_M
+from ..evaluation.statistics import print_reliability
 from ..files import read_text
-from ..training.confidence import WITHIN_DEG, WITHIN_M, Judged, tell
 
 
-def read(path: Path) -> list[Judged]:
-    """The poses of a file that have a confidence, as they were judged."""
+def read(path: Path) -> np.ndarray:
+    """[n, 2], confidence and whether it is right, of each pose of a file that has a confidence."""
     fix = "give what `mvtop-cli eval samples --out` writes"
     text = read_text(path, fix)
     try:
         rows = [json.loads(line) for line in text.splitlines()]
-        return [
-            Judged(
-                {}, row["rot_deg"] <= WITHIN_DEG and row["trans_m"] <= WITHIN_M,
-                row["confidence"], row["views"], False,
-            )
+        poses = [
+            (row["confidence"], row["rot_deg"] <= WITHIN_DEG and row["trans_m"] <= WITHIN_M)
             for row in rows
             if row.get("confidence") is not None
-        ]  # fmt: skip
+        ]
+        return np.array(poses, float).reshape(-1, 2)
     except (ValueError, KeyError, TypeError) as error:
         raise UserError(
             f"{path}: expected a line of results for each object, got {type(error).__name__} "
@@ -43,9 +44,9 @@ def main():
     args = parser.parse_args()
     found = {path: read(path) for path in args.results}
     for path, poses in found.items():
-        tell(path.name, poses)
+        print_reliability(path.name, *poses.T)
     if len(found) > 1:
-        tell("all together", [one for poses in found.values() for one in poses])
+        print_reliability("all together", *np.concatenate(list(found.values())).T)
 
 
 if __name__ == "__main__":

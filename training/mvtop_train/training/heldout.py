@@ -1,9 +1,8 @@
-"""Arguments of what is chosen, for a bundle, on scenes that its training has left out."""
+"""The scenes that a training left out, and the arguments of a command that asks for them."""
 
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from .. import description
 from ..data import batches, bop
 from ..errors import argument_parser
 
@@ -46,13 +45,3 @@ def of_split(data: Path, split: str, most: int | None) -> list[list[bop.Image]]:
         )
     folders = folders[:most]
     return [bop.read_images(folder) for folder in folders]
-
-
-def put(bundle: Path, name: str, value: float | None):
-    """Write what was chosen for the detector into the bundle's description; None takes it out."""
-    about = description.read(bundle)
-    if value is None:
-        about["detector"].pop(name, None)
-    else:
-        about["detector"][name] = value
-    description.write(bundle, about)

@@ -16,15 +16,11 @@ from ..data import bank, batches, bop, search
 from ..errors import UserError
 from ..network import lite
 from . import (
+    calibrate,
     checkpoint,
-    confidence,
-    deviation,
-    heldout,
     loop,
-    prints,
     processes,
     runconfig,
-    support,
     thresholds,
 )
 from .generator import Generator, test_split
@@ -95,10 +91,11 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
     model, _, step = checkpoint.load_weights(weights)
     model.to(processes.join().device)
     found = thresholds_of(settings, model)
-    export(settings, weights, folder / "bundle", found)
     print(found)
+    export(settings, weights, folder / "bundle", found)
+    calibrated(settings, folder / "bundle")
     print(json.dumps(evaluate(settings, folder, model, step), indent=1))
-    stages.done("thresholds, export, evaluation")
+    stages.done("thresholds, export, calibration, evaluation")
     if settings.generate.mesh:
         report(settings, folder)
         stages.done("report")
@@ -199,33 +196,23 @@ def second_stage(
 
 
 def export(settings: runconfig.RunConfig, weights: Path, bundle: Path, found):
-    """The bundle; where it gives object coordinates, with the least support that is believed; with
-    what true calibrations leave of views that disagree; of printed parts, with how far images must
-    look like them; and how probable it is that its poses are right."""
-    command = [
+    """The bundle, not calibrated.
+
+    found  the detector's `thresholds.Thresholds`
+    """
+    _ended_well([
         sys.executable, "-m", "mvtop_train.export", "--weights", str(weights), "--data",
         settings.data, "--out", str(bundle), "--bits", "8", "--score-threshold", str(found.score),
         "--agree-threshold", str(found.agree), *(["--integers"] if settings.closeup else []),
         *(["--object", str(settings.object)] if settings.object else []),
-    ]  # fmt: skip
-    _ended_well(command)
-    scenes, known = support.scenes_of(held_images(settings)), settings.known()
-    if settings.pretrained:
-        least = support.choose(*support.found_in(bundle, scenes, known))
-        print(f"least support: {least:g}")
-        heldout.put(bundle, "support_threshold", least)
-    most = deviation.choose(deviation.found_in(bundle, scenes))
-    if most is not None:
-        print(f"most deviation: {most:g}")
-        heldout.put(bundle, "most_deviation", most)
-    judged = confidence.judged(bundle, scenes, known, confidence.DISTURBED)
-    least = prints.choose([one for one in judged if not one.disturbed])
-    if least is not None:
-        print(f"least likeness to the print: {least:g}")
-        prints.add(bundle, least)
-    fitted = confidence.fit(prints.kept(judged, least))
-    if fitted is not None:
-        confidence.add(bundle, fitted)
+    ])  # fmt: skip
+
+
+def calibrated(settings: runconfig.RunConfig, bundle: Path):
+    """Fits what the bundle stores about its poses, on the held-out scenes of the training split."""
+    scenes = bop.scenes_of(held_images(settings))
+    if not calibrate.calibrate(bundle, scenes, settings.known()):
+        print(f"note: {bundle} is not calibrated, poses have no confidence: {calibrate.TOO_FEW}")
 
 
 def _ended_well(command: list[str]):

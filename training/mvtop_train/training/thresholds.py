@@ -1,25 +1,16 @@
-"""From which score on a box is believed: chosen on scenes that were not trained on.
-
-    python -m mvtop_train.training.thresholds --weights runs/mine/weights.pt --data data/mine
-
-says which scores are best on the held-out scenes of the training split (`export` takes them), and
-how good boxes are with them.
-"""
+"""The scores from which a box is taken, chosen on scenes that training left out: by the pipeline,
+and by `python -m mvtop_train.calibrate --weights`."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import torch
 import torch.nn.functional as F
 from torchvision.ops import box_iou, nms
+from tqdm import tqdm
 
-from ..data import objects
 from ..data.inputs import normalised
 from ..data.search import Searches
-from ..errors import argument_parser, command
-from . import heldout
-from .checkpoint import load_weights
 
 IOU = 0.5  # of a box that is right
 NMS_IOU = 0.5
@@ -36,6 +27,10 @@ class Thresholds:
     precision: float
     recall: float
     iou: float  # mean, of those that are right
+
+    def settings(self) -> dict[str, float]:
+        """As `detector` of a bundle has them."""
+        return {"score_threshold": self.score, "agree_threshold": self.agree}
 
     def __str__(self):
         return (
@@ -81,7 +76,7 @@ def choose(model, images, searches: Searches, batch: int = 8) -> Thresholds:
     config, device = model.config, next(model.parameters()).device
     found, wanted = [], 0
     rng = np.random.default_rng(0)
-    for start in range(0, len(images), batch):
+    for start in tqdm(range(0, len(images), batch), unit="batch", desc="thresholds"):
         made = [searches.make(image, rng, augment=False) for image in images[start : start + batch]]
         stack = {name: torch.from_numpy(np.stack([x[name] for x in made])) for name in made[0]}
         x = normalised(stack["search_image"], stack["search_on_image"], config).to(device)
@@ -104,19 +99,3 @@ def choose(model, images, searches: Searches, batch: int = 8) -> Thresholds:
         round(float(score[best]), 3), round(float(agree), 3), float(precision[best]),
         float(recall[best]), float(good.mean()) if len(good) else 0.0,
     )  # fmt: skip
-
-
-@command
-def main():
-    parser = argument_parser(__doc__)
-    parser.add_argument("--weights", type=Path, required=True, help="weights.pt of a run")
-    heldout.add_data(parser)
-    args = parser.parse_args()
-    scenes = heldout.of_split(args.data, "train", args.held_out)
-    model, config, _ = load_weights(args.weights)
-    images = [image for scene in scenes for image in scene]
-    print(choose(model, images, Searches(config, objects.read_all(args.data))))
-
-
-if __name__ == "__main__":
-    main()
