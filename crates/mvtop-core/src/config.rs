@@ -275,21 +275,26 @@ impl InferenceConfig {
     /// # Errors
     /// [`Error::Input`] for a path that names no field, or a value of another kind.
     pub fn with(&self, overrides: &[(String, Value)]) -> Result<Self> {
-        let mut tree = serde_json::to_value(self).map_err(|e| Error::Input(e.to_string()))?;
+        let mut config = self.clone();
         for (path, value) in overrides {
+            let refused = |what: String| {
+                let text =
+                    format!("inference setting `{path}`: {what}; docs/inference.md lists them");
+                Error::Input(text)
+            };
+            let mut tree = serde_json::to_value(&config).map_err(|e| refused(e.to_string()))?;
             let mut at = &mut tree;
             for key in path.split('.') {
                 at = at.get_mut(key).ok_or_else(|| {
-                    Error::Input(format!(
-                        "inference setting `{path}`: expected the name of a setting, as in \
-                         search.settled, got an unknown one; docs/inference.md lists them"
-                    ))
+                    refused(
+                        "expected the name of a setting, as in search.settled, got an unknown one"
+                            .into(),
+                    )
                 })?;
             }
             *at = value.clone();
+            config = serde_json::from_value(tree).map_err(|e| refused(e.to_string()))?;
         }
-        let config: Self = serde_json::from_value(tree)
-            .map_err(|e| Error::Input(format!("inference settings: {e}")))?;
         config.check().map_err(Error::Input)?;
         Ok(config)
     }
