@@ -133,6 +133,28 @@ def test_pickled_estimators_and_rigs_predict_the_same(estimator, rig, arrays, pr
     )
 
 
+def test_settings_of_the_inference_are_kept_by_pickles(estimator, rig, arrays):
+    strict = {"association.max_size_ratio": 1.0}
+    strict = mvtop.Estimator.load(estimator._path, inference=strict)
+    again = pickle.loads(pickle.dumps(strict))
+    expected = numbers(strict.predict(arrays, rig))
+    assert numbers(again.predict(arrays, rig)) == expected
+    assert numbers(estimator.predict(arrays, rig)) != expected
+
+
+@pytest.mark.parametrize(
+    ("setting", "sentence"),
+    [
+        ({"search.setled": 0.8}, "`search.setled`: expected the name of a setting"),
+        ({"search.settled": "x"}, "`search.settled`"),
+        ({"search.settled": 3}, "expected 0 to 1, got 3"),
+    ],
+)
+def test_wrong_settings_are_value_errors(estimator, setting, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        mvtop.Estimator.load(estimator._path, inference=setting)
+
+
 def test_edges_are_not_drawn_of_classes_without_a_mesh(prediction):
     with pytest.raises(ValueError, match="edges: expected a model bundle with a mesh"):
         prediction.overlay(edges=True)
@@ -285,9 +307,9 @@ def test_wrong_calibration_is_warned_of(estimator, rig, arrays):
     ]
     prediction = estimator.predict(arrays, mvtop.Rig(cameras))  # OpenGL's axes
     (warning,) = prediction.warnings
-    assert (warning.code, warning.camera) == ("nothing_matches", None)
-    assert "at no place is it seen by two cameras" in warning.message
-    assert prediction.rig_consistency is None
+    assert (warning.code, warning.object) == ("nothing_matches", None)
+    assert "do not show the same scene" in warning.message
+    assert prediction.rig_consistency.contradiction > 2
 
 
 def assert_same(warm, cold):

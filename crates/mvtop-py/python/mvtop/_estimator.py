@@ -60,18 +60,19 @@ class Estimator:
         """
         self = cls.__new__(cls)
         self._path = os.path.abspath(path or os.environ.get("MVTOP_MODEL") or _shipped.model())
-        settings = {key: json.dumps(value) for key, value in (inference or {}).items()}
         self._options = {
-            "provider": provider, "threads": threads, "ort_lib": ort_lib, "inference": settings,
+            "provider": provider, "threads": threads, "ort_lib": ort_lib,
+            "inference": dict(inference or {}),
         }  # fmt: skip
         self._native = self._load()
         return self
 
     def _load(self) -> NativeEstimator:
         library = self._options["ort_lib"] or _runtime.library()
+        settings = self._options["inference"].items()
         return NativeEstimator(
             self._path, library, self._options["provider"], self._options["threads"],
-            self._options["inference"],
+            {key: json.dumps(value) for key, value in settings},
         )  # fmt: skip
 
     def _here(self) -> NativeEstimator:

@@ -5,9 +5,10 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Final, SupportsFloat, SupportsIndex, final
 
-__all__ = ["BOP_RESULTS_HEADER", "__version__", "Camera", "Image", "Instance", "Mesh", "ModelInfo", "NativeEstimator", "NativePrediction", "NativeTracker", "RefinedRig", "Rig", "RigCheck", "RigCorrection", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "correlation", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "eval_bop", "read_models_info", "read_scene", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "set_num_threads", "translation_error", "vsd"]
+__all__ = ["BOP_RESULTS_HEADER", "PIPELINE_VERSION", "__version__", "Camera", "Image", "Instance", "Mesh", "ModelInfo", "NativeEstimator", "NativePrediction", "NativeTracker", "RefinedRig", "Rig", "RigCheck", "RigCorrection", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "correlation", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "eval_bop", "read_models_info", "read_scene", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "set_num_threads", "translation_error", "vsd"]
 
 BOP_RESULTS_HEADER: Final[str]
+PIPELINE_VERSION: Final[int]
 __version__: Final[str]
 
 @final
@@ -240,7 +241,7 @@ class NativeEstimator:
     """
     A network that is loaded in this process.
     """
-    def __new__(cls, /, bundle: str | PathLike[str], ort_lib: str | PathLike[str] | None, provider: str, threads: SupportsIndex) -> NativeEstimator: ...
+    def __new__(cls, /, bundle: str | PathLike[str], ort_lib: str | PathLike[str] | None, provider: str, threads: SupportsIndex, inference: dict[str, str]) -> NativeEstimator: ...
     def __repr__(self, /) -> str: ...
     def check_rig(self, /, rig: Rig, sets: SupportsGetItem[int, SupportsGetItem[int, tuple[SupportsIndex, Any]]], turn_sd_deg: SupportsFloat | SupportsIndex, shift_sd_m: SupportsFloat | SupportsIndex) -> RigCheck:
         """

@@ -89,12 +89,12 @@ class Refinement:
     accepted: bool
     """Whether the images fit the refined pose better; otherwise the one before was kept."""
     contour_inliers: float
-    """Share of the mesh's visible contour points with an edge in the image, mean over views."""
+    """Share of the mesh's visible contour points with an image edge there, mean over views."""
     contour_residual_px: float
     """Mean distance of the visible edges from their projections, px of the crops."""
     color_separation: float
     """Mean probability of belonging to the object, by color, of the silhouette's pixels less that
-    of the background's, mean over views: 1 if colors separate them everywhere, 0 if not."""
+    of the background's, mean over views: 1 if colors separate them everywhere, 0 if they do not."""
     mutual_information: float
     """Mutual information of segment and color, bits per pixel, mean over views."""
     mutual_information_min: float
