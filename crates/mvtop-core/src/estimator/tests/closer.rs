@@ -9,9 +9,6 @@ const BALL: [f64; 3] = [0.05, 0.1, 1.0];
 /// Least width of what is found, px of the detector's input.
 const LEAST: usize = 20;
 
-/// Both once more with red and blue exchanged, as no bundle that was not calibrated is sure of anything.
-const COLORS: usize = 2;
-
 /// Finds what is white.
 struct White<'a> {
     decoder: Triangulation,
@@ -116,7 +113,7 @@ fn object_that_is_too_small_in_one_image_is_looked_for_where_the_other_tells() {
     // A ball of 94 px is 23 px of the detector's input, one of 62 px is 15 px.
     let (rig, prediction, shown) = found([(LARGE, 1000.0), (LARGE, 650.0)]);
     assert_found_in_both(&rig, &prediction);
-    assert_eq!(shown, 2 + 1 + COLORS);
+    assert_eq!(shown, 2 + 1);
 }
 
 #[test]
@@ -124,11 +121,11 @@ fn images_in_which_nothing_is_large_enough_are_looked_at_in_parts() {
     let (rig, prediction, shown) = found([(LARGE, 750.0), (LARGE, 510.0)]);
     // In parts that are 1.6 times as large the first is seen, by which the second is found.
     assert_found_in_both(&rig, &prediction);
-    assert_eq!(shown, 2 + 8 + 1 + COLORS);
+    assert_eq!(shown, 2 + 8 + 1);
 }
 
 #[test]
 fn images_that_hardly_shrink_are_seen_once() {
     let (_, prediction, shown) = found([((600, 450), 300.0), ((600, 450), 300.0)]);
-    assert_eq!((prediction.objects.len(), shown), (0, 2 + COLORS));
+    assert_eq!((prediction.objects.len(), shown), (0, 2));
 }
