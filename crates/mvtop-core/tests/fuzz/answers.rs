@@ -15,7 +15,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 
 use crate::mutate::{changed, edits};
-use crate::{answered, good, repo, shipped};
+use crate::{answered, good, repo};
 
 /// Each case runs a network, some of them often: a share of the cases of files that are read.
 fn one_in(so_many: u32) -> ProptestConfig {
@@ -45,9 +45,7 @@ static EXAMPLE: LazyLock<Example> = LazyLock::new(|| {
         images: rig.cameras().iter().enumerate().map(view).collect(),
         rig,
         known: annotations::load_truth(&at("truth.json")).unwrap(),
-        estimator: Arc::new(
-            Estimator::load(shipped("mvball").path(), &Options::default()).unwrap(),
-        ),
+        estimator: Arc::new(Estimator::load(&repo("models/mvball"), &Options::default()).unwrap()),
     }
 });
 

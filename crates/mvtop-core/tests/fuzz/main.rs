@@ -22,23 +22,6 @@ fn good(path: &str) -> Vec<u8> {
     std::fs::read(repo(path)).unwrap()
 }
 
-/// A copy of a shipped bundle, without a calibration for an earlier pipeline.
-fn shipped(name: &str) -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    for entry in std::fs::read_dir(repo(&format!("models/{name}"))).unwrap() {
-        let from = entry.unwrap().path();
-        std::fs::copy(&from, folder.path().join(from.file_name().unwrap())).unwrap();
-    }
-    let about = folder.path().join("model.json");
-    let mut model: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(&about).unwrap()).unwrap();
-    if model.get("scorer").is_none() {
-        model.as_object_mut().unwrap().remove("confidence");
-        std::fs::write(&about, model.to_string()).unwrap();
-    }
-    folder
-}
-
 /// A sentence, or a value.
 fn answered<T>(answer: mvtop_core::Result<T>) -> Option<T> {
     match answer {

@@ -79,20 +79,3 @@ pub fn sample_boxes() -> HashMap<String, BBox> {
     let truth: serde_json::Value = serde_json::from_str(&text).unwrap();
     serde_json::from_value(truth["objects"][0]["boxes"].clone()).unwrap()
 }
-
-/// A copy of a shipped bundle, without a calibration for an earlier pipeline.
-pub fn shipped(name: &str) -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    for entry in std::fs::read_dir(fixture_path("../models").join(name)).unwrap() {
-        let from = entry.unwrap().path();
-        std::fs::copy(&from, folder.path().join(from.file_name().unwrap())).unwrap();
-    }
-    let about = folder.path().join("model.json");
-    let mut model: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(&about).unwrap()).unwrap();
-    if model.get("scorer").is_none() {
-        model.as_object_mut().unwrap().remove("confidence");
-        std::fs::write(&about, model.to_string()).unwrap();
-    }
-    folder
-}

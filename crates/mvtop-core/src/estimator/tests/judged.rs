@@ -84,7 +84,6 @@ fn true_rigs_are_not_doubted() {
 }
 
 #[test]
-#[ignore = "the gain of all corrections grows with the number of cameras, its limit does not"]
 fn true_rigs_of_many_cameras_are_not_doubted() {
     let config = RigConfig::default();
     for seed in 0..10 {
