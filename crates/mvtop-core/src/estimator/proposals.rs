@@ -212,15 +212,32 @@ impl Pipeline<'_> {
                 rois.push(new);
             }
         }
-        let mut proposed = vec![Vec::new(); open.len()];
+        self.proposed_by_crops(closeups, open.len(), of, requests, &rois, clock)
+    }
+
+    /// The network's candidates from crops, by index of the instance.
+    ///
+    /// - `count`: of the instances
+    /// - `of`: index of the instance that each request is of
+    /// - `rois`: of each request
+    fn proposed_by_crops(
+        &self,
+        closeups: &CloseUps,
+        count: usize,
+        of: Vec<usize>,
+        requests: Vec<CropRequest>,
+        rois: &[Vec<Option<BBox>>],
+        clock: &mut Clock,
+    ) -> Result<Vec<Vec<Candidate>>> {
+        let mut proposed = vec![Vec::new(); count];
         if of.is_empty() {
             return Ok(proposed);
         }
+        let classes: Vec<usize> = requests.iter().map(|request| request.class).collect();
         let (crops, groups) = self.encoded(closeups, requests, clock)?;
-        let of_class: Vec<usize> = of.iter().map(|&index| open[index].class).collect();
-        let found = self.network_candidates(&crops, &groups, &of_class, &rois)?;
+        let found = self.network_candidates(&crops, &groups, &classes, rois)?;
         for (index, found) in of.into_iter().zip(found) {
-            proposed[index] = found;
+            proposed[index].extend(found);
         }
         Ok(proposed)
     }
@@ -241,26 +258,13 @@ impl Pipeline<'_> {
                 rois.push(best.rois.clone());
             }
         }
-        let mut proposed = vec![Vec::new(); open.len()];
-        if of.is_empty() {
-            return Ok(proposed);
-        }
-        let (crops, groups) = self.encoded(closeups, requests, clock)?;
-        let of_class: Vec<usize> = of.iter().map(|&index| open[index].class).collect();
-        let found = self.network_candidates(&crops, &groups, &of_class, &rois)?;
-        for (index, found) in of.into_iter().zip(found) {
-            proposed[index].extend(found);
-        }
-        let search = &self.config().search;
-        for (index, one) in open.iter().enumerate() {
+        let proposed = self.proposed_by_crops(closeups, open.len(), of, requests, &rois, clock)?;
+        let start_deg = self.config().search.start_deg;
+        let each = open.iter().zip(proposed).map(|(one, found)| {
             let class = &self.estimator.bundle.classes[one.class];
-            proposed[index] = distinct(
-                std::mem::take(&mut proposed[index]),
-                class,
-                search.start_deg,
-            );
-        }
-        Ok(proposed)
+            distinct(found, class, start_deg)
+        });
+        Ok(each.collect())
     }
 
     /// Small turns of the best pose.
@@ -279,7 +283,6 @@ impl Pipeline<'_> {
             let poses = poses.into_iter().take(search.max_perturbed);
             let candidate = |world_from_obj| Candidate {
                 world_from_obj,
-                prior: best.prior,
                 refinement: None,
                 ..best.clone()
             };
