@@ -9,6 +9,7 @@ use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Quaternion, UnitQuaternion, 
 use rayon::prelude::*;
 
 use self::position::position;
+use super::grouping::groups;
 use crate::config::PnpConfig;
 use crate::prediction::{Hypothesis, Sigma};
 
@@ -95,18 +96,11 @@ pub fn solve(
             probability: (inlier_share(all, &pose, last) / config.temperature).exp(),
         })
     });
-    let mut solved: Vec<Hypothesis> = solved.collect();
-    solved.sort_by(|a, b| b.probability.total_cmp(&a.probability));
-    let mut kept: Vec<Hypothesis> = Vec::new();
-    for one in solved {
-        let near = |other: &Hypothesis| {
-            let (a, b) = (&other.world_from_obj, &one.world_from_obj);
-            all.symmetry.apart_deg(a, b, diameter) < merge_deg
-        };
-        if !kept.iter().any(near) {
-            kept.push(one);
-        }
-    }
+    let groups = groups(solved.collect(), &all.symmetry, diameter, merge_deg);
+    let firsts = groups
+        .into_iter()
+        .filter_map(|group| group.into_iter().next());
+    let mut kept: Vec<Hypothesis> = firsts.collect();
     let total: f64 = kept.iter().map(|one| one.probability).sum();
     kept.iter_mut().for_each(|one| one.probability /= total);
     kept
