@@ -75,8 +75,8 @@ impl<'a> Pipeline<'a> {
         for proposer in &self.config().search.schedule {
             self.search(*proposer, &mut instances, &mut clock)?;
         }
+        instances.retain(|one| one.best().is_some());
         if self.options.boxes.is_none() {
-            instances.retain(|one| one.best().is_some());
             let Estimator { bundle, radii, .. } = self.estimator;
             let search = &self.config().search;
             instances = nms::suppress(search, &bundle.classes, &self.views, radii, instances);

@@ -40,9 +40,9 @@ impl Pipeline<'_> {
         let least = self.config().search.min_initial_log_odds;
         let least = least.filter(|_| self.options.boxes.is_none());
         if let Some(refiner) = refiner.filter(|_| least.is_none_or(|least| initial >= least)) {
-            let expected = self.expected(class, &candidate);
+            let expected = |view| candidate.evidence.iter().any(|one| one.view == view);
             let shown: Vec<usize> = (0..self.views.len())
-                .filter(|&view| expected[view].is_some() || candidate.rois[view].is_some())
+                .filter(|&view| expected(view) || candidate.rois[view].is_some())
                 .collect();
             let views: Vec<refine::View> = shown
                 .iter()
@@ -78,12 +78,6 @@ impl Pipeline<'_> {
         candidate
     }
 
-    /// `[V]`: where the views should show a candidate.
-    fn expected(&self, class: &Class, candidate: &Candidate) -> Vec<Option<Projection>> {
-        let least = self.config().search.min_in_image;
-        reprojection::expected(class, &self.views, &candidate.world_from_obj, least)
-    }
-
     /// Gathers the evidence of each view for a candidate, and scores it.
     fn score(
         &self,
@@ -114,7 +108,9 @@ impl Pipeline<'_> {
                 texture: number(|one| one.texture_gain.unwrap_or(0.0)),
             })
         };
-        let expected = self.expected(class, candidate);
+        let least = self.config().search.min_in_image;
+        let pose = &candidate.world_from_obj;
+        let expected = reprojection::expected(class, &self.views, pose, least);
         candidate.evidence = expected
             .into_iter()
             .enumerate()

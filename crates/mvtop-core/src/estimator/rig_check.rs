@@ -60,24 +60,23 @@ pub fn check(
         .collect();
     let judgement = rig_test::judge(config, &measurements(pipeline, instances, compared));
     let contradiction = contradiction(pipeline, instances);
-    let by_boxes = lower_median(&deviations) / config.max_box_deviation;
+    let box_deviation = match judgement {
+        Some(_) => 0.0,
+        None => lower_median(&deviations),
+    };
     let poses = match judgement {
         Some(Judgement { cameras, scale, .. }) => {
             (cameras / config.max_camera_deviation).max(scale / config.max_scale_deviation)
         }
-        None => by_boxes,
+        None => box_deviation / config.max_box_deviation,
     };
     let ratio = contradiction.as_ref().map_or(0.0, |one| one.ratio);
     let contradicted = ratio / config.max_contradiction;
     let mut warnings = Vec::new();
     if poses > 1.0 {
+        let judgement = judgement.as_ref();
         warnings.extend(disagreement(
-            rig,
-            instances,
-            compared,
-            &residuals,
-            judgement.as_ref(),
-            pipeline,
+            pipeline, instances, compared, &residuals, judgement,
         ));
     }
     if let Some(one) = contradiction.filter(|_| contradicted > 1.0) {
@@ -87,10 +86,7 @@ pub fn check(
         deviation: poses.max(contradicted),
         camera_deviation: judgement.map_or(0.0, |one| one.cameras),
         scale_deviation: judgement.map_or(0.0, |one| one.scale),
-        box_deviation: match judgement {
-            Some(_) => 0.0,
-            None => lower_median(&deviations),
-        },
+        box_deviation,
         contradiction: ratio,
         ..consistency(&residuals)
     });
@@ -156,8 +152,8 @@ fn boxes(pipeline: &Pipeline, instance: &Instance) -> Vec<(usize, BBox)> {
     seen.collect()
 }
 
-/// The lower median of what is known; 0 of nothing. An object that one view takes for something else
-/// differs alone; with a wrong rig most do.
+/// The lower median of the known deviations; 0 without any. A false detection raises one deviation, a
+/// wrong rig raises most.
 fn lower_median(all: &[Option<f64>]) -> f64 {
     let mut known: Vec<f64> = all.iter().copied().flatten().collect();
     known.sort_by(f64::total_cmp);
@@ -190,14 +186,13 @@ fn consistency(residuals: &[Vec<(usize, Residual)>]) -> RigConsistency {
 
 /// The warning for views that give different poses of one object.
 fn disagreement(
-    rig: &Rig,
+    pipeline: &Pipeline,
     instances: &[Instance],
     compared: &[Vec<(usize, Difference)>],
     residuals: &[Vec<(usize, Residual)>],
     judgement: Option<&Judgement>,
-    pipeline: &Pipeline,
 ) -> Option<Warning> {
-    let config = &pipeline.config().rig;
+    let (config, rig) = (&pipeline.config().rig, pipeline.rig);
     let name = |object: usize| &pipeline.estimator.bundle.classes[instances[object].class].name;
     let id = |camera: usize| rig.cameras()[camera].id();
     let scaled = judgement.filter(|one| {
@@ -272,10 +267,7 @@ fn disagreement(
             (object, *camera, code, what)
         }
     };
-    let cameras = compared
-        .get(object)
-        .map_or(0, Vec::len)
-        .max(residuals[object].len());
+    let cameras = compared[object].len().max(residuals[object].len());
     let camera = judgement.map_or(camera, |one| one.worst_camera);
     Some(Warning {
         code,

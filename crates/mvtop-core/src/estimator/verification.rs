@@ -9,7 +9,9 @@ use crate::Result;
 use crate::prediction::{CameraPose, ObjectPose, Prediction, Timings, Warning};
 
 impl Pipeline<'_> {
-    /// Compares the views, judges the rig by all instances, scores what is left, and reports.
+    /// Compares the views, judges the rig by all instances, scores them anew, and reports.
+    ///
+    /// - `instances`: with candidates
     pub(super) fn verified(
         &self,
         reference: usize,
@@ -18,7 +20,6 @@ impl Pipeline<'_> {
     ) -> Result<Prediction> {
         let (Estimator { bundle, .. }, rig) = (self.estimator, self.rig);
         let scorer = self.estimator.scorer();
-        instances.retain(|one| one.best().is_some());
         let hopeless = self.config().search.hopeless;
         let compared: Vec<_> = instances
             .iter()
