@@ -167,7 +167,7 @@ fn points() -> Vec<SurfacePoint> {
     sides.map(point).collect()
 }
 
-/// Reads coordinates off colors. Its detector answers what it is told.
+/// A network that decodes coordinates from colors, and whose detections are given.
 struct Painted<'a> {
     /// Score and box, px of the image, of each view.
     seen: Vec<Vec<(f32, BBox)>>,
@@ -336,7 +336,7 @@ fn off(object: &ObjectPose) -> (f64, f64) {
     )
 }
 
-/// Of each view that should show the object, what is said by one term.
+/// One term of the evidence, by view that should show the object.
 fn by_view(object: &ObjectPose, term: &str) -> Vec<f64> {
     let at = crate::scorer::VIEW_TERMS
         .iter()

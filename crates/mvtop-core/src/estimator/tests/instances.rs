@@ -167,7 +167,7 @@ fn probabilities_exclude_each_other_and_leave_room_for_none_of_them() {
         assert!((shares - 1.0).abs() < 1e-12, "{shares}");
     }
     assert_eq!(of(&[800.0, 0.0]), [1.0, 0.0]);
-    // What is hardly possible is not reported.
+    // Hypotheses of negligible probability are not reported.
     assert_eq!(instance(&[5.0, 0.0]).hypotheses().len(), 1);
     assert_eq!(instance(&[5.0, 2.0]).hypotheses().len(), 2);
 }
@@ -225,7 +225,7 @@ impl Scene {
         }
     }
 
-    /// Views of what is left.
+    /// Numbers of views of the instances that remain.
     fn kept(&self, instances: Vec<Instance>) -> Vec<(usize, Vec<bool>)> {
         let config = InferenceConfig::default().search;
         let classes = &self.bundle.classes;
