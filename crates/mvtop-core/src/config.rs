@@ -118,10 +118,8 @@ pub struct SearchConfig {
     pub start_deg: f64,
     /// Turns of the augmented crops about their axes, degrees: as far as most are in training.
     pub rolls_deg: Vec<f64>,
-    /// Turn of the perturbed poses, degrees. Chosen against 45, 90 and 135 on pairs of the ball.
+    /// Turn of the perturbed poses, degrees.
     pub perturbation_deg: f64,
-    /// Perturbed poses that are refined, at most.
-    pub max_perturbed: usize,
     /// Share of an object's projection inside the image from which a view is expected to show it.
     pub min_in_image: f64,
     /// Two instances are duplicates when their distance is below this share of their radii's sum.
@@ -238,7 +236,6 @@ impl Default for SearchConfig {
             start_deg: 3.0,
             rolls_deg: vec![20.0, -20.0, 40.0, -40.0],
             perturbation_deg: 10.0,
-            max_perturbed: 3,
             min_in_image: 0.6,
             duplicate_distance: 0.5,
             same_box_iou: 0.4,

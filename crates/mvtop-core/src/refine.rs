@@ -18,7 +18,6 @@ mod fit_quality;
 mod gauss_newton;
 mod mesh_model;
 mod mutual_information;
-mod perturb;
 mod raster;
 mod revolution_axis;
 mod texture;
@@ -66,8 +65,6 @@ pub struct Edge {
 pub enum Schedule {
     /// Coarse stage, fine stage, texture.
     Full,
-    /// Fine stage and texture, for a pose that comes from coarse crops.
-    FineOnly,
     /// Coarse crops alone: quicker, and exact enough to compare views. It evaluates no
     /// [`Refined::quality`].
     CoarseOnly,
@@ -226,10 +223,8 @@ impl Refiner {
     /// Stages of a schedule, with their line steps.
     fn stages(&self, schedule: Schedule) -> Vec<(&Stage, &[f64])> {
         let RefineConfig { coarse, fine, .. } = &self.config;
-        let fine = (fine, &fine.steps_px[..]);
         match schedule {
-            Schedule::Full => vec![(coarse, &coarse.steps_px), fine],
-            Schedule::FineOnly => vec![fine],
+            Schedule::Full => vec![(coarse, &coarse.steps_px), (fine, &fine.steps_px)],
             Schedule::CoarseOnly => vec![(coarse, &self.config.coarse_only_steps_px)],
         }
     }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::Point3;
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use super::crops::{self, CropRequest, Crops, Group};
 use super::instance::{Candidate, Instance};
@@ -11,7 +11,7 @@ use super::pnp::{self, Correspondences};
 use super::{decoder, grouping, reprojection};
 use crate::bundle::{Class, CloseUps, PoseInput};
 use crate::config::Proposer;
-use crate::prediction::Hypothesis;
+use crate::prediction::{Hypothesis, Sigma};
 use crate::scorer::Scored;
 use crate::{BBox, Result};
 
@@ -267,31 +267,43 @@ impl Pipeline<'_> {
         Ok(each.collect())
     }
 
-    /// Small turns of the best pose.
+    /// The best pose turned about each axis of the object, both ways.
     fn perturbed(&self, open: &[&mut Instance]) -> Vec<Vec<Candidate>> {
-        let search = &self.config().search;
+        let degrees = self.config().search.perturbation_deg;
         let of_instance = |one: &&mut Instance| {
             let (best, refiner) = (one.best()?, self.estimator.refiners[one.class].as_ref()?);
-            let views = self.views.iter().zip(&best.rois);
-            let views: Vec<_> = views
-                .filter(|(_, roi)| roi.is_some())
-                .map(|(view, _)| view.refined())
-                .collect();
-            let sigma = best.sigma;
-            let center = &best.world_from_obj;
-            let poses = refiner.perturbed(&views, center, sigma, search.perturbation_deg);
-            let poses = poses.into_iter().take(search.max_perturbed);
+            let poses = turned(&best.world_from_obj, refiner.center(), degrees);
             let candidate = |world_from_obj| Candidate {
                 world_from_obj,
+                sigma: Sigma {
+                    rot_deg: best.sigma.rot_deg.hypot(degrees),
+                    ..best.sigma
+                },
                 refinement: None,
                 ..best.clone()
             };
-            Some(poses.map(candidate).collect())
+            Some(poses.into_iter().map(candidate).collect())
         };
         open.iter()
             .map(|one| of_instance(one).unwrap_or_default())
             .collect()
     }
+}
+
+/// A pose turned about each axis of the object, both ways.
+///
+/// - `center`: of the turns, object frame
+pub fn turned(
+    world_from_obj: &Isometry3<f64>,
+    center: Point3<f64>,
+    degrees: f64,
+) -> [Isometry3<f64>; 6] {
+    std::array::from_fn(|i| {
+        let sign = if i < 3 { 1.0 } else { -1.0 };
+        let turn = Vector3::ith(i % 3, sign * degrees.to_radians());
+        let turn = UnitQuaternion::from_scaled_axis(turn);
+        world_from_obj * Isometry3::rotation_wrt_point(turn, center)
+    })
 }
 
 /// Of candidates nearer to each other than `start_deg` the first, as probable as all of them.

@@ -12,7 +12,7 @@ use super::view_state::ViewState;
 const FLOOR: f32 = 1e-5;
 
 /// Color histogram of each segment.
-#[derive(Default, Clone)]
+#[derive(Default)]
 pub struct ColorHistograms {
     /// By segment, then by bin; the sum over the bins is 1.
     shares: Vec<Vec<f32>>,

@@ -85,12 +85,6 @@ pub struct RefineConfig {
     /// How much worse outline or inner edges may be separated at an accepted pose, bits per pixel; not
     /// measured.
     pub accept_margin_bits: f64,
-    /// Increases of mutual information (bits), texture correlation, inlier share and color separation
-    /// that multiply the odds of a pose by e; fitted on 300 pairs of images of a synthetic ball.
-    pub score_scales: [f64; 4],
-    /// Angles up to which perturbed poses are merged with each other after the first steps, with the
-    /// unperturbed pose, and at the end, degrees; not measured.
-    pub perturbation_merge_deg: [f64; 3],
     /// Comparison of the texture with the images.
     pub texture: TextureConfig,
 }
@@ -137,8 +131,6 @@ impl Default for RefineConfig {
             information_deflation: 0.25,
             observability_floor: 0.002,
             accept_margin_bits: 0.05,
-            score_scales: [0.1, 0.2, 0.07, 0.1],
-            perturbation_merge_deg: [2.0, 1.5, 3.0],
             texture: TextureConfig::default(),
         }
     }
@@ -177,21 +169,6 @@ impl RefineConfig {
                  fill below 1, an amplitude below 0.5, and 1 to 50 steps"
             )
         })
-    }
-
-    /// Log-odds of a pose, up to a constant, to compare poses of one object that may be far apart.
-    pub fn score(
-        &self,
-        mutual_information: f64,
-        texture_correlation: Option<f64>,
-        contour_inliers: f64,
-        color_separation: f64,
-    ) -> f64 {
-        let [information, texture, inliers, separation] = self.score_scales;
-        mutual_information / information
-            + texture_correlation.unwrap_or(0.0) / texture
-            + contour_inliers / inliers
-            + color_separation / separation
     }
 
     /// Line step at which poses are evaluated: the last one of the fine stage.

@@ -29,7 +29,7 @@ const SQUARE: usize = LANES;
 const HIDDEN_AREA: f64 = 1e-3;
 
 /// The rendered mesh. Its memory is reused.
-#[derive(Default, Clone)]
+#[derive(Default)]
 pub struct Raster {
     pub size: usize,
     /// The mesh's vertices.

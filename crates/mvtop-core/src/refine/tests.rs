@@ -3,7 +3,6 @@
 mod alone;
 mod config;
 mod evidence;
-mod perturb;
 mod quality;
 mod robust_step;
 mod scene;

@@ -1,7 +1,5 @@
 //! Evidence for a pose in each view.
 
-use super::RefineConfig;
-
 /// Evidence for a pose in one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ViewQuality {
@@ -34,16 +32,6 @@ pub struct Quality {
 }
 
 impl Quality {
-    /// [`RefineConfig::score`] of the means over views.
-    pub fn score(&self, config: &RefineConfig) -> f64 {
-        config.score(
-            self.mutual_information(),
-            self.texture_correlation(),
-            self.contour_inliers(),
-            self.color_separation(),
-        )
-    }
-
     /// Mean over views, bits per pixel; 0 without any.
     pub fn mutual_information(&self) -> f64 {
         self.mean(|view| view.mutual_information).unwrap_or(0.0)
@@ -52,11 +40,6 @@ impl Quality {
     /// Least over views, bits per pixel; 0 without any.
     pub fn mutual_information_min(&self) -> f64 {
         self.worst().map_or(0.0, |view| view.mutual_information)
-    }
-
-    /// Mean over views; 0 without any.
-    pub fn contour_inliers(&self) -> f64 {
-        self.mean(|view| view.contour_inliers).unwrap_or(0.0)
     }
 
     /// Mean over views; 0 without any.

@@ -1,7 +1,5 @@
 //! State of one view during refinement: its crop, the rendered mesh and the correspondence lines.
 
-use std::sync::Arc;
-
 use nalgebra::{Isometry3, Point3};
 
 use super::color_histograms::{ColorHistograms, background_bins};
@@ -16,7 +14,6 @@ use crate::closeup::{CloseUp, FILL};
 use crate::{BBox, Camera};
 
 /// State of one view. Its memory is reused from iteration to iteration.
-#[derive(Clone)]
 pub struct ViewState<'a> {
     pub refiner: &'a Refiner,
     /// Index of the view, as given.
@@ -24,7 +21,7 @@ pub struct ViewState<'a> {
     /// Px of the crop per px of the image.
     pub scale: f64,
     pub closeup: CloseUp,
-    pub pixels: Arc<CropPixels>,
+    pub pixels: CropPixels,
     pub raster: Raster,
     pub points: Vec<EdgePoint>,
     pub histograms: ColorHistograms,
@@ -56,7 +53,7 @@ impl<'a> ViewState<'a> {
             refiner,
             index,
             scale: f64::from(side) * stage.fill / size,
-            pixels: Arc::new(CropPixels::new(side as usize, pixels)),
+            pixels: CropPixels::new(side as usize, pixels),
             closeup,
             raster: Raster::default(),
             points: Vec::new(),

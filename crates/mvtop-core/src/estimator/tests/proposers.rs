@@ -8,7 +8,11 @@ use crate::bundle::SurfacePoint;
 use crate::detect::Detection;
 use crate::estimator::instance::{Candidate, Instance};
 use crate::estimator::pipeline::Pipeline;
+use crate::estimator::proposals::turned;
+use crate::pose::rotation_error_deg;
 use crate::prediction::Sigma;
+use crate::refine::tests::{Draw, camera, cuboid, seen, views_of};
+use crate::refine::{Refiner, Schedule};
 use crate::scorer::Scored;
 
 /// Notes how many crops it is shown at once, and turns objects the same way whichever view is the
@@ -227,4 +231,49 @@ fn rolled_crops_look_at_the_best_pose() {
     );
     instance.candidates.clear();
     assert!(pipeline.rolled(closeups, &instance).is_empty());
+}
+
+#[test]
+fn turned_poses_lie_on_all_sides_of_a_pose_and_keep_the_center() {
+    let pose = Isometry3::new(Vector3::new(0.3, 0.1, 1.2), Vector3::new(0.5, -1.0, 0.2));
+    let center = Point3::new(0.02, -0.01, 0.05);
+    let all = turned(&pose, center, 10.0);
+    for one in &all {
+        assert!((one * center - pose * center).norm() < 1e-12);
+        assert!((rotation_error_deg(&one.rotation, &pose.rotation) - 10.0).abs() < 1e-6);
+    }
+    let pairs = (0..all.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
+    for (a, b) in pairs {
+        assert!(rotation_error_deg(&all[a].rotation, &all[b].rotation) > 10.0);
+    }
+}
+
+#[test]
+fn turned_poses_reach_what_refinement_alone_does_not() {
+    let cameras = [0.0, 70.0].map(camera);
+    let mesh = cuboid();
+    let refiner = Refiner::new(&mesh, 0.15);
+    let mut draw = Draw(9);
+    let (mut alone, mut reached) = (0, 0);
+    for draws in 0..18 {
+        let degrees = [40_f64, 50.0, 60.0][draws % 3];
+        let truth = Isometry3::from_parts(Translation3::identity(), draw.rotation(3.0));
+        let images = [0, 1].map(|view| seen(&mesh, &cameras[view], &truth, &mut draw));
+        let views = views_of(&cameras, &images);
+        let start = truth * draw.rotation(degrees.to_radians());
+        let right = |start: &Isometry3<f64>| {
+            let sigma = Sigma {
+                rot_deg: 10.0,
+                t_m: 0.003,
+            };
+            let found = refiner.refine(&views, start, sigma, Schedule::Full);
+            let pose = found.unwrap().world_from_obj;
+            rotation_error_deg(&pose.rotation, &truth.rotation) < 2.0
+        };
+        let own = right(&start);
+        alone += u32::from(own);
+        let any = turned(&start, refiner.center(), 10.0).iter().any(right);
+        reached += u32::from(own || any);
+    }
+    assert!(reached > alone, "of 18: {reached}, {alone} alone");
 }

@@ -23,14 +23,6 @@ fn configuration_survives_json_and_may_be_partial() {
 }
 
 #[test]
-fn score_is_the_sum_of_evidence_by_its_scales() {
-    // 0.2 / 0.1 + 0.4 / 0.2 + 0.7 / 0.07 + 0.5 / 0.1.
-    let config = RefineConfig::default();
-    assert!((config.score(0.2, Some(0.4), 0.7, 0.5) - 19.0).abs() < 1e-9);
-    assert!((config.score(0.2, None, 0.7, 0.5) - 17.0).abs() < 1e-9);
-}
-
-#[test]
 fn configured_numbers_are_used() {
     let (mesh, camera, mut draw) = (cuboid(), camera(70.0), Draw(4));
     let truth = Isometry3::from_parts(Translation3::identity(), draw.rotation(3.0));

@@ -140,8 +140,8 @@ fn quality_is_worst_in_the_view_without_the_object() {
             shown.color_separation > 0.7 && shown.color_separation > hidden.color_separation + 0.2
         );
     }
-    let mean = (first.contour_inliers + second.contour_inliers + hidden.contour_inliers) / 3.0;
-    assert!((quality.contour_inliers() - mean).abs() < 1e-12);
+    let mean = (first.color_separation + second.color_separation + hidden.color_separation) / 3.0;
+    assert!((quality.color_separation() - mean).abs() < 1e-12);
     assert_eq!(Quality::default().mutual_information(), 0.0);
 }
 
