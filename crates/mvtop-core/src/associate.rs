@@ -241,7 +241,7 @@ fn meet(config: &AssociationConfig, a: &LineOfSight, b: &LineOfSight) -> Option<
 /// 0 for a perfect match, 2 at both limits, `None` beyond either.
 fn cost(config: &AssociationConfig, miss: f64, radius_a: f64, radius_b: f64) -> Option<f64> {
     let miss = miss / ((radius_a + radius_b) / 2.0 * config.max_ray_distance);
-    let size = (radius_a / radius_b).ln().abs() / config.max_size_ratio.ln();
+    let size = (radius_a / radius_b).ln().abs() / (2.0 * config.size_tolerance.ln());
     (miss <= 1.0 && size <= 1.0).then_some(miss + size)
 }
 

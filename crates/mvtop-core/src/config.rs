@@ -52,9 +52,8 @@ pub struct TilingConfig {
 pub struct AssociationConfig {
     /// Distance between two rays of one object, at most, in apparent radii. Not measured.
     pub max_ray_distance: f64,
-    /// Ratio of the apparent radii of one object in two views, at most. Not measured.
-    pub max_size_ratio: f64,
-    /// Factor by which an apparent radius may leave the range of the class. Not measured.
+    /// Factor by which an apparent radius may be off: those of two views differ by its square at
+    /// most, and their mean leaves the range of the class by it at most. Not measured.
     pub size_tolerance: f64,
 }
 
@@ -192,7 +191,6 @@ impl Default for AssociationConfig {
     fn default() -> Self {
         Self {
             max_ray_distance: 0.5,
-            max_size_ratio: 1.6,
             size_tolerance: 1.25,
         }
     }
