@@ -50,7 +50,7 @@ pub fn detect(
     if found.is_empty() {
         let everywhere = views.iter().enumerate().filter(|(_, view)| is_large(view));
         let tiles = everywhere
-            .flat_map(|(v, view)| all_of(v, view, tiling.full_zoom))
+            .flat_map(|(v, view)| all_of(v, view, tiling.zoom))
             .collect();
         add(network, bundle, views, tiles, boxes)?;
         found = detections::detected(bundle, &config.association, radii, views, boxes);
@@ -58,7 +58,7 @@ pub fn detect(
     let places = found
         .iter()
         .filter(|object| object.views() == 1)
-        .flat_map(|object| guided(radii, views, object, tiling.guided_zoom))
+        .flat_map(|object| guided(radii, views, object, tiling.zoom))
         .filter(|tile| is_large(&views[tile.view]));
     let tiles = places.take(tiling.max_guided).collect();
     add(network, bundle, views, tiles, boxes)
