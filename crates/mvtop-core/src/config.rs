@@ -99,8 +99,6 @@ pub struct SearchConfig {
     /// Candidates whose log-odds before refinement are lower are not refined; fitted so that one in 200
     /// right poses is lost. All are refined where there is none.
     pub min_initial_log_odds: Option<f64>,
-    /// Candidates of a lower prior are left out, but for the first.
-    pub min_prior: f64,
     /// Instances that are not settled and whose confidence is lower get no further proposals.
     pub hopeless: f64,
     /// Instances that a proposer works on, at most, the most confident first: bounds the time.
@@ -222,7 +220,6 @@ impl Default for SearchConfig {
             ],
             settled: 0.9,
             min_initial_log_odds: None,
-            min_prior: 0.05,
             hopeless: 0.02,
             max_instances: 8,
             merge_deg: 25.0,

@@ -101,8 +101,6 @@ impl Pipeline<'_> {
         let total: f64 = found.iter().map(|one| one.probability).sum();
         found.iter_mut().for_each(|one| one.probability /= total);
         found.retain(|one| self.can_be_seen(class, one));
-        let most = found.first().map_or(0.0, |one| one.probability);
-        found.retain(|one| one.probability >= search.min_prior.min(most));
         found.truncate(search.max_candidates);
         if found.is_empty() {
             return Vec::new();
