@@ -69,8 +69,6 @@ pub struct PnpConfig {
     pub align_scales: Vec<f64>,
     /// Robust scales of the Gauss-Newton steps, in diameters; the last one defines an inlier.
     pub newton_scales: Vec<f64>,
-    /// Poses that the search hands to the final steps, at most.
-    pub max_hypotheses: usize,
     /// Temperature of their probabilities: p ~ exp(inlier share / temperature).
     pub temperature: f64,
     /// Fewest correspondences of a pose.
@@ -199,7 +197,6 @@ impl Default for PnpConfig {
             search_correspondences: 192,
             align_scales: vec![0.3, 0.25, 0.2, 0.15, 0.12, 0.1],
             newton_scales: vec![0.1, 0.08, 0.08, 0.07, 0.06, 0.06, 0.05, 0.05, 0.05, 0.05],
-            max_hypotheses: 5,
             temperature: 0.1,
             min_correspondences: 12,
             min_trust: 0.05,
@@ -323,7 +320,6 @@ impl InferenceConfig {
             pnp.search_correspondences,
             1_000_000,
         )?;
-        counted("pnp.max_hypotheses", pnp.max_hypotheses, 100)?;
         counted(
             "pnp.min_correspondences",
             pnp.min_correspondences,

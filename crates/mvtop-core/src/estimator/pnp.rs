@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use self::position::position;
 use super::grouping::groups;
-use crate::config::PnpConfig;
+use crate::config::{InferenceConfig, PnpConfig};
 use crate::prediction::{Hypothesis, Sigma};
 
 /// Objects farther away, in diameters, are less than a pixel wide in any image.
@@ -25,13 +25,17 @@ pub use self::correspondences::{Correspondence, Correspondences};
 /// few, or none of them can be.
 ///
 /// - `starts`: further poses to start from
-/// - `merge_deg`: poses that differ by less are one
 pub fn solve(
-    config: &PnpConfig,
+    config: &InferenceConfig,
     all: &mut Correspondences,
     starts: &[Isometry3<f64>],
-    merge_deg: f64,
 ) -> Vec<Hypothesis> {
+    let InferenceConfig {
+        pnp: config,
+        search,
+        ..
+    } = config;
+    let merge_deg = search.merge_deg;
     if all.list.len() < config.min_correspondences {
         return Vec::new();
     }
@@ -71,7 +75,7 @@ pub fn solve(
     for (_, pose) in found {
         let near =
             |other: &Isometry3<f64>| all.symmetry.apart_deg(other, &pose, diameter) < merge_deg;
-        if distinct.len() < config.max_hypotheses && !distinct.iter().any(near) {
+        if distinct.len() < search.max_candidates && !distinct.iter().any(near) {
             distinct.push(pose);
         }
     }

@@ -73,7 +73,7 @@ impl Pipeline<'_> {
                     let decoded = hypotheses[query.object].first();
                     let starts: Vec<_> =
                         decoded.map(|one| one.world_from_obj).into_iter().collect();
-                    let solved = pnp::solve(&config.pnp, &mut all, &starts, search.merge_deg);
+                    let solved = pnp::solve(config, &mut all, &starts);
                     if !solved.is_empty() {
                         hypotheses[query.object] = solved;
                     }

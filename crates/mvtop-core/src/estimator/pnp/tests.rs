@@ -89,7 +89,7 @@ fn seen_after(symmetry: &Symmetry, origins: &[[f64; 3]], wrong: f64, blur: f64) 
 
 /// The most probable pose with one start.
 fn fit(all: &mut Correspondences, start: &Isometry3<f64>) -> Option<Hypothesis> {
-    let found = solve(&PnpConfig::default(), all, &[*start], 25.0);
+    let found = solve(&InferenceConfig::default(), all, &[*start]);
     found.into_iter().next()
 }
 
@@ -239,7 +239,7 @@ fn starts_lie_around_every_rotation() {
 fn without_the_decoder_s_pose_the_search_finds_it_all_the_same() {
     for (wrong, blur) in [(0.0, 0.0), (0.4, 0.006)] {
         let mut all = seen_from(&[LEFT, RIGHT], wrong, blur);
-        let found = solve(&PnpConfig::default(), &mut all, &[], 25.0);
+        let found = solve(&InferenceConfig::default(), &mut all, &[]);
         let (turned, moved) = off(&found[0]);
         assert!(turned < 2.0 && moved < 0.002, "{turned} degrees, {moved} m");
         let total: f64 = found.iter().map(|one| one.probability).sum();
