@@ -15,7 +15,8 @@ use crate::prediction::{Hypothesis, Sigma};
 use crate::rays::{BoxRays, LosEncoding, encode};
 use crate::{Error, Result};
 
-/// The hypotheses of every object, by its index, the most probable first.
+/// The hypotheses of every object, by its index, the most probable first, with probabilities up to a
+/// factor.
 ///
 /// An object is decoded anchored in one crop after the other, in the order of its detections: so the
 /// poses depend neither on which camera is the reference nor on the rig's order. Hypotheses near each
@@ -71,11 +72,7 @@ pub fn hypotheses(
     let of_class = |(all, class): (_, usize)| {
         let class = &bundle.classes[class];
         let groups = groups(all, &class.symmetry, class.diameter_m, config.merge_deg);
-        let mut means = means(&groups, &class.symmetry, class.diameter_m);
-        // Those of each anchor sum up to 1.
-        let total: f64 = means.iter().map(|one| one.probability).sum();
-        means.iter_mut().for_each(|one| one.probability /= total);
-        means
+        means(&groups, &class.symmetry, class.diameter_m)
     };
     Ok(anchored.into_iter().zip(classes).map(of_class).collect())
 }

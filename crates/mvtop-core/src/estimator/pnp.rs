@@ -21,8 +21,8 @@ mod position;
 
 pub use self::correspondences::{Correspondence, Correspondences};
 
-/// The poses that most correspondences agree with, the most probable first; none where there are too
-/// few, or none of them can be.
+/// The poses that most correspondences agree with, the most probable first, with probabilities up to a
+/// factor; none where there are too few, or none of them can be.
 ///
 /// - `starts`: further poses to start from
 pub fn solve(
@@ -104,10 +104,7 @@ pub fn solve(
     let firsts = groups
         .into_iter()
         .filter_map(|group| group.into_iter().next());
-    let mut kept: Vec<Hypothesis> = firsts.collect();
-    let total: f64 = kept.iter().map(|one| one.probability).sum();
-    kept.iter_mut().for_each(|one| one.probability /= total);
-    kept
+    firsts.collect()
 }
 
 impl PnpConfig {

@@ -98,13 +98,13 @@ impl Pipeline<'_> {
     ) -> Vec<Candidate> {
         let class = &self.estimator.bundle.classes[class];
         let search = &self.config().search;
-        let total: f64 = found.iter().map(|one| one.probability).sum();
-        found.iter_mut().for_each(|one| one.probability /= total);
         found.retain(|one| self.can_be_seen(class, one));
         found.truncate(search.max_candidates);
         if found.is_empty() {
             return Vec::new();
         }
+        let total: f64 = found.iter().map(|one| one.probability).sum();
+        found.iter_mut().for_each(|one| one.probability /= total);
         let initial_sigma = grouping::expected_error(&found, &class.symmetry, class.diameter_m);
         let candidate = |one: Hypothesis| Candidate {
             world_from_obj: one.world_from_obj,

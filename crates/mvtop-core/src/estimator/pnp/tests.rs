@@ -242,8 +242,6 @@ fn without_the_decoder_s_pose_the_search_finds_it_all_the_same() {
         let found = solve(&InferenceConfig::default(), &mut all, &[]);
         let (turned, moved) = off(&found[0]);
         assert!(turned < 2.0 && moved < 0.002, "{turned} degrees, {moved} m");
-        let total: f64 = found.iter().map(|one| one.probability).sum();
-        assert!((total - 1.0).abs() < 1e-9);
         assert!(found.is_sorted_by(|a, b| a.probability >= b.probability));
     }
 }
