@@ -5,7 +5,6 @@ mod color_check;
 mod crops;
 mod decoder;
 mod detections;
-mod feature_cache;
 mod grouping;
 mod instance;
 mod next_view;

@@ -1,6 +1,8 @@
 //! The network's parts as the estimator sees them: images to boxes, pictures to memory, queries to
 //! poses.
 
+pub(crate) mod cached;
+
 use ndarray::{Array1, Array2, Array3, Array4, ArrayView3, ArrayView4};
 
 use crate::bundle::{Bundle, PoseInput};

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use super::feature_cache::{Answers, Kept};
 use super::{Estimator, PredictOptions, view};
 use crate::image::ViewImage;
+use crate::network::cached::{Answers, Cached};
 use crate::{Prediction, Result, Rig};
 
 /// Keeps the latest image of each camera of a rig, and what the network has said of it, so that a
@@ -82,7 +82,7 @@ impl Tracker {
     /// # Errors
     /// Those of [`Estimator::predict`].
     pub fn predict(&mut self, options: &PredictOptions) -> Result<Prediction> {
-        let network = Kept {
+        let network = Cached {
             network: self.estimator.network.as_ref(),
             answers: &self.answers,
         };

@@ -6,7 +6,7 @@ use ndarray::{
     Array2, Array3, Array4, ArrayD, ArrayView3, ArrayView4, ArrayViewD, Axis, Dimension, stack,
 };
 
-use crate::network::{Decoded, DetectorMaps, Encoded, Network, Queries};
+use super::{Decoded, DetectorMaps, Encoded, Network, Queries};
 use crate::{Error, Result};
 
 /// What a network said of the pictures that it was last shown.
@@ -33,7 +33,7 @@ struct Answer {
 ///
 /// Of each picture it says the same whatever others are run with it, so all that is left to rounding
 /// is how ONNX Runtime divides work among threads.
-pub struct Kept<'a> {
+pub struct Cached<'a> {
     pub network: &'a dyn Network,
     pub answers: &'a Answers,
 }
@@ -123,7 +123,7 @@ fn next<D: Dimension>(
     })
 }
 
-impl Network for Kept<'_> {
+impl Network for Cached<'_> {
     fn detect(&self, images: ArrayView4<f32>) -> Result<DetectorMaps> {
         let no_rays = Array3::zeros((images.dim().0, 0, 3));
         let run = |images: ArrayView4<f32>, _: ArrayView3<f32>| {
@@ -236,13 +236,13 @@ mod tests {
     #[test]
     fn only_new_pictures_are_shown_and_answers_keep_their_order() {
         let (network, answers) = (Counting::default(), Answers::default());
-        let kept = Kept {
+        let cached = Cached {
             network: &network,
             answers: &answers,
         };
         let shown = |values: &[f32]| {
             let before = network.0.load(Ordering::Relaxed);
-            let maps = kept.detect(pictures(values).view()).unwrap();
+            let maps = cached.detect(pictures(values).view()).unwrap();
             assert_eq!(maps.boxes, pictures(values));
             assert_eq!(maps.scores.iter().copied().collect::<Vec<_>>(), values);
             network.0.load(Ordering::Relaxed) - before
@@ -260,7 +260,7 @@ mod tests {
     #[test]
     fn a_picture_with_other_rays_is_another() {
         let (network, answers) = (Counting::default(), Answers::default());
-        let kept = Kept {
+        let cached = Cached {
             network: &network,
             answers: &answers,
         };
@@ -268,7 +268,7 @@ mod tests {
         for (rays, count) in [(0.0, 1), (0.0, 1), (0.5, 2)] {
             let rays = Array3::from_elem((1, 4, 3), rays);
             let expected = &rays + 1.0;
-            let encoded = kept.encode(picture.view(), rays.view()).unwrap();
+            let encoded = cached.encode(picture.view(), rays.view()).unwrap();
             assert_eq!(encoded.memory, expected);
             assert_eq!(network.0.load(Ordering::Relaxed), count);
         }
