@@ -104,8 +104,6 @@ pub struct SearchConfig {
     pub max_candidates: usize,
     /// Views whose crop is the decoder's anchor in turn, at most.
     pub max_anchors: usize,
-    /// Poses proposed by several augmented crops that differ by less are refined once, degrees.
-    pub start_deg: f64,
     /// Turns of the augmented crops about their axes, degrees: as far as most are in training.
     pub rolls_deg: Vec<f64>,
     /// Turn of the perturbed poses, degrees.
@@ -217,7 +215,6 @@ impl Default for SearchConfig {
             merge_deg: 25.0,
             max_candidates: 6,
             max_anchors: 4,
-            start_deg: 3.0,
             rolls_deg: vec![20.0, -20.0, 40.0, -40.0],
             perturbation_deg: 10.0,
             min_in_image: 0.6,

@@ -10,7 +10,14 @@ use crate::closeup::CloseUp;
 
 impl Pipeline<'_> {
     /// Requests for the rolled crops of an instance where its best pose puts it.
-    pub(super) fn rolled(&self, closeups: &CloseUps, instance: &Instance) -> Vec<CropRequest<'_>> {
+    ///
+    /// - `object`: index of the requests
+    pub(super) fn rolled(
+        &self,
+        closeups: &CloseUps,
+        object: usize,
+        instance: &Instance,
+    ) -> Vec<CropRequest<'_>> {
         let Some(best) = instance.best() else {
             return Vec::new();
         };
@@ -27,8 +34,12 @@ impl Pipeline<'_> {
                 let closeup = CloseUp::rolled(view.camera, &points, roll, closeups.size)?;
                 Some((index, view, closeup))
             });
-            let (class, taken) = (instance.class, taken.collect::<Vec<_>>());
-            (!taken.is_empty()).then_some(CropRequest { class, taken })
+            let request = CropRequest {
+                object,
+                class: instance.class,
+                taken: taken.collect(),
+            };
+            (!request.taken.is_empty()).then_some(request)
         };
         rolls.filter_map(request).collect()
     }

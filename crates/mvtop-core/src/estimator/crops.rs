@@ -111,6 +111,8 @@ pub fn in_whole_images(views: &[View], objects: &[Instance]) -> Vec<Group> {
 
 /// Crops that are to be taken of an object; at least one.
 pub struct CropRequest<'a> {
+    /// Its index among all objects.
+    pub object: usize,
     /// Index into the bundle's classes.
     pub class: usize,
     /// By index of the view.
@@ -124,6 +126,7 @@ impl<'a> CropRequest<'a> {
     pub fn boxes(
         bundle: &Bundle,
         views: &'a [View],
+        object: usize,
         class: usize,
         boxes: &[Option<BBox>],
         size: u32,
@@ -140,7 +143,11 @@ impl<'a> CropRequest<'a> {
                  smaller one"
             )));
         }
-        Ok(Self { class, taken })
+        Ok(Self {
+            object,
+            class,
+            taken,
+        })
     }
 }
 
@@ -153,7 +160,7 @@ pub fn encoded(
 ) -> Result<(Crops, Vec<Group>)> {
     let mut taken: Vec<(usize, &View, CloseUp)> = Vec::new();
     let mut groups = Vec::new();
-    for (object, request) in requests.into_iter().enumerate() {
+    for request in requests {
         let start = taken.len();
         taken.extend(request.taken);
         let boxes = taken[start..]
@@ -162,7 +169,7 @@ pub fn encoded(
         groups.push(Group {
             crops: start..taken.len(),
             objects: vec![Query {
-                object,
+                object: request.object,
                 class: request.class,
                 boxes: boxes.collect(),
             }],

@@ -21,20 +21,18 @@ use crate::{Error, Result};
 /// An object is decoded anchored in one crop after the other, in the order of its detections: so the
 /// poses depend neither on which camera is the reference nor on the rig's order. Hypotheses near each
 /// other are averaged.
+///
+/// - `classes`: of the objects
 pub fn hypotheses(
     network: &dyn Network,
     bundle: &Bundle,
     config: &SearchConfig,
     crops: &Crops,
     grouped: &[Group],
+    classes: &[usize],
 ) -> Result<Vec<Vec<Hypothesis>>> {
     let encoding = bundle.los_encoding;
-    let objects = grouped.iter().map(|group| group.objects.len()).sum();
-    let mut classes = vec![0; objects];
-    for query in grouped.iter().flat_map(|group| &group.objects) {
-        classes[query.object] = query.class;
-    }
-    let mut anchored: Vec<Vec<Hypothesis>> = iter::repeat_with(Vec::new).take(objects).collect();
+    let mut anchored: Vec<Vec<Hypothesis>> = vec![Vec::new(); classes.len()];
     for Group {
         crops: range,
         objects,
@@ -69,8 +67,8 @@ pub fn hypotheses(
             }
         }
     }
-    let of_class = |(all, class): (_, usize)| {
-        let class = &bundle.classes[class];
+    let of_class = |(all, class): (_, &usize)| {
+        let class = &bundle.classes[*class];
         let groups = groups(all, &class.symmetry, class.diameter_m, config.merge_deg);
         means(&groups, &class.symmetry, class.diameter_m)
     };

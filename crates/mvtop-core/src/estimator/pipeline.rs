@@ -143,8 +143,9 @@ impl<'a> Pipeline<'a> {
         let (crops, groups) = match (whole_images, &self.estimator.bundle.poses) {
             (Some(crops), _) => (crops, crops::in_whole_images(&self.views, instances)),
             (None, PoseInput::CloseUps(closeups)) => {
-                let requests = instances.iter().zip(&rois);
-                let requests = requests.map(|(one, rois)| self.request(closeups, one.class, rois));
+                let requests = instances.iter().zip(&rois).enumerate();
+                let requests = requests
+                    .map(|(object, (one, rois))| self.request(closeups, object, one.class, rois));
                 self.encoded(closeups, requests.collect::<Result<_>>()?, clock)?
             }
             (None, PoseInput::WholeImages { .. }) => return Ok(()),

@@ -19,12 +19,14 @@ impl Pipeline<'_> {
     pub(super) fn request(
         &self,
         closeups: &CloseUps,
+        object: usize,
         class: usize,
         rois: &[Option<BBox>],
     ) -> Result<CropRequest<'_>> {
         CropRequest::boxes(
             &self.estimator.bundle,
             &self.views,
+            object,
             class,
             rois,
             closeups.size,
@@ -56,7 +58,7 @@ impl Pipeline<'_> {
         let search = &config.search;
         let decoded = match crops.coordinates.is_some() && !config.pnp.decoder_start {
             true => vec![Vec::new(); classes.len()],
-            false => decoder::hypotheses(self.network, bundle, search, crops, groups)?,
+            false => decoder::hypotheses(self.network, bundle, search, crops, groups, classes)?,
         };
         let mut hypotheses = decoded;
         let mut correspondences = vec![None; classes.len()];
@@ -195,8 +197,8 @@ impl Pipeline<'_> {
     ) -> Result<Vec<Vec<Candidate>>> {
         let classes = &self.estimator.bundle.classes;
         let least = self.config().search.min_in_image;
-        let (mut of, mut requests, mut rois) = (Vec::new(), Vec::new(), Vec::new());
-        for (index, one) in open.iter().enumerate() {
+        let (mut requests, mut rois) = (Vec::new(), vec![Vec::new(); open.len()]);
+        for (object, one) in open.iter().enumerate() {
             let Some(best) = one.best() else { continue };
             let pose = &best.world_from_obj;
             let shown = reprojection::expected(&classes[one.class], &self.views, pose, least);
@@ -205,39 +207,11 @@ impl Pipeline<'_> {
                 .map(|(new, old)| new.map(|one| one.bbox).or(*old))
                 .collect();
             if !reprojection::same_rois(&new, &best.rois) {
-                of.push(index);
-                requests.push(self.request(closeups, one.class, &new)?);
-                rois.push(new);
+                requests.push(self.request(closeups, object, one.class, &new)?);
+                rois[object] = new;
             }
         }
-        self.proposed_by_crops(closeups, open.len(), of, requests, &rois, clock)
-    }
-
-    /// The network's candidates from crops, by index of the instance.
-    ///
-    /// - `count`: of the instances
-    /// - `of`: index of the instance that each request is of
-    /// - `rois`: of each request
-    fn proposed_by_crops(
-        &self,
-        closeups: &CloseUps,
-        count: usize,
-        of: Vec<usize>,
-        requests: Vec<CropRequest>,
-        rois: &[Vec<Option<BBox>>],
-        clock: &mut Clock,
-    ) -> Result<Vec<Vec<Candidate>>> {
-        let mut proposed = vec![Vec::new(); count];
-        if of.is_empty() {
-            return Ok(proposed);
-        }
-        let classes: Vec<usize> = requests.iter().map(|request| request.class).collect();
-        let (crops, groups) = self.encoded(closeups, requests, clock)?;
-        let found = self.network_candidates(&crops, &groups, &classes, rois)?;
-        for (index, found) in of.into_iter().zip(found) {
-            proposed[index].extend(found);
-        }
-        Ok(proposed)
+        self.proposed_by_crops(closeups, open, requests, &rois, clock)
     }
 
     /// The network's candidates from rolled crops.
@@ -247,22 +221,29 @@ impl Pipeline<'_> {
         open: &[&mut Instance],
         clock: &mut Clock,
     ) -> Result<Vec<Vec<Candidate>>> {
-        let (mut of, mut requests, mut rois) = (Vec::new(), Vec::new(), Vec::new());
-        for (index, one) in open.iter().enumerate() {
-            let Some(best) = one.best() else { continue };
-            for request in self.rolled(closeups, one) {
-                of.push(index);
-                requests.push(request);
-                rois.push(best.rois.clone());
-            }
-        }
-        let proposed = self.proposed_by_crops(closeups, open.len(), of, requests, &rois, clock)?;
-        let start_deg = self.config().search.start_deg;
-        let each = open.iter().zip(proposed).map(|(one, found)| {
-            let class = &self.estimator.bundle.classes[one.class];
-            distinct(found, class, start_deg)
-        });
-        Ok(each.collect())
+        let each = open.iter().enumerate();
+        let requests = each.flat_map(|(object, one)| self.rolled(closeups, object, one));
+        let rois = open
+            .iter()
+            .map(|one| one.best().map(|best| best.rois.clone()));
+        let rois: Vec<_> = rois.map(Option::unwrap_or_default).collect();
+        self.proposed_by_crops(closeups, open, requests.collect(), &rois, clock)
+    }
+
+    /// The network's candidates from crops; those of all crops of an instance are grouped.
+    ///
+    /// - `rois`: of each instance
+    fn proposed_by_crops(
+        &self,
+        closeups: &CloseUps,
+        open: &[&mut Instance],
+        requests: Vec<CropRequest>,
+        rois: &[Vec<Option<BBox>>],
+        clock: &mut Clock,
+    ) -> Result<Vec<Vec<Candidate>>> {
+        let classes: Vec<usize> = open.iter().map(|one| one.class).collect();
+        let (crops, groups) = self.encoded(closeups, requests, clock)?;
+        self.network_candidates(&crops, &groups, &classes, rois)
     }
 
     /// The best pose turned about each axis of the object, both ways.
@@ -302,22 +283,4 @@ pub fn turned(
         let turn = UnitQuaternion::from_scaled_axis(turn);
         world_from_obj * Isometry3::rotation_wrt_point(turn, center)
     })
-}
-
-/// Of candidates nearer to each other than `start_deg` the first, as probable as all of them.
-fn distinct(all: Vec<Candidate>, class: &Class, start_deg: f64) -> Vec<Candidate> {
-    let mut kept: Vec<Candidate> = Vec::new();
-    let total: f64 = all.iter().map(|one| one.prior).sum();
-    for mut one in all {
-        one.prior /= total;
-        let near = |other: &&mut Candidate| {
-            let (a, b) = (&other.world_from_obj, &one.world_from_obj);
-            class.symmetry.apart_deg(a, b, class.diameter_m) < start_deg
-        };
-        match kept.iter_mut().find(near) {
-            Some(other) => other.prior += one.prior,
-            None => kept.push(one),
-        }
-    }
-    kept
 }

@@ -205,7 +205,7 @@ fn rolled_crops_look_at_the_best_pose() {
         candidates: vec![candidate(vec![roi, roi])],
     };
     let rolls = &estimator.config.search.rolls_deg;
-    let requests = pipeline.rolled(closeups, &instance);
+    let requests = pipeline.rolled(closeups, 0, &instance);
     assert_eq!(requests.len(), rolls.len());
     for (request, degrees) in requests.iter().zip(rolls) {
         let views: Vec<usize> = request.taken.iter().map(|(view, ..)| *view).collect();
@@ -223,14 +223,14 @@ fn rolled_crops_look_at_the_best_pose() {
     }
     // Views without a crop get none.
     instance.candidates = vec![candidate(vec![None, roi])];
-    let requests = pipeline.rolled(closeups, &instance);
+    let requests = pipeline.rolled(closeups, 0, &instance);
     assert!(
         requests
             .iter()
             .all(|request| request.taken.len() == 1 && request.taken[0].0 == 1)
     );
     instance.candidates.clear();
-    assert!(pipeline.rolled(closeups, &instance).is_empty());
+    assert!(pipeline.rolled(closeups, 0, &instance).is_empty());
 }
 
 #[test]
