@@ -12,9 +12,6 @@ use crate::config::RigConfig;
 use crate::prediction::Sigma;
 use crate::refine::{self, Refiner, Schedule};
 
-/// Starts nearer to each other than this share of the diameter are one.
-const SAME_START: f64 = 0.05;
-
 /// A pose as one view tells it.
 #[derive(Debug, Clone)]
 pub struct Alone {
@@ -101,8 +98,8 @@ impl Alone {
                 Schedule::CoarseOnly,
             )
         };
-        // Where the box is where the pose has it, both searches would be one.
-        let apart = shift.norm() > SAME_START * refiner.diameter_m();
+        // Where the box is where the pose has it, as exactly as boxes are, both searches would be one.
+        let apart = shift.norm() > config.box_floor[0] * refiner.diameter_m();
         let (joint, boxed) = rayon::join(
             || from(world_from_obj),
             || apart.then(|| from(&by_box)).flatten(),
