@@ -20,10 +20,6 @@ use crate::image::{Letterbox, fill};
 use crate::network::Network;
 use crate::{BBox, Result};
 
-/// Boxes that end within so many pixels of a tile's border may be cut off by it, px of the detector's
-/// input.
-const BORDER: f64 = 2.0;
-
 /// A tile of a view's image, px.
 struct Tile {
     view: usize,
@@ -177,7 +173,8 @@ impl Tile {
         let (left, top) = (f64::from(self.left), f64::from(self.top));
         let in_tile = self.letterbox.image_box(bbox);
         let [right, bottom] = [self.left + width, self.top + height];
-        let margin = BORDER / self.letterbox.su.max(self.letterbox.sv);
+        // One pixel of the detector's input: boxes that end in its outermost ones may be cut off.
+        let margin = 1.0 / self.letterbox.su.max(self.letterbox.sv);
         let cut = (self.left > 0 && in_tile.x0 < margin)
             || (self.top > 0 && in_tile.y0 < margin)
             || (right < view.camera.width() && in_tile.x1 > f64::from(width) - margin)
