@@ -114,6 +114,8 @@ pub struct SearchConfig {
     pub duplicate_distance: f64,
     /// Overlap (IoU) of a detected box with a projected object from which they are the same.
     pub same_box_iou: f64,
+    /// Overlap (IoU) of two boxes from which their crops are the same. Not measured.
+    pub same_crop_iou: f64,
     /// Instances of lower confidence are rejected.
     pub min_confidence: f64,
 }
@@ -220,6 +222,7 @@ impl Default for SearchConfig {
             min_in_image: 0.6,
             duplicate_distance: 0.5,
             same_box_iou: 0.4,
+            same_crop_iou: 0.9,
             min_confidence: 0.02,
         }
     }
@@ -325,6 +328,7 @@ impl InferenceConfig {
         share("search.min_confidence", search.min_confidence)?;
         share("search.min_in_image", search.min_in_image)?;
         share("search.same_box_iou", search.same_box_iou)?;
+        share("search.same_crop_iou", search.same_crop_iou)?;
         let rig = &self.rig;
         let floors = [rig.contour_floor, rig.box_floor].concat();
         let rig = [&rig.box_sigma[..], &rig.view_prior, &floors].concat();

@@ -196,7 +196,8 @@ impl Pipeline<'_> {
         clock: &mut Clock,
     ) -> Result<Vec<Vec<Candidate>>> {
         let classes = &self.estimator.bundle.classes;
-        let least = self.config().search.min_in_image;
+        let search = &self.config().search;
+        let least = search.min_in_image;
         let (mut requests, mut rois) = (Vec::new(), vec![Vec::new(); open.len()]);
         for (object, one) in open.iter().enumerate() {
             let Some(best) = one.best() else { continue };
@@ -206,7 +207,7 @@ impl Pipeline<'_> {
             let new: Vec<_> = shown
                 .map(|(new, old)| new.map(|one| one.bbox).or(*old))
                 .collect();
-            if !reprojection::same_rois(&new, &best.rois) {
+            if !reprojection::same_rois(&new, &best.rois, search.same_crop_iou) {
                 requests.push(self.request(closeups, object, one.class, &new)?);
                 rois[object] = new;
             }

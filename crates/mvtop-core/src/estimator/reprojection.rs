@@ -39,11 +39,10 @@ pub fn expected(
         .collect()
 }
 
-/// Whether boxes in all views show about the same.
-pub fn same_rois(a: &[Option<BBox>], b: &[Option<BBox>]) -> bool {
-    const SAME_IOU: f64 = 0.9;
+/// Whether boxes in all views overlap by more than `iou`.
+pub fn same_rois(a: &[Option<BBox>], b: &[Option<BBox>], iou: f64) -> bool {
     a.iter().zip(b).all(|pair| match pair {
-        (Some(a), Some(b)) => a.iou(b) > SAME_IOU,
+        (Some(a), Some(b)) => a.iou(b) > iou,
         (a, b) => a.is_none() && b.is_none(),
     })
 }

@@ -334,19 +334,11 @@ fn views_are_expected_to_show_what_is_inside_their_image() {
 
     let rois = |boxes: [Option<[f64; 4]>; 2]| boxes.map(|one| one.map(BBox::from));
     let a = rois([Some([0., 0., 100., 100.]), None]);
-    assert!(reprojection::same_rois(
-        &a,
-        &rois([Some([0., 0., 100., 95.]), None])
-    ));
-    assert!(!reprojection::same_rois(
-        &a,
-        &rois([Some([0., 0., 100., 85.]), None])
-    ));
-    assert!(!reprojection::same_rois(
-        &a,
-        &rois([Some([0., 0., 100., 100.]); 2])
-    ));
-    assert!(!reprojection::same_rois(&a, &rois([None, None])));
+    let same = |boxes| reprojection::same_rois(&a, &rois(boxes), 0.9);
+    assert!(same([Some([0., 0., 100., 95.]), None]));
+    assert!(!same([Some([0., 0., 100., 85.]), None]));
+    assert!(!same([Some([0., 0., 100., 100.]); 2]));
+    assert!(!same([None, None]));
 }
 
 #[test]
