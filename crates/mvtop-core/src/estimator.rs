@@ -98,8 +98,8 @@ impl Estimator {
     fn with_config(bundle: Bundle, config: InferenceConfig, network: Box<dyn Network>) -> Self {
         let radii = bundle.classes.iter().map(Class::half_widths).collect();
         let refiner = |class: &Class| {
-            let refiner = Refiner::new(class.mesh.as_ref()?, class.diameter_m);
-            let refiner = refiner.with_config(config.refine.clone());
+            let mesh = class.mesh.as_ref()?;
+            let refiner = Refiner::with_config(mesh, class.diameter_m, config.refine.clone());
             let refiner = refiner.with_symmetry(class.symmetry.clone());
             Some(refiner.with_texture(&class.points))
         };

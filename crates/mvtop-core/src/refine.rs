@@ -102,26 +102,22 @@ pub struct Refiner {
 }
 
 impl Refiner {
+    /// By the default configuration.
+    ///
     /// - `diameter_m`: largest distance between two points of the surface
     pub fn new(mesh: &Mesh, diameter_m: f64) -> Self {
-        let config = RefineConfig::default();
+        Self::with_config(mesh, diameter_m, RefineConfig::default())
+    }
+
+    /// - `diameter_m`: largest distance between two points of the surface
+    pub fn with_config(mesh: &Mesh, diameter_m: f64, config: RefineConfig) -> Self {
         Self {
-            mesh: MeshModel::new(mesh),
+            mesh: MeshModel::new(mesh, &config),
             diameter: diameter_m,
             step_function: step_function(config.function_amplitude),
             config,
             texture: None,
             symmetry: Symmetry::default(),
-        }
-    }
-
-    /// Replaces the default configuration; to be called before [`Self::with_texture`], which uses it.
-    pub fn with_config(self, config: RefineConfig) -> Self {
-        debug_assert!(self.texture.is_none());
-        Self {
-            step_function: step_function(config.function_amplitude),
-            config,
-            ..self
         }
     }
 

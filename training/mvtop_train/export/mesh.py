@@ -19,8 +19,8 @@ from ..errors import UserError, argument_parser, command
 
 COLOR_POINTS = 40_000  # on the surface, from which vertices of decimated meshes take their colors
 NEAREST = 4  # of these points, whose mean a vertex has
-# As in core/refine/part.rs: colors that differ by less in each channel are one, and a mesh of more
-# than so many is textured.
+# Colors that differ by less in each channel are one. A mesh of more than so many is textured, as by
+# the setting `refine.max_segments`.
 ONE_COLOR = 70
 MOST_COLORS = 4
 

@@ -52,6 +52,10 @@ pub struct RefineConfig {
     pub coarse: Stage,
     /// Second stage, at twice the resolution, as regions are sampled by whole pixels; not measured.
     pub fine: Stage,
+    /// Least angle between the normals of two triangles at a crease, degrees; not measured.
+    pub crease_deg: f64,
+    /// Largest number of segments; a mesh of more colors is textured and has one segment.
+    pub max_segments: usize,
     /// Number of contour points per view (M3T uses 200 lines); not measured.
     pub contour_points: f64,
     /// Least distance of contour points, and distance at which both sides of an edge are sampled, px
@@ -113,6 +117,8 @@ impl Default for RefineConfig {
                 fill: 0.8,
                 steps_px: vec![2.0, 1.5, 1.0, 1.0, 1.0],
             },
+            crease_deg: 30.0,
+            max_segments: 4,
             contour_points: 220.0,
             contour_margin_px: 1.5,
             occlusion_tolerance: [0.1, 0.03, 0.02],
@@ -145,6 +151,7 @@ impl RefineConfig {
         let is_usable = is_positive(&all)
             && stage(&self.coarse)
             && stage(&self.fine)
+            && self.max_segments <= usize::from(u8::MAX)
             && self.contour_points <= 1e4
             && self.background_band_px <= 1000
             && self.function_amplitude < 0.5

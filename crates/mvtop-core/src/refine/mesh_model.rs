@@ -4,14 +4,8 @@ use std::collections::{HashMap, HashSet};
 
 use nalgebra::{Point3, Vector3};
 
+use super::RefineConfig;
 use crate::mesh::Mesh;
-
-/// Cosine of the least angle between the normals of two triangles at a crease: 30 degrees.
-const CREASE_COSINE: f64 = 0.866;
-/// Least difference of two segments' colors, of 255 in one channel.
-const SEGMENT_DISTANCE: f64 = 70.0;
-/// Largest number of segments; a mesh with more colors is textured and has one segment.
-const MAX_SEGMENTS: usize = 4;
 
 /// Label of the background.
 pub const BACKGROUND: u8 = 0;
@@ -43,13 +37,14 @@ pub struct MeshModel {
 }
 
 impl MeshModel {
-    pub fn new(mesh: &Mesh) -> Self {
+    pub fn new(mesh: &Mesh, config: &RefineConfig) -> Self {
         let (vertices, kept) = deduplicated(mesh.vertices());
         let index = |triangle: &[u32; 3]| triangle.map(|v| kept[v as usize]);
-        let (labels, chromaticities) = segments(mesh);
+        let (labels, chromaticities) = segments(mesh, config.max_segments);
         let triangles: Vec<[u32; 3]> = mesh.triangles().iter().map(index).collect();
         let closed = is_closed(&vertices, &triangles);
-        let edges = edges(&vertices, &triangles, &labels);
+        let crease = config.crease_deg.to_radians().cos();
+        let edges = edges(&vertices, &triangles, &labels, crease);
         let extreme = |pick: fn(f64, f64) -> f64| {
             let all = vertices.iter().map(|v| v.coords);
             all.reduce(|a, b| a.zip_map(&b, pick)).unwrap_or_default()
@@ -99,9 +94,9 @@ fn is_closed(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> bool {
     volume > 0.0 && passed.iter().all(|&[a, b]| passed.contains(&[b, a]))
 }
 
-/// Segment of each triangle, and chromaticity of each segment. A mesh that is textured or without
-/// colors has one segment.
-fn segments(mesh: &Mesh) -> (Vec<u8>, Vec<Vector3<f32>>) {
+/// Segment of each triangle, one for each color, and chromaticity of each segment. A mesh of more than
+/// `most` colors is textured: it has one segment, as one without colors.
+fn segments(mesh: &Mesh, most: usize) -> (Vec<u8>, Vec<Vector3<f32>>) {
     let one = || (vec![1; mesh.triangles().len()], vec![Vector3::zeros(); 2]);
     if mesh.colors().is_empty() {
         return one();
@@ -111,14 +106,12 @@ fn segments(mesh: &Mesh) -> (Vec<u8>, Vec<Vector3<f32>>) {
     for triangle in mesh.triangles() {
         let corners = triangle.map(|v| Vector3::from(mesh.colors()[v as usize]).map(f64::from));
         let color = (corners[0] + corners[1] + corners[2]) / 3.0;
-        let like = known
-            .iter()
-            .position(|c| (c - color).amax() < SEGMENT_DISTANCE);
-        let label = like.unwrap_or_else(|| {
+        let same = known.iter().position(|c| *c == color);
+        let label = same.unwrap_or_else(|| {
             known.push(color);
             known.len() - 1
         });
-        if label > MAX_SEGMENTS {
+        if label > most {
             return one();
         }
         labels.push(label as u8);
@@ -128,7 +121,13 @@ fn segments(mesh: &Mesh) -> (Vec<u8>, Vec<Vector3<f32>>) {
     (labels, known.iter().map(chromaticity).collect())
 }
 
-fn edges(vertices: &[Point3<f64>], triangles: &[[u32; 3]], labels: &[u8]) -> Vec<MeshEdge> {
+/// - `crease`: cosine of the least angle between the normals of two triangles at a crease
+fn edges(
+    vertices: &[Point3<f64>],
+    triangles: &[[u32; 3]],
+    labels: &[u8],
+    crease: f64,
+) -> Vec<MeshEdge> {
     let normal = |triangle: usize| {
         let [a, b, c] = triangles[triangle].map(|v| vertices[v as usize]);
         (b - a).cross(&(c - a)).normalize()
@@ -154,7 +153,7 @@ fn edges(vertices: &[Point3<f64>], triangles: &[[u32; 3]], labels: &[u8]) -> Vec
                 }
                 Some((other, edge)) => {
                     // Absolute, as triangles may be wound either way.
-                    let bent = normal(index).dot(&normal(other)).abs() < CREASE_COSINE;
+                    let bent = normal(index).dot(&normal(other)).abs() < crease;
                     edges[edge].across[1] = across;
                     edges[edge].marked = bent || labels[index] != labels[other];
                 }

@@ -379,9 +379,14 @@ fn whole(from: f64, to: f64) -> Range<usize> {
 mod tests {
     use super::*;
     use crate::mesh::Mesh;
+    use crate::refine::RefineConfig;
     use crate::{Intrinsics, Projection};
 
     type Triangle = [[f64; 2]; 3];
+
+    fn model(mesh: &Mesh) -> MeshModel {
+        MeshModel::new(mesh, &RefineConfig::default())
+    }
 
     fn pinhole(focal: f64, middle: f64, size: u32) -> Camera {
         let pinhole = Intrinsics::new(focal, focal, middle, middle, Projection::Pinhole);
@@ -400,7 +405,7 @@ mod tests {
         }
         let mesh = Mesh::new(vertices, colors, indices).unwrap();
         let mut raster = Raster::default();
-        assert!(raster.render(&MeshModel::new(&mesh), &camera, &Isometry3::identity()));
+        assert!(raster.render(&model(&mesh), &camera, &Isometry3::identity()));
         let row = |row: &[u8]| row.iter().map(u8::to_string).collect();
         raster.labels().chunks(8).map(row).collect()
     }
@@ -462,7 +467,7 @@ mod tests {
                 .map(|i| [0, 100, 200][i % 3])
                 .map(|x| [x; 3])
                 .collect();
-            MeshModel::new(&Mesh::new(corners.clone(), colors, triangles.to_vec()).unwrap())
+            model(&Mesh::new(corners.clone(), colors, triangles.to_vec()).unwrap())
         };
         let closed = part(&cube);
         assert!(closed.closed);
@@ -495,15 +500,16 @@ mod tests {
             assert!(shown.count() > 300);
         }
     }
+
     #[test]
     fn hidden_backs_change_nothing() {
         let mesh = crate::refine::tests::ball();
-        let closed = MeshModel::new(&mesh);
+        let closed = model(&mesh);
         let count = closed.labels.len();
         let open = |labels: Vec<u8>| MeshModel {
             closed: false,
             labels,
-            ..MeshModel::new(&mesh)
+            ..model(&mesh)
         };
         // The second one is drawn in the order of its triangles, as its labels differ.
         let each = (0..count).map(|i| 1 + (i % 2) as u8).collect();

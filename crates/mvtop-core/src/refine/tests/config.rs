@@ -32,11 +32,12 @@ fn configured_numbers_are_used() {
         image: &image,
     };
     let inliers = |inlier_px: f64, contour_points: f64| {
-        let refiner = Refiner::new(&mesh, 0.13).with_config(RefineConfig {
+        let config = RefineConfig {
             inlier_px: [inlier_px, 2.0],
             contour_points,
             ..RefineConfig::default()
-        });
+        };
+        let refiner = Refiner::with_config(&mesh, 0.13, config);
         let edges = refiner.edges(&view, &truth);
         let near = edges.iter().filter(|edge| edge.is_inlier).count();
         [near, edges.len()]

@@ -37,9 +37,7 @@ fn evidence(at: [f64; 3], column: u32) -> ViewQuality {
         },
         ..RefineConfig::default()
     };
-    let refiner = Refiner::new(&mesh, diameter)
-        .with_config(config)
-        .with_texture(&points);
+    let refiner = Refiner::with_config(&mesh, diameter, config).with_texture(&points);
     let (camera, mut image) = (straight(), RgbImage::new(SIDE, SIDE));
     for (u, _, pixel) in image.enumerate_pixels_mut() {
         *pixel = Rgb([if u < column { 60 } else { 180 }; 3]);

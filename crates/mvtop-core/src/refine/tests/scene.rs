@@ -5,9 +5,9 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::camera::Intrinsics;
 use crate::mesh::Mesh;
-use crate::refine::View;
 use crate::refine::mesh_model::MeshModel;
 use crate::refine::raster::Raster;
+use crate::refine::{RefineConfig, View};
 use crate::{Camera, Projection};
 
 pub(crate) const SIDE: u32 = 480;
@@ -166,7 +166,7 @@ pub(crate) fn seen_before(
     pose: &Isometry3<f64>,
     draw: &mut Draw,
 ) -> RgbImage {
-    let mut part = MeshModel::new(mesh);
+    let mut part = MeshModel::new(mesh, &RefineConfig::default());
     // Each label is a color and how bright it is.
     let light = Vector3::new(0.5, -0.8, -0.3).normalize();
     let mut palette: Vec<[f64; 3]> = vec![[0.0; 3]];
