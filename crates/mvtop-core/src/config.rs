@@ -40,8 +40,6 @@ pub struct TilingConfig {
     pub min_scale: f64,
     /// Magnification of a tile; below 2, so that the four tiles of an image overlap. Not measured.
     pub zoom: f64,
-    /// Guided tiles of one prediction, at most: bounds the time.
-    pub max_guided: usize,
 }
 
 /// Boxes of different views matched to one object by their rays.
@@ -94,7 +92,8 @@ pub struct SearchConfig {
     pub min_initial_log_odds: Option<f64>,
     /// Instances that are not settled and whose confidence is lower get no further proposals.
     pub hopeless: f64,
-    /// Instances that a proposer works on, at most, the most confident first: bounds the time.
+    /// Instances that a proposer works on, at most, the most confident first, and those looked for in
+    /// tiles: bounds the time.
     pub max_instances: usize,
     /// Poses that differ by less, but for symmetries, are one candidate, degrees.
     pub merge_deg: f64,
@@ -170,7 +169,6 @@ impl Default for TilingConfig {
         Self {
             min_scale: 0.5,
             zoom: 1.8,
-            max_guided: 8,
         }
     }
 }

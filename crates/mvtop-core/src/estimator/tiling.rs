@@ -54,10 +54,10 @@ pub fn detect(
     let places = found
         .iter()
         .filter(|object| object.views() == 1)
+        .take(config.search.max_instances)
         .flat_map(|object| guided(radii, views, object, tiling.zoom))
         .filter(|tile| is_large(&views[tile.view]));
-    let tiles = places.take(tiling.max_guided).collect();
-    add(network, bundle, views, tiles, boxes)
+    add(network, bundle, views, places.collect(), boxes)
 }
 
 /// Four tiles that cover a view's image, fewer where it is much longer than the detector's input.
