@@ -31,12 +31,11 @@ pub struct TextureConfig {
     pub contrast: [f32; 3],
     /// Radius of the blur in the first and the last pass of the search, shares of the diameter.
     pub blur: [f64; 2],
-    /// Reach and step of the first and of the last search about the axis of a round part, degrees.
+    /// Reach and step of the first and of the last search about the axis of a round part, degrees. The
+    /// last one reaches two standard deviations of the angle found to each side.
     pub search_deg: [[f64; 2]; 2],
     /// Least normalised cross-correlation (NCC) at which the angle found is accepted.
     pub min_correlation: f64,
-    /// Standard deviation of the angle found, degrees.
-    pub sigma_deg: f64,
     /// Largest standard deviation of the radius of a round part, share of the diameter.
     pub max_unevenness: f64,
     /// Displacement with which the texture gain compares, share of the projected diameter.
@@ -95,7 +94,6 @@ impl Default for TextureConfig {
             blur: [0.04, 0.008],
             search_deg: [[24.0, 2.0], [5.0, 0.5]],
             min_correlation: 0.35,
-            sigma_deg: 2.5,
             max_unevenness: 0.0125,
             displacement: 0.1,
         }

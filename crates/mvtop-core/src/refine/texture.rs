@@ -118,10 +118,11 @@ impl Texture {
         }
         let pose = pose * axis.rotation(at);
         let along = pose * axis.along.into_inner();
+        let sigma = config.search_deg[1][0].to_radians() / 2.0;
         let mut information = Matrix6::zeros();
         information
             .fixed_view_mut::<3, 3>(0, 0)
-            .copy_from(&(along * along.transpose() * config.sigma_deg.to_radians().powi(-2)));
+            .copy_from(&(along * along.transpose() * sigma.powi(-2)));
         Some((pose, information))
     }
 

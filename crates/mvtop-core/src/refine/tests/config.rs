@@ -7,10 +7,10 @@ fn configuration_survives_json_and_may_be_partial() {
     let all = RefineConfig::default();
     let text = serde_json::to_string(&all).unwrap();
     assert_eq!(serde_json::from_str::<RefineConfig>(&text).unwrap(), all);
-    let text = r#"{"correlated_lines": 2.0, "texture": {"sigma_deg": 1.0}}"#;
+    let text = r#"{"correlated_lines": 2.0, "texture": {"min_correlation": 0.5}}"#;
     let partial: RefineConfig = serde_json::from_str(text).unwrap();
     let texture = TextureConfig {
-        sigma_deg: 1.0,
+        min_correlation: 0.5,
         ..TextureConfig::default()
     };
     let expected = RefineConfig {
