@@ -57,8 +57,6 @@ pub struct AssociationConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PnpConfig {
-    /// Whether the decoder's pose is a start as well; without it the decoder is not run.
-    pub decoder_start: bool,
     /// Rotations that the search starts from; 64 are about 50 degrees apart.
     pub starts: usize,
     /// Correspondences that the search uses; the final steps use all.
@@ -185,7 +183,6 @@ impl Default for AssociationConfig {
 impl Default for PnpConfig {
     fn default() -> Self {
         Self {
-            decoder_start: true,
             starts: 64,
             search_correspondences: 192,
             scales: vec![0.3, 0.25, 0.2, 0.15, 0.12, 0.1, 0.08, 0.07, 0.06, 0.05],

@@ -56,11 +56,8 @@ impl Pipeline<'_> {
     ) -> Result<Vec<Vec<Candidate>>> {
         let (bundle, config) = (&self.estimator.bundle, self.config());
         let search = &config.search;
-        let decoded = match crops.coordinates.is_some() && !config.pnp.decoder_start {
-            true => vec![Vec::new(); classes.len()],
-            false => decoder::hypotheses(self.network, bundle, search, crops, groups, classes)?,
-        };
-        let mut hypotheses = decoded;
+        let mut hypotheses =
+            decoder::hypotheses(self.network, bundle, search, crops, groups, classes)?;
         let mut correspondences = vec![None; classes.len()];
         if let Some(codes) = &crops.coordinates {
             for group in groups {
