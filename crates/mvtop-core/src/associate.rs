@@ -124,9 +124,8 @@ impl Proposal {
         }
         let (ball, mut cost) = meet(config, &views[first][i], &views[second][j])?;
         let [least, greatest] = *radii.get(ball.class)?;
-        if ball.radius * config.size_tolerance < least
-            || ball.radius > greatest * config.size_tolerance
-        {
+        let factor = 1.0 + config.box_tolerance;
+        if ball.radius * factor < least || ball.radius > greatest * factor {
             return None;
         }
         let mut members = vec![None; views.len()];
@@ -240,8 +239,9 @@ fn meet(config: &AssociationConfig, a: &LineOfSight, b: &LineOfSight) -> Option<
 
 /// 0 for a perfect match, 2 at both limits, `None` beyond either.
 fn cost(config: &AssociationConfig, miss: f64, radius_a: f64, radius_b: f64) -> Option<f64> {
-    let miss = miss / ((radius_a + radius_b) / 2.0 * config.max_ray_distance);
-    let size = (radius_a / radius_b).ln().abs() / (2.0 * config.size_tolerance.ln());
+    // Both boxes may be off.
+    let miss = miss / ((radius_a + radius_b) * config.box_tolerance);
+    let size = (radius_a / radius_b).ln().abs() / (2.0 * config.box_tolerance.ln_1p());
     (miss <= 1.0 && size <= 1.0).then_some(miss + size)
 }
 

@@ -46,11 +46,10 @@ pub struct TilingConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AssociationConfig {
-    /// Distance between two rays of one object, at most, in apparent radii. Not measured.
-    pub max_ray_distance: f64,
-    /// Factor by which an apparent radius may be off: those of two views differ by its square at
-    /// most, and their mean leaves the range of the class by it at most. Not measured.
-    pub size_tolerance: f64,
+    /// How far a box may be off, in place and in size, as a share of its half side. So the rays of two
+    /// boxes pass each other at twice this share of the apparent radius at most, and an apparent
+    /// radius is off by one plus this share, as a factor, at most. Not measured.
+    pub box_tolerance: f64,
 }
 
 /// Generalised PnP on object coordinates: a search from many rotations, then Gauss-Newton.
@@ -174,8 +173,7 @@ impl Default for TilingConfig {
 impl Default for AssociationConfig {
     fn default() -> Self {
         Self {
-            max_ray_distance: 0.5,
-            size_tolerance: 1.25,
+            box_tolerance: 0.25,
         }
     }
 }

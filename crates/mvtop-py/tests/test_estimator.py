@@ -134,7 +134,7 @@ def test_pickled_estimators_and_rigs_predict_the_same(estimator, rig, arrays, pr
 
 
 def test_settings_of_the_inference_are_kept_by_pickles(estimator, rig, arrays):
-    strict = {"association.size_tolerance": 1.0}
+    strict = {"association.box_tolerance": 0.0}
     strict = mvtop.Estimator.load(estimator._path, inference=strict)
     again = pickle.loads(pickle.dumps(strict))
     expected = numbers(strict.predict(arrays, rig))
