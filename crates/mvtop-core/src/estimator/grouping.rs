@@ -27,6 +27,28 @@ pub fn groups(
     groups
 }
 
+/// Of poses within `merge_deg` of each other the first, at most so many.
+///
+/// - `pose`: of one of them
+pub fn distinct<T>(
+    all: impl IntoIterator<Item = T>,
+    pose: impl Fn(&T) -> Isometry3<f64>,
+    symmetry: &Symmetry,
+    diameter_m: f64,
+    merge_deg: f64,
+    most: usize,
+) -> Vec<T> {
+    let mut kept: Vec<T> = Vec::new();
+    for one in all {
+        let near =
+            |other: &T| symmetry.apart_deg(&pose(other), &pose(&one), diameter_m) < merge_deg;
+        if kept.len() < most && !kept.iter().any(near) {
+            kept.push(one);
+        }
+    }
+    kept
+}
+
 /// The weighted mean of each group, as probable as all of it.
 pub fn means(groups: &[Vec<Hypothesis>], symmetry: &Symmetry, diameter_m: f64) -> Vec<Hypothesis> {
     let means = groups.iter().map(|group| mean(group, symmetry, diameter_m));

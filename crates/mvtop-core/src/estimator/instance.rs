@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::Isometry3;
 
+use super::grouping::distinct;
 use super::pnp::Correspondences;
 use crate::BBox;
 use crate::bundle::Class;
@@ -87,18 +88,8 @@ impl Instance {
         let mut all = std::mem::take(&mut self.candidates);
         all.extend(new);
         all.sort_by(|a, b| b.scored.log_odds.total_cmp(&a.scored.log_odds));
-        for one in all {
-            let near = |better: &Candidate| {
-                class.symmetry.apart_deg(
-                    &better.world_from_obj,
-                    &one.world_from_obj,
-                    class.diameter_m,
-                ) < merge_deg
-            };
-            if self.candidates.len() < most && !self.candidates.iter().any(near) {
-                self.candidates.push(one);
-            }
-        }
+        let (pose, symmetry) = (|one: &Candidate| one.world_from_obj, &class.symmetry);
+        self.candidates = distinct(all, pose, symmetry, class.diameter_m, merge_deg, most);
     }
 
     /// The candidates as they are reported: shares of their odds, those of at least 2 %.

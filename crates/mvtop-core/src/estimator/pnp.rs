@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Quaternion, UnitQuaternion, 
 use rayon::prelude::*;
 
 use self::position::position;
-use super::grouping::groups;
+use super::grouping::distinct;
 use crate::config::{InferenceConfig, PnpConfig};
 use crate::prediction::{Hypothesis, Sigma};
 
@@ -70,15 +70,10 @@ pub fn solve(
         })
         .collect();
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut distinct: Vec<Isometry3<f64>> = Vec::new();
-    for (_, pose) in found {
-        let near =
-            |other: &Isometry3<f64>| all.symmetry.apart_deg(other, &pose, diameter) < merge_deg;
-        if distinct.len() < search.max_candidates && !distinct.iter().any(near) {
-            distinct.push(pose);
-        }
-    }
-    let solved = distinct.into_par_iter().filter_map(|mut pose| {
+    let poses = found.into_iter().map(|(_, pose)| pose);
+    let (symmetry, most) = (&all.symmetry, search.max_candidates);
+    let starts = distinct(poses, |pose| *pose, symmetry, diameter, merge_deg, most);
+    let solved = starts.into_par_iter().filter_map(|mut pose| {
         let mut information = Matrix6::zeros();
         for _ in &config.scales {
             (pose, information) = stepped(all, &pose, last)?;
@@ -94,11 +89,10 @@ pub fn solve(
             probability: (inlier_share(all, &pose, last) / config.temperature).exp(),
         })
     });
-    let groups = groups(solved.collect(), &all.symmetry, diameter, merge_deg);
-    let firsts = groups
-        .into_iter()
-        .filter_map(|group| group.into_iter().next());
-    firsts.collect()
+    let mut solved: Vec<Hypothesis> = solved.collect();
+    solved.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    let pose = |one: &Hypothesis| one.world_from_obj;
+    distinct(solved, pose, symmetry, diameter, merge_deg, most)
 }
 
 impl PnpConfig {
