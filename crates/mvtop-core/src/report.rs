@@ -10,7 +10,7 @@ use crate::prediction::{
     CameraPose, Hypothesis, ObjectPose, Prediction, Refinement, Sigma, Timings, Warning,
     WarningCode,
 };
-use crate::scorer::{POSE_TERMS, Scored, VIEW_TERMS, Verdict};
+use crate::scorer::{POSE_TERMS, Scored, VIEW_TERMS, Verdict, ViewEvidence};
 use crate::symmetry::{Axis, Symmetry};
 use crate::{BBox, Camera, Rig};
 
@@ -64,6 +64,10 @@ pub struct ReportedConsistency {
     pub box_deviation: f64,
     /// How far two cameras do not show the same objects.
     pub contradiction: f64,
+    /// Objects that both of them show.
+    pub confirmed: usize,
+    /// Objects that one of them shows, and the other should show but does not.
+    pub unconfirmed: usize,
     /// Id of the camera where `px` is most, null of two cameras.
     pub worst_camera: Option<String>,
 }
@@ -181,14 +185,14 @@ pub struct Evidence {
 
 impl Evidence {
     fn of(scored: &Scored) -> Self {
-        let of_view = |(visible, terms): &(f64, [f64; VIEW_TERMS.len()])| {
-            let named = VIEW_TERMS.into_iter().zip(*terms);
-            named.chain([("visible", *visible)]).collect()
+        let of_view = |view: &ViewEvidence| {
+            let named = VIEW_TERMS.into_iter().zip(view.terms());
+            named.chain([("visible", view.visible)]).collect()
         };
         Self {
             log_odds: scored.log_odds,
             initial_log_odds: scored.initial_log_odds,
-            pose: POSE_TERMS.into_iter().zip(scored.pose).collect(),
+            pose: POSE_TERMS.into_iter().zip(scored.terms).collect(),
             views: scored.views.iter().map(of_view).collect(),
         }
     }
@@ -218,6 +222,8 @@ impl Report {
                 scale_deviation: fit.scale_deviation,
                 box_deviation: fit.box_deviation,
                 contradiction: fit.contradiction,
+                confirmed: fit.confirmed,
+                unconfirmed: fit.unconfirmed,
                 worst_camera: fit.worst_camera.map(id),
             }),
             timings_ms: prediction.timings,
@@ -320,8 +326,18 @@ mod tests {
                 evidence: Some(Scored {
                     log_odds: 2.0,
                     initial_log_odds: 1.5,
-                    pose: std::array::from_fn(|term| term as f64),
-                    views: vec![(0.5, [0.0, 0.1, 0.2, 0.3, 0.4, 0.5])],
+                    terms: std::array::from_fn(|term| term as f64),
+                    views: vec![ViewEvidence {
+                        view: 0,
+                        visible: 0.5,
+                        detector: 0.0,
+                        coordinates: 0.1,
+                        contour: 0.2,
+                        color: 0.3,
+                        mutual_information: 0.4,
+                        texture: 0.5,
+                    }],
+                    ..Scored::default()
                 }),
                 hypotheses: vec![Hypothesis {
                     world_from_obj: pose,
@@ -350,6 +366,8 @@ mod tests {
                 scale_deviation: 0.125,
                 box_deviation: 0.75,
                 contradiction: -1.0,
+                confirmed: 3,
+                unconfirmed: 1,
                 worst_camera: None,
             }),
             warnings: vec![

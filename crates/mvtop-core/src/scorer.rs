@@ -42,7 +42,7 @@ const MAX_WEIGHT: f64 = 1e4;
 pub struct ViewEvidence {
     /// Index of the view among the images.
     pub view: usize,
-    /// Share of the object's projection that is inside the image.
+    /// Share of the object's projection that is inside the image and that no other object hides.
     pub visible: f64,
     /// Greatest score of the detector's map near the center of the projection, 0 to 1.
     pub detector: f64,
@@ -73,7 +73,7 @@ impl ViewEvidence {
 }
 
 /// What is known of a pose as a whole.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct PoseEvidence {
     /// Probability among the poses that were proposed together.
     pub prior: f64,
@@ -115,10 +115,12 @@ pub struct Scored {
     pub log_odds: f64,
     /// The same before refinement.
     pub initial_log_odds: f64,
-    /// By name: [`POSE_TERMS`], and of [`VIEW_TERMS`] lists by view.
-    pub pose: [f64; POSE_TERMS.len()],
-    /// Of each view that should show the object: its share of visibility, then [`VIEW_TERMS`].
-    pub views: Vec<(f64, [f64; VIEW_TERMS.len()])>,
+    /// Of the pose as a whole.
+    pub pose: PoseEvidence,
+    /// The same as the scorer takes it, in the order of [`POSE_TERMS`].
+    pub terms: [f64; POSE_TERMS.len()],
+    /// Of each view that should show the object.
+    pub views: Vec<ViewEvidence>,
 }
 
 /// How a bundle scores poses.
@@ -187,30 +189,25 @@ fn bounded(x: f64, bound: f64) -> f64 {
 }
 
 impl Scorer {
-    /// The score of a pose.
+    /// The score of a pose; its initial log-odds are its log-odds.
     ///
     /// - `refined`: whether it was refined on the images
-    pub fn score(&self, refined: bool, views: &[ViewEvidence], pose: &PoseEvidence) -> Scored {
+    pub fn score(&self, refined: bool, views: Vec<ViewEvidence>, pose: PoseEvidence) -> Scored {
+        let weights = self.weights(refined);
         let terms = pose.terms(self.within_deg, self.within_m);
-        let views = views.iter().map(|one| (one.visible, one.terms()));
-        self.of_terms(refined, views.collect(), terms)
-    }
-
-    /// The same once views are compared, with how far they are from one pose.
-    pub fn verified(
-        &self,
-        refined: bool,
-        scored: &Scored,
-        object_deviation: f64,
-        rig_deviation: f64,
-    ) -> Scored {
-        let mut pose = scored.pose;
-        let from = POSE_TERMS.len() - 2;
-        pose[from] = object_deviation.min(50.0).ln_1p();
-        pose[from + 1] = rig_deviation.min(50.0).ln_1p();
+        let of_view = |view: &ViewEvidence| view.visible * weights.of_view(&view.terms());
+        let count = (views.len().max(1) as f64).powf(weights.correlation);
+        let by_views = views.iter().map(of_view).sum::<f64>() / count;
+        let named = POSE_TERMS.iter().zip(&terms);
+        let by_pose =
+            named.map(|(name, x)| bounded(weight(&weights.pose, name) * x, weights.bound));
+        let log_odds = weights.bias + by_views + by_pose.sum::<f64>();
         Scored {
-            initial_log_odds: scored.initial_log_odds,
-            ..self.of_terms(refined, scored.views.clone(), pose)
+            log_odds,
+            initial_log_odds: log_odds,
+            pose,
+            terms,
+            views,
         }
     }
 
@@ -223,28 +220,6 @@ impl Scorer {
         match refined {
             true => &self.refined,
             false => &self.unrefined,
-        }
-    }
-
-    fn of_terms(
-        &self,
-        refined: bool,
-        views: Vec<(f64, [f64; VIEW_TERMS.len()])>,
-        pose: [f64; POSE_TERMS.len()],
-    ) -> Scored {
-        let weights = self.weights(refined);
-        let of_view =
-            |(visible, terms): &(f64, [f64; VIEW_TERMS.len()])| visible * weights.of_view(terms);
-        let count = (views.len().max(1) as f64).powf(weights.correlation);
-        let by_views = views.iter().map(of_view).sum::<f64>() / count;
-        let named = POSE_TERMS.iter().zip(&pose);
-        let by_pose =
-            named.map(|(name, x)| bounded(weight(&weights.pose, name) * x, weights.bound));
-        Scored {
-            log_odds: weights.bias + by_views + by_pose.sum::<f64>(),
-            initial_log_odds: 0.0,
-            pose,
-            views,
         }
     }
 

@@ -10,7 +10,7 @@ use crate::BBox;
 use crate::bundle::Class;
 use crate::detect::Detection;
 use crate::prediction::{Hypothesis, Refinement, Sigma};
-use crate::scorer::{Scored, ViewEvidence};
+use crate::scorer::Scored;
 
 /// One object: what the detector saw of it, and the poses that it may have.
 #[derive(Clone)]
@@ -40,9 +40,7 @@ pub struct Candidate {
     pub correspondences: Option<Arc<Correspondences>>,
     /// `None` where the class has no mesh or none was wanted.
     pub refinement: Option<Refinement>,
-    /// Evidence of each view that should show the object at this pose.
-    pub evidence: Vec<ViewEvidence>,
-    /// Log-odds that the pose is right, and what they are made of.
+    /// Log-odds that the pose is right, and the evidence that they are made of.
     pub scored: Scored,
 }
 
@@ -83,11 +81,17 @@ impl Instance {
         odds.into_iter().map(|one| one / all).collect()
     }
 
+    /// Puts the most probable candidate first.
+    pub fn sort(&mut self) {
+        self.candidates
+            .sort_by(|a, b| b.scored.log_odds.total_cmp(&a.scored.log_odds));
+    }
+
     /// Adds candidates; of those within `merge_deg` of a better one, but for symmetries, none stays.
     pub fn add(&mut self, new: Vec<Candidate>, class: &Class, merge_deg: f64, most: usize) {
-        let mut all = std::mem::take(&mut self.candidates);
-        all.extend(new);
-        all.sort_by(|a, b| b.scored.log_odds.total_cmp(&a.scored.log_odds));
+        self.candidates.extend(new);
+        self.sort();
+        let all = std::mem::take(&mut self.candidates);
         let (pose, symmetry) = (|one: &Candidate| one.world_from_obj, &class.symmetry);
         self.candidates = distinct(all, pose, symmetry, class.diameter_m, merge_deg, most);
     }

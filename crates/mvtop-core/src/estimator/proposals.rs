@@ -113,7 +113,6 @@ impl Pipeline<'_> {
             rois: rois.to_vec(),
             correspondences: correspondences.clone(),
             refinement: None,
-            evidence: Vec::new(),
             scored: Scored::default(),
         };
         found.into_iter().map(candidate).collect()

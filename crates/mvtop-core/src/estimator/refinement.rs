@@ -40,7 +40,7 @@ impl Pipeline<'_> {
         let least = self.config().search.min_initial_log_odds;
         let least = least.filter(|_| self.options.boxes.is_none());
         if let Some(refiner) = refiner.filter(|_| least.is_none_or(|least| initial >= least)) {
-            let expected = |view| candidate.evidence.iter().any(|one| one.view == view);
+            let expected = |view| candidate.scored.views.iter().any(|one| one.view == view);
             let shown: Vec<usize> = (0..self.views.len())
                 .filter(|&view| expected(view) || candidate.rois[view].is_some())
                 .collect();
@@ -111,7 +111,7 @@ impl Pipeline<'_> {
         let least = self.config().search.min_in_image;
         let pose = &candidate.world_from_obj;
         let expected = reprojection::expected(class, &self.views, pose, least);
-        candidate.evidence = expected
+        let views: Vec<_> = expected
             .into_iter()
             .enumerate()
             .filter_map(evidence)
@@ -123,15 +123,13 @@ impl Pipeline<'_> {
             residual_px: candidate
                 .refinement
                 .map_or(0.0, |one| one.contour_residual_px),
-            views: candidate.evidence.len(),
+            views: views.len(),
             object_deviation: 0.0,
             rig_deviation: 0.0,
         };
         let refined = candidate.refinement.is_some();
-        candidate.scored = self
-            .estimator
-            .scorer()
-            .score(refined, &candidate.evidence, &pose);
+        let scorer = self.estimator.scorer();
+        candidate.scored = scorer.score(refined, views, pose);
     }
 
     /// The greatest score that the detector gives by itself near the center of a projection, 0 to 1.

@@ -346,7 +346,7 @@ fn by_view(object: &ObjectPose, term: &str) -> Vec<f64> {
         .position(|name| *name == term)
         .unwrap();
     let views = &object.evidence.as_ref().unwrap().views;
-    views.iter().map(|(_, terms)| terms[at]).collect()
+    views.iter().map(|view| view.terms()[at]).collect()
 }
 
 #[test]

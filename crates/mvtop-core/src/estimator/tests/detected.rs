@@ -37,7 +37,7 @@ fn objects_are_found_where_they_are_whichever_views_see_them() {
             .collect();
         assert!(is_mean_of_some(&object.world_from_obj.rotation, &turns));
         // Each anchor gives another rotation, and they are equally probable.
-        let prior = object.evidence.as_ref().unwrap().pose[0].exp();
+        let prior = object.evidence.as_ref().unwrap().pose.prior;
         assert!((prior - 1.0 / turns.len() as f64).abs() < 1e-9, "{prior}");
         for camera in &object.cameras {
             let world = rig.cameras()[camera.camera].world_from_cam() * camera.cam_from_obj;

@@ -26,7 +26,6 @@ fn candidate(world_from_obj: Isometry3<f64>, log_odds: f64) -> Candidate {
         rois: Vec::new(),
         correspondences: None,
         refinement: None,
-        evidence: Vec::new(),
         scored: Scored {
             log_odds,
             ..Scored::default()
@@ -379,7 +378,8 @@ fn detector_speaks_for_what_it_shows_near_the_middle_of_a_projection() {
         });
         let scored = pipeline.refine_and_score(&[&object], vec![proposed.collect()]);
         scored[0][0]
-            .evidence
+            .scored
+            .views
             .iter()
             .map(|one| one.detector)
             .collect::<Vec<f64>>()

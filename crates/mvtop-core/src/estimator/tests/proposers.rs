@@ -188,7 +188,6 @@ fn rolled_crops_look_at_the_best_pose() {
         rois,
         correspondences: None,
         refinement: None,
-        evidence: Vec::new(),
         scored: Scored::default(),
     };
     let mut instance = Instance {
