@@ -10,7 +10,7 @@ NAME = "model.json"
 # What `training/calibrate.py` fits of `inference`, by group; the rest of it is set by hand.
 FITTED = {
     "rig": (
-        "max_camera_deviation", "max_scale_deviation", "max_box_deviation", "max_contradiction",
+        "max_camera_deviation", "max_scale_deviation", "max_box_deviation", "unconfirmed_true",
     ),
     "search": ("min_confidence", "min_initial_log_odds"),
 }  # fmt: skip

@@ -43,11 +43,16 @@ def poses(count: int, weights: dict = WEIGHTS, seed: int = 0, refined: bool = Tr
     return found
 
 
-def rig_of(camera=0.0, scale=0.0, box=0.0, contradiction=0.0):
+def rig_of(camera=0.0, scale=0.0, box=0.0, confirmed=0, unconfirmed=0):
     return SimpleNamespace(
         camera_deviation=camera, scale_deviation=scale, box_deviation=box,
-        contradiction=contradiction,
+        confirmed=confirmed, unconfirmed=unconfirmed,
     )  # fmt: skip
+
+
+def own_limits():
+    """The core's."""
+    return {name: evidence.defaults()[name] for name in description.FITTED["rig"]}
 
 
 @pytest.fixture
@@ -123,7 +128,7 @@ def test_too_few_poses_have_no_weights():
 
 def test_log_odds_are_the_cores(tiny):
     scorer = {"refined": WEIGHTS | {"bias": 9.0}, "unrefined": WEIGHTS}
-    calibrate.put(tiny, scorer, calibrate.LIMITS, 0.0, None, {})
+    calibrate.put(tiny, scorer, own_limits(), 0.0, None, {})
     for ids in (["cam0"], ["cam0", "cam1"], ["cam0", "cam1", "cam2", "cam3"]):
         found = predicted(tiny, *ids).objects
         assert found
@@ -136,11 +141,11 @@ def test_log_odds_are_the_cores(tiny):
 
 def test_a_rig_s_deviation_is_the_cores(tiny):
     """The fixture has no meshes: boxes alone say how well the rig fits."""
-    half = {name: limit / 2 for name, limit in calibrate.LIMITS.items()}
+    half = {name: limit / 2 for name, limit in own_limits().items()}
     before = predicted(tiny, "cam0", "cam1", "cam2", "cam3")
     calibrate.put(tiny, {"refined": WEIGHTS, "unrefined": WEIGHTS}, half, 0.0, None, {})
     after = predicted(tiny, "cam0", "cam1", "cam2", "cam3")
-    for prediction, limits in ((before, calibrate.LIMITS), (after, half)):
+    for prediction, limits in ((before, own_limits()), (after, half)):
         rig = prediction.rig_consistency
         assert evidence.by_boxes(rig)
         assert evidence.deviation(rig, limits) == pytest.approx(rig.deviation)
@@ -153,25 +158,41 @@ def test_a_rig_s_deviation_is_the_cores(tiny):
 def test_a_rig_s_deviation_by_hand():
     limits = {
         "max_camera_deviation": 2.0, "max_scale_deviation": 4.0, "max_box_deviation": 5.0,
-        "max_contradiction": 10.0,
+        "max_contradiction": 2.0, "unconfirmed_true": 0.1, "unconfirmed_wrong": 0.8,
     }  # fmt: skip
     assert evidence.deviation(rig_of(camera=3.0, scale=4.0), limits) == 1.5
-    assert evidence.deviation(rig_of(box=50.0, contradiction=1.0), limits) == 10.0
-    assert evidence.deviation(rig_of(camera=1.0, contradiction=9.0), limits) == 0.9
+    assert evidence.deviation(rig_of(box=50.0, unconfirmed=1), limits) == 10.0
+    # ln 8 for each that is not confirmed, ln (2 / 9) for each that is.
+    contradicted = rig_of(camera=1.0, confirmed=1, unconfirmed=3)
+    by_hand = (3 * np.log(8) + np.log(2 / 9)) / 2
+    assert evidence.deviation(contradicted, limits) == pytest.approx(by_hand)
 
 
 def test_a_hundredth_of_the_groups_exceeds_the_limits():
     values = [*np.linspace(0.005, 0.995, 198), 7.0, 9.0]
     found = calibrate.limits([rig_of(camera=x, scale=0.0) for x in values], [])
-    least = {"max_scale_deviation": 1.0, "max_contradiction": 1.0}
-    assert found == calibrate.LIMITS | {"max_camera_deviation": 1.0} | least  # two of 200
+    assert found["max_camera_deviation"] == calibrate.CHANCE["max_camera_deviation"]
+    by_camera = [rig_of(camera=10 * x, scale=x) for x in values]  # two of 200
+    found = calibrate.limits(by_camera, [])
+    assert found["max_camera_deviation"] == pytest.approx(9.95)
     boxes = [rig_of(box=x) for x in values]
     assert calibrate.limits([], boxes[:199])["max_box_deviation"] == 1.0  # one of 199
     assert calibrate.limits([], boxes[-99:])["max_box_deviation"] == 9.0  # none of 99
     # Of too few, the core's own.
-    assert calibrate.limits([], boxes[-19:]) == calibrate.LIMITS
+    assert calibrate.limits([], boxes[-19:]) == own_limits()
     # Rigs that always fit leave room for chance.
-    assert set(calibrate.limits([rig_of()] * 50, [rig_of()] * 50).values()) == {1.0}
+    always = calibrate.limits([rig_of()] * 50, [rig_of()] * 50)
+    assert always == calibrate.CHANCE | {"unconfirmed_true": own_limits()["unconfirmed_true"]}
+
+
+def test_the_share_of_objects_that_one_camera_shows_alone_is_counted():
+    def share(confirmed, unconfirmed):
+        rigs = [rig_of(confirmed=confirmed, unconfirmed=unconfirmed)] * 10
+        return calibrate.limits(rigs, [])["unconfirmed_true"]
+
+    assert share(3, 1) == 0.25
+    assert share(1, 0) == own_limits()["unconfirmed_true"]  # of too few
+    assert (share(90, 0), share(1, 9)) == calibrate.UNCONFIRMED
 
 
 def test_of_what_is_as_confident_one_percent_does_not_exist():
@@ -198,13 +219,13 @@ def test_calibration_error_by_hand():
 
 def test_what_is_written_is_what_the_core_loads(tiny):
     about = description.read(tiny)
-    about["inference"] = {"search": {"settled": 0.8}, "rig": {"max_contradiction": 9.0}}
+    about["inference"] = {"search": {"settled": 0.8}, "rig": {"unconfirmed_true": 0.3}}
     about["detector"] |= {"support_threshold": 0.1, "most_deviation": 4.0, "print_threshold": 0.2}
     about["confidence"] = {"bias": 1.0}
     description.write(tiny, about)
     with pytest.raises(mvtop.Error, match="mvtop_train.calibrate"):  # of an earlier pipeline
         mvtop.Estimator.load(tiny)
-    rig = calibrate.LIMITS | {"max_box_deviation": 3.5}
+    rig = own_limits() | {"max_box_deviation": 3.5}
     fitted = calibrate.fit(poses(300))
     scorer = {"refined": fitted, "unrefined": fitted}
     calibrate.put(tiny, scorer, rig, 0.25, -5.0, {"score_threshold": 0.4, "agree_threshold": 0.2})
@@ -368,7 +389,7 @@ def test_another_split_needs_a_calibrated_bundle_and_is_told_by_views(tiny, monk
     args = SimpleNamespace(bundle=tiny, data=Path(), split="test", held_out=1)
     with pytest.raises(UserError, match="expected a calibrated bundle"):
         command.show(args)
-    calibrate.put(tiny, {"refined": WEIGHTS, "unrefined": WEIGHTS}, calibrate.LIMITS, 0.0, None, {})
+    calibrate.put(tiny, {"refined": WEIGHTS, "unrefined": WEIGHTS}, own_limits(), 0.0, None, {})
     monkeypatch.setattr(heldout, "scenes", lambda args: [])
     monkeypatch.setattr(objects, "read_all", lambda data: ())
     scorer = {"refined": WEIGHTS}

@@ -148,16 +148,26 @@ pub struct RigConfig {
     pub camera_prior: [f64; 2],
     /// Standard deviation of a mesh's scale against the real object, as a share.
     pub mesh_scale_sigma: f64,
-    /// Confidence from which an object that several views show speaks for the rig.
-    pub agree_confidence: f64,
+    /// Share of objects that one of two cameras of a true rig shows and the other does not, although
+    /// it should. Fitted.
+    pub unconfirmed_true: f64,
+    /// The same share of a wrong rig. Not measured.
+    pub unconfirmed_wrong: f64,
+    /// Negative correlation of the objects' colors (red against blue) with the images from which red
+    /// and blue are taken to be exchanged. Not measured.
+    pub exchanged_correlation: f64,
+    /// Where nothing is settled: what the detector's best score gains, at least, if they are. Not
+    /// measured.
+    pub exchanged_gain: f64,
     /// Limits of a true rig, each exceeded by one in a hundred groups of held-out scenes: of what
     /// corrections of the cameras gain,
     pub max_camera_deviation: f64,
     /// of what a scale gains,
     pub max_scale_deviation: f64,
-    /// of an object's boxes against each other, standard deviations (objects without a mesh),
+    /// and of an object's boxes against each other, standard deviations (objects without a mesh).
     pub max_box_deviation: f64,
-    /// and of the log-likelihood ratio by which two cameras do not show the same objects.
+    /// Log-likelihood ratio by which two cameras do not show the same objects from which the rig is
+    /// doubted: at most exp(-3) of true rigs exceed it by chance.
     pub max_contradiction: f64,
 }
 
@@ -229,11 +239,14 @@ impl Default for RigConfig {
             box_floor: [0.03, 0.05, 1.0],
             camera_prior: [3.0, 0.03],
             mesh_scale_sigma: 0.005,
-            agree_confidence: 0.3,
+            unconfirmed_true: 0.2,
+            unconfirmed_wrong: 0.7,
+            exchanged_correlation: 0.3,
+            exchanged_gain: 0.15,
             max_camera_deviation: 7.0,
             max_scale_deviation: 4.0,
             max_box_deviation: 4.1,
-            max_contradiction: 2.4,
+            max_contradiction: 3.0,
         }
     }
 }
@@ -314,6 +327,13 @@ impl InferenceConfig {
         share("search.min_in_image", search.min_in_image)?;
         share("search.same_box_iou", search.same_box_iou)?;
         share("search.same_crop_iou", search.same_crop_iou)?;
+        let shares = [self.rig.unconfirmed_true, self.rig.unconfirmed_wrong];
+        if !(0.0 < shares[0] && shares[0] < shares[1] && shares[1] < 1.0) {
+            return Err(format!(
+                "inference settings `rig.unconfirmed_true` and `rig.unconfirmed_wrong`: expected \
+                 shares above 0 and below 1, the second one greater, got {shares:?}"
+            ));
+        }
         let rig = &self.rig;
         let floors = [rig.contour_floor, rig.box_floor].concat();
         let rig = [&rig.box_sigma[..], &rig.view_prior, &floors].concat();

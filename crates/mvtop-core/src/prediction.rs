@@ -75,6 +75,10 @@ pub struct RigConsistency {
     pub box_deviation: f64,
     /// Log-likelihood ratio by which two cameras do not show the same objects.
     pub contradiction: f64,
+    /// Objects that both of these cameras show at one pose.
+    pub confirmed: usize,
+    /// Objects that one of them shows, and the other should show but does not.
+    pub unconfirmed: usize,
     /// Index in the rig of the camera where `px` is greatest; `None` where two cameras show objects, of which none is known
     /// to be the wrong one.
     pub worst_camera: Option<usize>,
@@ -159,7 +163,7 @@ pub struct Refinement {
 }
 
 /// The error that is expected of a pose.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Sigma {
     /// Expected angle between the true and the predicted rotation, degrees.
     pub rot_deg: f64,

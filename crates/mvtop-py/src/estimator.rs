@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use mvtop_core::annotations::GivenBoxes;
 use mvtop_core::bundle::Class;
 use mvtop_core::calibration::{Expected, observe};
+use mvtop_core::config::InferenceConfig;
 use mvtop_core::onnx::SessionOptions;
 use mvtop_core::report::Report;
 use mvtop_core::{
@@ -59,6 +60,13 @@ impl NativePrediction {
         let count = self.prediction.objects.len();
         format!("NativePrediction({count} objects)")
     }
+}
+
+/// All inference settings without a bundle, as JSON.
+#[pyfunction]
+pub fn default_inference() -> PyResult<String> {
+    let text = serde_json::to_string(&InferenceConfig::default());
+    text.map_err(|error| value(error.to_string()))
 }
 
 #[pymethods]

@@ -40,7 +40,7 @@ mod _mvtop {
     #[pymodule_export]
     const PIPELINE_VERSION: u32 = mvtop_core::config::PIPELINE_VERSION;
     #[pymodule_export]
-    use super::estimator::{NativeEstimator, NativePrediction, NativeTracker};
+    use super::estimator::{NativeEstimator, NativePrediction, NativeTracker, default_inference};
     #[pymodule_export]
     use super::metrics::{
         Mesh, Surface, Symmetries, auc_exact, auc_poet, auc_posecnn, average_recall, recall,

@@ -31,6 +31,7 @@ from .evidence import (
     Gathered,
     Judged,
     by_boxes,
+    defaults,
     gathered,
     with_limits,
 )
@@ -51,14 +52,10 @@ LOST = 0.005  # share of the right poses that may be rejected before refinement,
 MARGIN = 2.0  # with log-odds that images of another look may lack besides
 FEW = 3  # one scene in so many is of the first pass
 ALARMS = 0.01  # share of the groups with true calibrations that may be warned of
-MIN_LIMIT = 1.0  # rigs that always fit make no reason of chance
-
-# Limits of `inference.rig` by setting: the core's own, for what too few groups measure. Each is of
-# the number of `rig_consistency` of the same name without `max_`.
-LIMITS = {
-    "max_camera_deviation": 7.0, "max_scale_deviation": 4.0, "max_box_deviation": 4.1,
-    "max_contradiction": 2.4,
-}  # fmt: skip
+# Limits that chance alone exceeds in one of a hundred groups, where cameras and objects are off as
+# `mvtop-core/src/estimator/rig_test.rs` takes it: the root of what six numbers, or one, gain.
+CHANCE = {"max_camera_deviation": 3.3, "max_scale_deviation": 2.4, "max_box_deviation": 1.0}
+UNCONFIRMED = 0.02, 0.5  # bounds of `unconfirmed_true`
 
 
 class Model(torch.nn.Module):
@@ -199,7 +196,8 @@ def least_confidence(confidences: np.ndarray, exists: np.ndarray) -> float:
 
 
 def limits(rigs: list, by_boxes_alone: list) -> dict[str, float]:
-    """By setting of `inference.rig`, what at most a share `ALARMS` of the groups exceeds.
+    """Settings of `inference.rig`: what at most a share `ALARMS` of the groups exceeds, and how many
+    objects one camera shows alone. The core's own of too few groups.
 
     - rigs: `rig_consistency` of groups with true calibrations
     - by_boxes_alone: the same of groups where boxes alone say how well the rig fits
@@ -207,18 +205,28 @@ def limits(rigs: list, by_boxes_alone: list) -> dict[str, float]:
     by_views = [one for one in rigs if not by_boxes(one)]
     of = {
         "max_camera_deviation": by_views, "max_scale_deviation": by_views,
-        "max_box_deviation": by_boxes_alone, "max_contradiction": rigs,
+        "max_box_deviation": by_boxes_alone,
     }  # fmt: skip
     found = {}
-    for setting, default in LIMITS.items():
-        values = sorted(getattr(one, setting.removeprefix("max_")) for one in of[setting])
-        found[setting] = _limit(values) if len(values) >= MIN_GROUPS else default
+    for setting, groups in of.items():
+        values = sorted(getattr(one, setting.removeprefix("max_")) for one in groups)
+        enough = len(values) >= MIN_GROUPS
+        found[setting] = _limit(values, CHANCE[setting]) if enough else defaults()[setting]
+    found["unconfirmed_true"] = _unconfirmed(rigs)
     return found
 
 
-def _limit(values: list[float]) -> float:
+def _limit(values: list[float], least: float) -> float:
     kept = values[: len(values) - int(ALARMS * len(values))]
-    return float(np.ceil(max(kept[-1], MIN_LIMIT) * 100) / 100)
+    return float(np.ceil(max(kept[-1], least) * 100) / 100)
+
+
+def _unconfirmed(rigs: list) -> float:
+    unconfirmed = sum(one.unconfirmed for one in rigs)
+    count = unconfirmed + sum(one.confirmed for one in rigs)
+    if count < MIN_GROUPS:
+        return defaults()["unconfirmed_true"]
+    return float(np.clip(np.ceil(unconfirmed / count * 1e3) / 1e3, *UNCONFIRMED))
 
 
 def put(
@@ -232,7 +240,7 @@ def put(
     """Writes what was fitted into the bundle's description, in place of what stood there.
 
     - scorer: `refined` and `unrefined`, as of `fit`
-    - rig: limits, as of `limits`
+    - rig: settings of `inference.rig`, as of `limits`
     - least: `inference.search.min_confidence`
     - least_initial: `inference.search.min_initial_log_odds`
     - detector: thresholds that replace the bundle's

@@ -5,6 +5,8 @@ and lamps change them (exposure, white balance, tone, blur, noise), and a share 
 cameras that are off.
 """
 
+import functools
+import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -214,20 +216,37 @@ def by_boxes(rig) -> bool:
     return rig.box_deviation > 0
 
 
-def deviation(rig, limits: dict[str, float]) -> float:
-    """`rig_consistency.deviation` as it is with these limits, by setting of `inference.rig`."""
+@functools.cache
+def defaults() -> dict[str, float]:
+    """`inference.rig` of the core, by setting."""
+    from mvtop._mvtop import default_inference
+
+    return json.loads(default_inference())["rig"]
+
+
+def contradiction(rig, settings: dict[str, float]) -> float:
+    """`rig_consistency.contradiction` as it is with these settings of `inference.rig`."""
+    of_true, of_wrong = settings["unconfirmed_true"], settings["unconfirmed_wrong"]
+    by_each = np.log((1 - of_wrong) / (1 - of_true)), np.log(of_wrong / of_true)
+    return float(by_each[0] * rig.confirmed + by_each[1] * rig.unconfirmed)
+
+
+def deviation(rig, settings: dict[str, float]) -> float:
+    """`rig_consistency.deviation` as it is with these settings of `inference.rig`; the core's own
+    for others."""
+    settings = defaults() | settings
     if by_boxes(rig):
-        poses = rig.box_deviation / limits["max_box_deviation"]
+        poses = rig.box_deviation / settings["max_box_deviation"]
     else:
         poses = max(
-            rig.camera_deviation / limits["max_camera_deviation"],
-            rig.scale_deviation / limits["max_scale_deviation"],
+            rig.camera_deviation / settings["max_camera_deviation"],
+            rig.scale_deviation / settings["max_scale_deviation"],
         )
-    return max(poses, rig.contradiction / limits["max_contradiction"])
+    return max(poses, contradiction(rig, settings) / settings["max_contradiction"])
 
 
 def with_limits(one: Judged, limits: dict[str, float]) -> Judged:
-    """A pose with the evidence of its rig as it is with these limits."""
+    """A pose with the evidence of its rig as it is with these settings of `inference.rig`."""
     if one.rig is None:
         return one
     pose = one.pose.copy()

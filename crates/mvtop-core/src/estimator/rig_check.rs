@@ -4,23 +4,18 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
+use super::contradiction::{Contradiction, Counts};
 use super::instance::Instance;
 use super::pipeline::Pipeline;
 use super::rig_test::{self, Judgement, Measurement};
+use crate::BBox;
 use crate::consistency::alone::{Difference, Kind};
 use crate::consistency::{Residual, Sight, agreement};
 use crate::prediction::{RigConsistency, Warning, WarningCode};
-use crate::{BBox, Rig};
 
 /// What is to be looked at in a rig that does not fit.
 const CHECK: &str = "direction, axes and unit of its poses, focal lengths and lens models, and that \
                      each image is of its camera, neither turned nor rescaled";
-
-/// Log-likelihood ratios of a wrong rig: of an object that one of two views shows and the other should
-/// show but does not (expected of 0.7 of the objects of a wrong rig, of 0.2 of a true one), and of one
-/// that both show.
-const UNCONFIRMED: f64 = 1.25;
-const CONFIRMED: f64 = -0.98;
 
 /// How well the rig fits what was found, and what to warn of.
 pub struct Checked {
@@ -41,7 +36,6 @@ pub fn check(
     compared: &[Vec<(usize, Difference)>],
 ) -> Checked {
     let config = &pipeline.config().rig;
-    let rig = pipeline.rig;
     let residuals: Vec<Vec<(usize, Residual)>> = instances
         .iter()
         .map(|one| residuals(pipeline, one))
@@ -59,7 +53,7 @@ pub fn check(
         })
         .collect();
     let judgement = rig_test::judge(config, &measurements(pipeline, instances, compared));
-    let contradiction = contradiction(pipeline, instances);
+    let contradiction = Contradiction::find(pipeline, instances);
     let box_deviation = match judgement {
         Some(_) => 0.0,
         None => lower_median(&deviations),
@@ -70,8 +64,10 @@ pub fn check(
         }
         None => box_deviation / config.max_box_deviation,
     };
-    let ratio = contradiction.as_ref().map_or(0.0, |one| one.ratio);
-    let contradicted = ratio / config.max_contradiction;
+    let contradicted = contradiction
+        .as_ref()
+        .map_or(0.0, |one| one.ratio / config.max_contradiction);
+    let deviation = poses.max(contradicted);
     let mut warnings = Vec::new();
     if poses > 1.0 {
         let judgement = judgement.as_ref();
@@ -79,19 +75,21 @@ pub fn check(
             pipeline, instances, compared, &residuals, judgement,
         ));
     }
-    if let Some(one) = contradiction.filter(|_| contradicted > 1.0) {
-        warnings.push(one.warning(rig));
+    if let Some(one) = contradiction.as_ref().filter(|_| contradicted > 1.0) {
+        warnings.push(contradicts(pipeline, one));
     }
-    let consistency = (pipeline.views.len() > 1).then(|| RigConsistency {
-        deviation: poses.max(contradicted),
+    let consistency = contradiction.map(|one| RigConsistency {
+        deviation,
         camera_deviation: judgement.map_or(0.0, |one| one.cameras),
         scale_deviation: judgement.map_or(0.0, |one| one.scale),
         box_deviation,
-        contradiction: ratio,
+        contradiction: one.ratio,
+        confirmed: one.counts.confirmed,
+        unconfirmed: one.counts.unconfirmed,
         ..consistency(&residuals)
     });
     Checked {
-        deviation: poses.max(contradicted),
+        deviation,
         consistency,
         deviations,
         warnings,
@@ -180,6 +178,8 @@ fn consistency(residuals: &[Vec<(usize, Residual)>]) -> RigConsistency {
         scale_deviation: 0.0,
         box_deviation: 0.0,
         contradiction: 0.0,
+        confirmed: 0,
+        unconfirmed: 0,
         worst_camera: worst.filter(|_| several).map(|(camera, _)| camera),
     }
 }
@@ -281,131 +281,24 @@ fn disagreement(
     })
 }
 
-/// Two cameras that do not see the same objects.
-struct Contradiction {
-    /// Log-likelihood ratio of a wrong rig.
-    ratio: f64,
-    /// Indices of the cameras.
-    cameras: [usize; 2],
-    /// Objects that one of them shows and the other should show but does not.
-    unconfirmed: usize,
-    /// Objects that both show.
-    confirmed: usize,
-    /// Whether a third camera tells which of them is wrong.
-    worst: Option<usize>,
-}
-
-impl Contradiction {
-    fn warning(&self, rig: &Rig) -> Warning {
-        let [a, b] = self.cameras.map(|camera| rig.cameras()[camera].id());
-        let Self {
-            unconfirmed,
-            confirmed,
-            ..
-        } = self;
-        let code = match confirmed {
+/// The warning for two cameras that do not show the same objects.
+fn contradicts(pipeline: &Pipeline, one: &Contradiction) -> Warning {
+    let [a, b] = one.views.map(|view| pipeline.views[view].camera.id());
+    let Counts {
+        confirmed,
+        unconfirmed,
+    } = one.counts;
+    Warning {
+        code: match confirmed {
             0 => WarningCode::NothingMatches,
             _ => WarningCode::ViewsContradict,
-        };
-        Warning {
-            code,
-            camera: self.worst,
-            object: None,
-            message: format!(
-                "cameras `{a}` and `{b}` do not show the same scene: {unconfirmed} objects that one of \
-                 them shows are not where the other should show them, {confirmed} are; check that each \
-                 image is of its camera and of the same moment, and the rig: {CHECK}"
-            ),
-        }
+        },
+        camera: one.worst.map(|view| pipeline.views[view].index),
+        object: None,
+        message: format!(
+            "cameras `{a}` and `{b}` do not show the same scene: {unconfirmed} objects that one of \
+             them shows are not where the other should show them, {confirmed} are; check that each \
+             image is of its camera and of the same moment, and the rig: {CHECK}"
+        ),
     }
-}
-
-/// The two cameras that contradict each other most, by the objects that each of them shows.
-fn contradiction(pipeline: &Pipeline, instances: &[Instance]) -> Option<Contradiction> {
-    let config = pipeline.config();
-    let faintest = f64::from(pipeline.estimator.bundle.detector.faintest());
-    let threshold = f64::from(pipeline.estimator.bundle.detector.score_threshold);
-    let count = pipeline.views.len();
-    let scorer = pipeline.estimator.scorer();
-    let mut unconfirmed = vec![vec![0_usize; count]; count];
-    let mut confirmed = vec![vec![0_usize; count]; count];
-    for instance in instances {
-        let Some(best) = instance.best() else {
-            continue;
-        };
-        // Of a bundle that was not calibrated it is no probability: what two views show counts.
-        let confidence = match pipeline.estimator.bundle.scorer {
-            Some(_) => instance.confidence(),
-            None => 1.0,
-        };
-        let refined = best.refinement.is_some();
-        let detected = |view: usize| instance.detections[view].map_or(0.0, |one| one.score);
-        for a in 0..count {
-            for b in (0..count).filter(|b| *b != a) {
-                let in_b = best.evidence.iter().find(|one| one.view == b);
-                // Both count an object that both have detected once.
-                match (detected(a) > 0.0, detected(b) > 0.0) {
-                    (true, true) if a < b && confidence >= config.rig.agree_confidence => {
-                        confirmed[a][b] += 1;
-                    }
-                    (true, true) if a < b && confidence < config.search.min_confidence => {
-                        unconfirmed[a][b] += 1;
-                    }
-                    (true, false) if detected(a) >= threshold => {
-                        let expected = in_b.is_some_and(|one| one.visible > 0.9);
-                        let shown = in_b.is_some_and(|one| {
-                            one.detector >= faintest || scorer.view_log_odds(refined, one) > 0.0
-                        });
-                        if expected && !shown {
-                            unconfirmed[a.min(b)][a.max(b)] += 1;
-                        }
-                    }
-                    _ => {}
-                }
-            }
-        }
-    }
-    // Nothing is seen by two cameras: what each of two finds alone of one class is unconfirmed.
-    if confirmed.iter().flatten().all(|count| *count == 0) {
-        for (a, row) in unconfirmed.iter_mut().enumerate() {
-            for (b, number) in row.iter_mut().enumerate().skip(a + 1) {
-                *number = (*number).max(alone_of_class(instances, a, b, threshold));
-            }
-        }
-    }
-    let pairs = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b)));
-    let ratio = |a: usize, b: usize| {
-        UNCONFIRMED * unconfirmed[a][b] as f64 + CONFIRMED * confirmed[a][b] as f64
-    };
-    let (a, b) = pairs.max_by(|p, q| ratio(p.0, p.1).total_cmp(&ratio(q.0, q.1)))?;
-    let of_camera = |view: usize| {
-        let others = (0..count).filter(|other| *other != view);
-        others
-            .map(|other| ratio(view.min(other), view.max(other)))
-            .sum::<f64>()
-    };
-    let worst = if of_camera(a) > of_camera(b) { a } else { b };
-    let index = |view: usize| pipeline.views[view].index;
-    Some(Contradiction {
-        ratio: ratio(a, b),
-        cameras: [index(a), index(b)],
-        unconfirmed: unconfirmed[a][b],
-        confirmed: confirmed[a][b],
-        worst: (count > 2).then_some(index(worst)),
-    })
-}
-
-/// Number of objects of classes that two views both find, each alone.
-///
-/// - `threshold`: score of a detection that counts
-fn alone_of_class(instances: &[Instance], a: usize, b: usize, threshold: f64) -> usize {
-    let mut counts: BTreeMap<usize, [usize; 2]> = BTreeMap::new();
-    for instance in instances.iter().filter(|one| one.views() == 1) {
-        for (side, view) in [a, b].into_iter().enumerate() {
-            if instance.detections[view].is_some_and(|one| one.score >= threshold) {
-                counts.entry(instance.class).or_default()[side] += 1;
-            }
-        }
-    }
-    counts.values().map(|[in_a, in_b]| 2 * in_a.min(in_b)).sum()
 }

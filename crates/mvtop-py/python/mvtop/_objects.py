@@ -67,6 +67,10 @@ class RigConsistency:
     """How far boxes of an object are off each other, standard deviations, lower median."""
     contradiction: float
     """Log-likelihood ratio by which two cameras do not show the same objects."""
+    confirmed: int
+    """Objects that both of these cameras show at one pose."""
+    unconfirmed: int
+    """Objects that one of them shows, and the other should show but does not."""
     worst_camera: str | None
     """Id of the camera where `px` is greatest; None where only two show objects, of which none is
     known to be wrong."""

@@ -1,0 +1,139 @@
+//! Whether two cameras show the same objects.
+
+use std::collections::BTreeMap;
+
+use super::instance::Instance;
+use super::pipeline::Pipeline;
+use crate::config::RigConfig;
+
+/// The two cameras that are least likely to show the same objects.
+pub struct Contradiction {
+    /// Log-likelihood ratio of a wrong rig.
+    pub ratio: f64,
+    /// Indices of the views.
+    pub views: [usize; 2],
+    /// What the two show.
+    pub counts: Counts,
+    /// The view of the two that contradicts all others most; `None` of two views.
+    pub worst: Option<usize>,
+}
+
+/// Objects that two views show.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Objects that both show at one pose.
+    pub confirmed: usize,
+    /// Objects that one shows, and the other should show but does not.
+    pub unconfirmed: usize,
+}
+
+impl Counts {
+    fn ratio(self, config: &RigConfig) -> f64 {
+        let [of_true, of_wrong] = [config.unconfirmed_true, config.unconfirmed_wrong];
+        let confirmed = ((1.0 - of_wrong) / (1.0 - of_true)).ln();
+        let unconfirmed = (of_wrong / of_true).ln();
+        confirmed * self.confirmed as f64 + unconfirmed * self.unconfirmed as f64
+    }
+}
+
+impl Contradiction {
+    /// `None` of fewer than two views.
+    pub fn find(pipeline: &Pipeline, instances: &[Instance]) -> Option<Self> {
+        let config = &pipeline.config().rig;
+        let count = pipeline.views.len();
+        let mut all = BTreeMap::new();
+        for (a, b) in pairs(count) {
+            let mut counts = Counts::default();
+            for instance in instances {
+                match shown(pipeline, instance, a, b) {
+                    Some(true) => counts.confirmed += 1,
+                    Some(false) => counts.unconfirmed += 1,
+                    None => {}
+                }
+            }
+            all.insert((a, b), counts);
+        }
+        // Where no two cameras see one object, what each of two finds alone of one class is unconfirmed.
+        if all.values().all(|counts| counts.confirmed == 0) {
+            for ((a, b), counts) in &mut all {
+                let alone = alone_of_class(pipeline, instances, *a, *b);
+                counts.unconfirmed = counts.unconfirmed.max(alone);
+            }
+        }
+        let ratio = |counts: &Counts| counts.ratio(config);
+        let (&(a, b), &counts) = all
+            .iter()
+            .max_by(|p, q| ratio(p.1).total_cmp(&ratio(q.1)))?;
+        let of_view = |view: usize| {
+            let with = all
+                .iter()
+                .filter(|(pair, _)| pair.0 == view || pair.1 == view);
+            with.map(|(_, counts)| ratio(counts)).sum::<f64>()
+        };
+        let worst = if of_view(a) > of_view(b) { a } else { b };
+        Some(Self {
+            ratio: counts.ratio(config),
+            views: [a, b],
+            counts,
+            worst: (count > 2).then_some(worst),
+        })
+    }
+}
+
+fn pairs(count: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..count).flat_map(move |a| (a + 1..count).map(move |b| (a, b)))
+}
+
+/// Whether two views show an instance at one pose; `None` where they need not.
+fn shown(pipeline: &Pipeline, instance: &Instance, a: usize, b: usize) -> Option<bool> {
+    match [a, b].map(|view| instance.detections[view]) {
+        [Some(_), Some(_)] => {
+            // Of a bundle that was not calibrated it is no probability: that both detected it counts.
+            let calibrated = pipeline.estimator.bundle.scorer.is_some();
+            let confidence = if calibrated {
+                instance.confidence()
+            } else {
+                1.0
+            };
+            let least = pipeline.config().search.min_confidence;
+            // More probably right than wrong.
+            let confirmed = (confidence >= 0.5).then_some(true);
+            confirmed.or((confidence < least).then_some(false))
+        }
+        [Some(one), None] => is_missing(pipeline, instance, one.score, b).then_some(false),
+        [None, Some(one)] => is_missing(pipeline, instance, one.score, a).then_some(false),
+        [None, None] => None,
+    }
+}
+
+/// Whether a view that did not detect an instance should show it, but has no evidence of it.
+///
+/// - `score`: of the other view's detection
+fn is_missing(pipeline: &Pipeline, instance: &Instance, score: f64, view: usize) -> bool {
+    let detector = &pipeline.estimator.bundle.detector;
+    let Some(best) = instance.best() else {
+        return false;
+    };
+    let expected = best.scored.views.iter().find(|one| one.view == view);
+    let expected = expected.filter(|one| one.visible >= pipeline.config().search.min_in_image);
+    let refined = best.refinement.is_some();
+    score >= f64::from(detector.score_threshold)
+        && expected.is_some_and(|one| {
+            one.detector < f64::from(detector.faintest())
+                && pipeline.estimator.scorer().view_log_odds(refined, one) <= 0.0
+        })
+}
+
+/// Number of objects of classes that two views both find, each alone.
+fn alone_of_class(pipeline: &Pipeline, instances: &[Instance], a: usize, b: usize) -> usize {
+    let threshold = f64::from(pipeline.estimator.bundle.detector.score_threshold);
+    let mut counts: BTreeMap<usize, [usize; 2]> = BTreeMap::new();
+    for instance in instances.iter().filter(|one| one.views() == 1) {
+        for (side, view) in [a, b].into_iter().enumerate() {
+            if instance.detections[view].is_some_and(|one| one.score >= threshold) {
+                counts.entry(instance.class).or_default()[side] += 1;
+            }
+        }
+    }
+    counts.values().map(|[in_a, in_b]| 2 * in_a.min(in_b)).sum()
+}
