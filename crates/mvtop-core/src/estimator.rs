@@ -2,6 +2,7 @@
 
 mod augmentation;
 mod color_check;
+mod contradiction;
 mod crops;
 mod decoder;
 mod detections;
@@ -9,6 +10,7 @@ mod grouping;
 mod instance;
 mod next_view;
 mod nms;
+mod occlusion;
 mod pipeline;
 mod pnp;
 mod proposals;

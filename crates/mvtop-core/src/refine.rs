@@ -12,6 +12,7 @@ mod config;
 mod contour;
 pub(crate) mod correspondence_lines;
 mod crop_pixels;
+mod depth_map;
 mod difference;
 mod edge_search;
 mod fit_quality;
@@ -30,6 +31,7 @@ use rayon::prelude::*;
 
 pub use self::config::{RefineConfig, Stage, TextureConfig};
 use self::contour::EdgePoint;
+pub use self::depth_map::DepthMap;
 use self::edge_search::{StepFunction, step_function};
 use self::gauss_newton::{ANGLE_PER_AXIS, Prior, Residual, Step};
 use self::mesh_model::MeshModel;

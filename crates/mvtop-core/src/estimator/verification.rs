@@ -1,12 +1,15 @@
 //! Views compared with each other, instances rejected, and results gathered.
 
 use nalgebra::Isometry3;
+use rayon::prelude::*;
 
 use super::instance::Instance;
+use super::occlusion::Surfaces;
 use super::pipeline::{Clock, Pipeline};
 use super::{Estimator, color_check, grouping, next_view, rig_check, view};
 use crate::Result;
 use crate::prediction::{CameraPose, ObjectPose, Prediction, Timings, Warning};
+use crate::scorer::{PoseEvidence, Scored, ViewEvidence};
 
 impl Pipeline<'_> {
     /// Compares the views, judges the rig by all instances, scores them anew, and reports.
@@ -19,7 +22,8 @@ impl Pipeline<'_> {
         clock: &mut Clock,
     ) -> Result<Prediction> {
         let (Estimator { bundle, .. }, rig) = (self.estimator, self.rig);
-        let scorer = self.estimator.scorer();
+        let surfaces = Surfaces::new(self, &instances);
+        self.occlude(&mut instances, &surfaces);
         let hopeless = self.config().search.hopeless;
         let compared: Vec<_> = instances
             .iter()
@@ -31,7 +35,7 @@ impl Pipeline<'_> {
             )
             .collect();
         let checked = rig_check::check(self, &instances, &compared);
-        let exchanged = color_check::check(self, &instances)?;
+        let exchanged = color_check::check(self, &instances, &surfaces)?;
         let rig_deviation = checked.deviation;
         let ref_from_world = rig.cameras()[reference].world_from_cam().inverse();
         let least = match self.options.boxes {
@@ -43,11 +47,10 @@ impl Pipeline<'_> {
         let mut reported = vec![None; instances.len()];
         for (index, instance) in instances.iter_mut().enumerate() {
             let own = checked.deviations[index];
-            for one in &mut instance.candidates {
-                let refined = one.refinement.is_some();
-                let deviation = own.unwrap_or(0.0);
-                one.scored = scorer.verified(refined, &one.scored, deviation, rig_deviation);
-            }
+            self.rescore(instance, |pose, _| {
+                pose.object_deviation = own.unwrap_or(0.0);
+                pose.rig_deviation = rig_deviation;
+            });
             let Some(mut object) = self.object(&ref_from_world, instance) else {
                 continue;
             };
@@ -94,6 +97,48 @@ impl Pipeline<'_> {
         })
     }
 
+    /// Lets views count as much as settled instances leave of an instance in sight.
+    fn occlude(&self, instances: &mut [Instance], surfaces: &Surfaces) {
+        let shares: Vec<Vec<f64>> = (0..instances.len())
+            .into_par_iter()
+            .map(|of| {
+                let views = 0..self.views.len();
+                let share = |view| surfaces.share(self, instances, of, view);
+                views.map(share).collect()
+            })
+            .collect();
+        for (instance, shares) in instances.iter_mut().zip(shares) {
+            self.rescore(instance, |_, views| {
+                for one in views {
+                    one.visible *= shares[one.view];
+                }
+            });
+            instance.sort();
+        }
+    }
+
+    /// Scores the candidates of an instance anew, with changed evidence.
+    fn rescore(
+        &self,
+        instance: &mut Instance,
+        change: impl Fn(&mut PoseEvidence, &mut [ViewEvidence]),
+    ) {
+        for one in &mut instance.candidates {
+            let Scored {
+                initial_log_odds,
+                mut pose,
+                mut views,
+                ..
+            } = std::mem::take(&mut one.scored);
+            change(&mut pose, &mut views);
+            let refined = one.refinement.is_some();
+            one.scored = Scored {
+                initial_log_odds,
+                ..self.estimator.scorer().score(refined, views, pose)
+            };
+        }
+    }
+
     fn object(&self, ref_from_world: &Isometry3<f64>, instance: &Instance) -> Option<ObjectPose> {
         let class = &self.estimator.bundle.classes[instance.class];
         let best = instance.best()?;
@@ -109,8 +154,8 @@ impl Pipeline<'_> {
             .collect();
         cameras.sort_by_key(|one| one.camera);
         let coordinates = best.correspondences.as_ref().map(|_| {
-            let shown = best.evidence.iter().map(|one| one.coordinates);
-            shown.sum::<f64>() / best.evidence.len().max(1) as f64
+            let views = &best.scored.views;
+            views.iter().map(|one| one.coordinates).sum::<f64>() / views.len().max(1) as f64
         });
         Some(ObjectPose {
             class: class.name.clone(),
