@@ -65,6 +65,8 @@ pub struct PnpConfig {
     pub scales: Vec<f64>,
     /// Temperature of their probabilities: p ~ exp(inlier share / temperature).
     pub temperature: f64,
+    /// Fewest correspondences of a pose.
+    pub min_correspondences: usize,
     /// Least trust of a correspondence, 0 to 1.
     pub min_trust: f64,
     /// Neighbouring correspondences that count as one when the error is estimated. 50 was chosen
@@ -195,6 +197,7 @@ impl Default for PnpConfig {
             search_correspondences: 192,
             scales: vec![0.3, 0.25, 0.2, 0.15, 0.12, 0.1, 0.08, 0.07, 0.06, 0.05],
             temperature: 0.1,
+            min_correspondences: 12,
             min_trust: 0.05,
             correlated: 50.0,
             start_sigma: [0.1, 0.3],
@@ -312,6 +315,11 @@ impl InferenceConfig {
         counted(
             "pnp.search_correspondences",
             pnp.search_correspondences,
+            1_000_000,
+        )?;
+        counted(
+            "pnp.min_correspondences",
+            pnp.min_correspondences,
             1_000_000,
         )?;
         positive("pnp.temperature", pnp.temperature)?;

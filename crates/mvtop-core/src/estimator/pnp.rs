@@ -16,9 +16,6 @@ use crate::prediction::{Hypothesis, Sigma};
 /// Objects farther away, in diameters, are less than a pixel wide in any image.
 pub const MAX_DIAMETERS: f64 = 1e4;
 
-/// Three points determine a pose but for a few others.
-const FEWEST: usize = 3;
-
 mod correspondences;
 mod position;
 
@@ -39,7 +36,7 @@ pub fn solve(
         ..
     } = config;
     let merge_deg = search.merge_deg;
-    if all.list.len() < FEWEST {
+    if all.list.len() < config.min_correspondences {
         return Vec::new();
     }
     let Some(position) = position(config, all) else {

@@ -214,9 +214,12 @@ fn what_cannot_be_is_not_settled() {
 }
 
 #[test]
-fn two_cells_settle_nothing() {
+fn few_cells_settle_nothing() {
+    let fewest = PnpConfig::default().min_correspondences;
     let mut evidence = seen_from(&[LEFT], 0.0, 0.0);
-    evidence.list.truncate(2);
+    evidence.list.truncate(fewest);
+    assert!(fit(&mut evidence.clone(), &guess()).is_some());
+    evidence.list.truncate(fewest - 1);
     assert!(fit(&mut evidence, &guess()).is_none());
 }
 
