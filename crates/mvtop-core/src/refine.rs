@@ -195,8 +195,9 @@ impl Refiner {
             }
         }
         let initial = initial?;
+        let margin = self.config.accept_margin_bits;
         let better = self.fit(&mut states, &pose);
-        let better = better.filter(|fit| fit.is_better(&initial));
+        let better = better.filter(|fit| fit.is_better(&initial, margin));
         let accepted = better.is_some();
         let (pose, fit) = match better {
             Some(fit) => (pose, fit),

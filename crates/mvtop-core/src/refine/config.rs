@@ -83,6 +83,9 @@ pub struct RefineConfig {
     pub information_deflation: f64,
     /// Least eigenvalue of an observable direction, share of the largest one; not measured.
     pub observability_floor: f64,
+    /// How much worse outline or inner edges may be separated at an accepted pose, bits per pixel; not
+    /// measured.
+    pub accept_margin_bits: f64,
     /// Comparison of the texture with the images.
     pub texture: TextureConfig,
 }
@@ -128,6 +131,7 @@ impl Default for RefineConfig {
             correlated_lines: 4.0,
             information_deflation: 0.25,
             observability_floor: 0.002,
+            accept_margin_bits: 0.05,
             texture: TextureConfig::default(),
         }
     }

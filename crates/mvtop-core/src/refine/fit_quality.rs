@@ -9,8 +9,8 @@ use super::view_state::ViewState;
 
 /// Fit of a pose to all views.
 pub struct FitQuality {
-    /// Means over views of [`ViewState::edge_separation`], added up for the outline and inner edges.
-    separation: f64,
+    /// Mean over views of [`ViewState::edge_separation`]: for the outline, and for inner edges.
+    separation: [f64; 2],
     /// Indices of the view states that show the outline; at least one.
     visible: Vec<usize>,
     /// Mean over these of [`ViewState::contour_inliers`].
@@ -20,9 +20,11 @@ pub struct FitQuality {
 }
 
 impl FitQuality {
-    /// Whether colors separate the sides of all edges better than at another pose nearby.
-    pub fn is_better(&self, other: &Self) -> bool {
-        self.separation > other.separation
+    /// Whether colors separate the sides of all edges better than at another pose nearby, and neither
+    /// the outline nor the inner edges get worse by the margin.
+    pub fn is_better(&self, other: &Self, margin: f64) -> bool {
+        let gain = |i: usize| self.separation[i] - other.separation[i];
+        gain(0) + gain(1) > 0.0 && gain(0).min(gain(1)) > -margin
     }
 }
 
@@ -39,11 +41,10 @@ impl Refiner {
             view.edge_separation(line_step)
         };
         let bits: Vec<[Option<f64>; 2]> = states.par_iter_mut().map(one).collect();
-        let mean = |i: usize| {
+        let separation = [0, 1].map(|i| {
             let known = || bits.iter().filter_map(|bits| bits[i]);
             known().sum::<f64>() / known().count().max(1) as f64
-        };
-        let separation = mean(0) + mean(1);
+        });
         let visible = (0..states.len()).filter(|&state| bits[state][0].is_some());
         let visible: Vec<usize> = visible.collect();
         let mean = |number: fn(&ViewState) -> f64| {
