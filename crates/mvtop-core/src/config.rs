@@ -75,6 +75,8 @@ pub struct PnpConfig {
     /// Standard deviation of the start's position across and along a view's ray: in diameters, and as
     /// a share of the distance.
     pub start_sigma: [f64; 2],
+    /// Ratio of a pose's distance to that of its start, at most.
+    pub max_distance_ratio: f64,
 }
 
 /// Who proposes candidate poses of an instance, and when the search ends.
@@ -201,6 +203,7 @@ impl Default for PnpConfig {
             min_trust: 0.05,
             correlated: 50.0,
             start_sigma: [0.1, 0.3],
+            max_distance_ratio: 3.0,
         }
     }
 }
@@ -324,6 +327,7 @@ impl InferenceConfig {
         )?;
         positive("pnp.temperature", pnp.temperature)?;
         positive("pnp.correlated", pnp.correlated)?;
+        positive("pnp.max_distance_ratio", pnp.max_distance_ratio)?;
         counted("search.max_candidates", search.max_candidates, 1000)?;
         counted("search.max_anchors", search.max_anchors, 64)?;
         counted("search.schedule", search.schedule.len().max(1), 16)?;

@@ -45,6 +45,7 @@ pub fn solve(
     for one in &mut all.list {
         one.distance = (position - one.origin.coords).norm();
     }
+    let most = config.max_distance_ratio;
     // Nor where the distance is not finite.
     if !(all.list.iter()).all(|one| one.distance < MAX_DIAMETERS * all.diameter) {
         return Vec::new();
@@ -80,7 +81,11 @@ pub fn solve(
             let point = pose * Correspondences::point(&equivalents, one);
             (point - one.origin).dot(&one.direction) > 0.0
         });
-        in_front.then_some(Hypothesis {
+        let near = all.list.iter().all(|one| {
+            let ratio = (pose.translation.vector - one.origin.coords).norm() / one.distance;
+            (1.0 / most..most).contains(&ratio)
+        });
+        (in_front && near).then_some(Hypothesis {
             world_from_obj: all.symmetry.canonical(&pose),
             sigma: expected(config, all, &pose, &information, last)?,
             probability: (inlier_share(all, &pose, last) / config.temperature).exp(),
