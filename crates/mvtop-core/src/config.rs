@@ -60,9 +60,10 @@ pub struct PnpConfig {
     pub starts: usize,
     /// Correspondences that the search uses; the final steps use all.
     pub search_correspondences: usize,
-    /// Robust scale of each step of the search, in diameters. The last one defines an inlier, and holds
-    /// for as many final steps.
-    pub scales: Vec<f64>,
+    /// Robust scales of the search's alignment steps, in diameters.
+    pub align_scales: Vec<f64>,
+    /// Robust scales of the Gauss-Newton steps, in diameters; the last one defines an inlier.
+    pub newton_scales: Vec<f64>,
     /// Temperature of their probabilities: p ~ exp(inlier share / temperature).
     pub temperature: f64,
     /// Fewest correspondences of a pose.
@@ -197,7 +198,8 @@ impl Default for PnpConfig {
         Self {
             starts: 64,
             search_correspondences: 192,
-            scales: vec![0.3, 0.25, 0.2, 0.15, 0.12, 0.1, 0.08, 0.07, 0.06, 0.05],
+            align_scales: vec![0.3, 0.25, 0.2, 0.15, 0.12, 0.1],
+            newton_scales: vec![0.1, 0.08, 0.08, 0.07, 0.06, 0.06, 0.05, 0.05, 0.05, 0.05],
             temperature: 0.1,
             min_correspondences: 12,
             min_trust: 0.05,
@@ -311,9 +313,13 @@ impl InferenceConfig {
                 "inference setting `{name}`: expected 1 to {most}, got {n}"
             )),
         };
-        counted("pnp.scales", pnp.scales.len(), 100)?;
-        let mut scales = pnp.scales.iter();
-        scales.try_for_each(|x| positive("pnp.scales", *x))?;
+        for (name, scales) in [
+            ("pnp.align_scales", &pnp.align_scales),
+            ("pnp.newton_scales", &pnp.newton_scales),
+        ] {
+            counted(name, scales.len(), 100)?;
+            scales.iter().try_for_each(|x| positive(name, *x))?;
+        }
         counted("pnp.starts", pnp.starts, 10_000)?;
         counted(
             "pnp.search_correspondences",

@@ -57,24 +57,28 @@ pub fn solve(
         .chain(starts.iter().map(|start| start.rotation))
         .map(|rotation| Isometry3::from_parts(position.into(), rotation));
     let starts: Vec<Isometry3<f64>> = there.chain(starts.iter().copied()).collect();
-    let last = config.inlier_scale() * diameter;
+    let first_scale = config.newton_scales[0] * diameter;
     let mut found: Vec<(f64, Isometry3<f64>)> = starts
         .into_par_iter()
         .filter_map(|mut pose| {
-            for scale in &config.scales {
+            for scale in &config.align_scales {
                 pose = aligned(&some, &pose, scale * diameter)?;
             }
-            Some((inlier_share(&some, &pose, last), pose))
+            for scale in config.newton_scales.iter().take(2) {
+                pose = stepped(&some, &pose, scale * diameter)?.0;
+            }
+            Some((inlier_share(&some, &pose, first_scale), pose))
         })
         .collect();
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let last = config.inlier_scale() * diameter;
     let poses = found.into_iter().map(|(_, pose)| pose);
     let (symmetry, most) = (&all.symmetry, search.max_candidates);
     let starts = distinct(poses, |pose| *pose, symmetry, diameter, merge_deg, most);
     let solved = starts.into_par_iter().filter_map(|mut pose| {
         let mut information = Matrix6::zeros();
-        for _ in &config.scales {
-            (pose, information) = stepped(all, &pose, last)?;
+        for scale in config.newton_scales.iter().skip(2) {
+            (pose, information) = stepped(all, &pose, scale * diameter)?;
         }
         let equivalents = all.equivalents(&pose);
         let in_front = all.list.iter().all(|one| {
@@ -100,7 +104,7 @@ pub fn solve(
 impl PnpConfig {
     /// Residual of an inlier, in diameters.
     pub(super) fn inlier_scale(&self) -> f64 {
-        self.scales.last().copied().unwrap_or(0.05)
+        self.newton_scales.last().copied().unwrap_or(0.05)
     }
 }
 
