@@ -73,7 +73,12 @@ class Model(torch.nn.Module):
 
         self.view = parameter(len(VIEW_TERMS), -0.5)
         self.pose = parameter(len(POSE_TERMS), -2.0)
-        self.bias, self.view_bias, self.correlation = (parameter(1, 0.0) for _ in range(3))
+        self.bias, self.nothing, self.correlation = (parameter(1, 0.0) for _ in range(3))
+
+    @property
+    def view_bias(self) -> torch.Tensor:
+        """Of a view that shows nothing [1]: it speaks against the pose."""
+        return -softplus(self.nothing)
 
     def unit_weights(self) -> tuple[torch.Tensor, torch.Tensor]:
         """[view terms] and [pose terms], for evidence of unit spread, each of its sign."""
@@ -291,7 +296,7 @@ def calibrate(
     - detector: thresholds that replace the bundle's
     """
     every = {"search.min_confidence": 0.0, "search.min_initial_log_odds": None}
-    first = initial = None
+    first = initial = before = None
     with uncalibrated(bundle, detector or {}) as plain:
         raw = gathered(plain, scenes, known, "unrefined poses", inference=every, refine=False)
         # The scorer ranks candidates: a first one, of few scenes, ranks those of the second.
@@ -299,17 +304,20 @@ def calibrate(
         if not any(one.refined for one in found.poses):
             found = raw
         else:
-            rig = limits(found.rigs, [one for one in raw.rigs if by_boxes(one)])
-            first = scorer_of(found, raw, rig)
+            before = limits(found.rigs, [one for one in raw.rigs if by_boxes(one)])
+            first = scorer_of(found, raw, before)
             if first is None:
                 return False
-            put(plain, first, rig, 0.0, None, detector or {})
+            put(plain, first, before, 0.0, None, detector or {})
             found = gathered(plain, scenes, known, "refined, second pass", inference=every)
             initial = least_initial(found.poses)
     failed = found.failed + (raw.failed if raw is not found else 0)
     if failed:
         print(f"note: {failed} groups of views have no prediction")
     rig = limits(found.rigs, [one for one in raw.rigs if by_boxes(one)])
+    if first is not None:
+        # Without a scorer all that two cameras detect is confirmed, whatever the first one is worth.
+        rig["unconfirmed_true"] = before["unconfirmed_true"]
     scorer = scorer_of(found, raw, rig)
     if scorer is None:
         return False

@@ -45,7 +45,7 @@ pub fn solve(
     for one in &mut all.list {
         one.distance = (position - one.origin.coords).norm();
     }
-    let most = config.max_distance_ratio;
+    let ratio = config.max_distance_ratio;
     // Nor where the distance is not finite.
     if !(all.list.iter()).all(|one| one.distance < MAX_DIAMETERS * all.diameter) {
         return Vec::new();
@@ -86,8 +86,8 @@ pub fn solve(
             (point - one.origin).dot(&one.direction) > 0.0
         });
         let near = all.list.iter().all(|one| {
-            let ratio = (pose.translation.vector - one.origin.coords).norm() / one.distance;
-            (1.0 / most..most).contains(&ratio)
+            let apart = (pose.translation.vector - one.origin.coords).norm() / one.distance;
+            (1.0 / ratio..ratio).contains(&apart)
         });
         (in_front && near).then_some(Hypothesis {
             world_from_obj: all.symmetry.canonical(&pose),
