@@ -60,9 +60,9 @@ pub struct RefineConfig {
     /// Least distance of contour points, and distance at which both sides of an edge are sampled, px
     /// of the crop; not measured.
     pub contour_margin_px: f64,
-    /// Depth tolerance of the visibility test at silhouettes and elsewhere, shares of the diameter; not
-    /// measured.
-    pub occlusion_tolerance: [f64; 2],
+    /// Depth tolerance of the visibility test at silhouettes, at other edges and for texture, shares
+    /// of the diameter; not measured.
+    pub occlusion_tolerance: [f64; 3],
     /// Amplitude of the smoothed step function of a correspondence line (M3T's `function_amplitude`, same value).
     pub function_amplitude: f64,
     /// Width of the band around the silhouette that gives the background's histogram, px of the crop
@@ -122,7 +122,7 @@ impl Default for RefineConfig {
             max_segments: 4,
             contour_points: 220.0,
             contour_margin_px: 1.5,
-            occlusion_tolerance: [0.1, 0.03],
+            occlusion_tolerance: [0.1, 0.03, 0.02],
             function_amplitude: 0.43,
             background_band_px: 24,
             gradient_floor: [1e-4, 1e-3],

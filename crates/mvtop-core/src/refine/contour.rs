@@ -105,7 +105,7 @@ fn edge_point(
     let sides = [inner, outer].map(|index| raster.label(index));
     let nearest = raster.depth(inner).min(raster.depth(outer));
     // A fold bends towards the camera beside its edge.
-    let [at_fold, elsewhere] = config.occlusion_tolerance;
+    let [at_fold, elsewhere, _] = config.occlusion_tolerance;
     let tolerance = if edge.is_fold { at_fold } else { elsewhere };
     let hidden = point.z > nearest + tolerance * diameter;
     if sides[0] == BACKGROUND || (hidden && sides[1] != BACKGROUND) {

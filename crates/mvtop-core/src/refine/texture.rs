@@ -188,7 +188,7 @@ impl Texture {
             ..
         } = blurred.view;
         let camera = &closeup.camera;
-        let tolerance = refiner.config.occlusion_tolerance[1] * self.diameter;
+        let tolerance = refiner.config.occlusion_tolerance[2] * self.diameter;
         let cam_from_obj = camera.world_from_cam().inv_mul(pose);
         let pair = |(point, descriptor): (&Point3<f64>, &ColorDescriptor)| {
             let point = cam_from_obj * point;
