@@ -167,19 +167,15 @@ impl Refiner {
         let prior = Prior::new(*world_from_obj, sigma);
         let (mut pose, mut information) = (*world_from_obj, Matrix6::zeros());
         let (mut states, mut initial) = (Vec::new(), None);
-        let RefineConfig { coarse, fine, .. } = &self.config;
-        let stages = match schedule {
-            Schedule::Full => vec![coarse, fine],
-            Schedule::CoarseOnly => vec![coarse],
-        };
+        let stages = self.stages(schedule);
         let last = stages.len() - 1;
-        for (index, stage) in stages.into_iter().enumerate() {
+        for (index, (stage, steps)) in stages.into_iter().enumerate() {
             states = self.view_states(views, &pose, stage);
             if index == last {
                 // Now, as the first iteration of an only stage uses what is rendered for it.
                 initial = Some(self.fit(&mut states, world_from_obj)?);
             }
-            for &step in &stage.steps_px {
+            for &step in steps {
                 let found = self.iterate(&mut states, &prior, &pose, step)?;
                 (pose, information) = (found.world_from_obj, found.information);
             }
@@ -220,6 +216,15 @@ impl Refiner {
             },
             accepted,
         })
+    }
+
+    /// Stages of a schedule, with their line steps.
+    fn stages(&self, schedule: Schedule) -> Vec<(&Stage, &[f64])> {
+        let RefineConfig { coarse, fine, .. } = &self.config;
+        match schedule {
+            Schedule::Full => vec![(coarse, &coarse.steps_px), (fine, &fine.steps_px)],
+            Schedule::CoarseOnly => vec![(coarse, &self.config.coarse_only_steps_px)],
+        }
     }
 
     /// One Gauss-Newton step on all views.

@@ -55,6 +55,8 @@ pub struct RefineConfig {
     pub crease_deg: f64,
     /// Largest number of segments; a mesh of more colors is textured and has one segment.
     pub max_segments: usize,
+    /// Line steps of a refinement that ends on coarse crops, px; not measured.
+    pub coarse_only_steps_px: Vec<f64>,
     /// Number of contour points per view (M3T uses 200 lines); not measured.
     pub contour_points: f64,
     /// Least distance of contour points, and distance at which both sides of an edge are sampled, px
@@ -110,7 +112,7 @@ impl Default for RefineConfig {
                 scale: 1.0,
                 side_px: [96.0, 224.0],
                 fill: FILL,
-                steps_px: vec![4.0, 2.0, 1.0],
+                steps_px: vec![4.0, 3.0, 2.0],
             },
             fine: Stage {
                 scale: 2.0,
@@ -120,6 +122,7 @@ impl Default for RefineConfig {
             },
             crease_deg: 30.0,
             max_segments: 4,
+            coarse_only_steps_px: vec![4.0, 2.0, 1.0, 1.0],
             contour_points: 220.0,
             contour_margin_px: 1.5,
             occlusion_tolerance: [0.1, 0.03, 0.02],
@@ -146,14 +149,19 @@ impl RefineConfig {
         let all = serde_json::to_value(self).map_err(|error| error.to_string())?;
         let stage = |stage: &Stage| {
             let [least, most] = stage.side_px;
-            let sides = least >= 16.0 && least <= most && most <= 2048.0;
-            sides && stage.fill < 1.0 && (1..=50).contains(&stage.steps_px.len())
+            least >= 16.0 && least <= most && most <= 2048.0 && stage.fill < 1.0
         };
+        let steps = [&self.coarse, &self.fine].map(|stage| &stage.steps_px);
+        let has_steps = |steps: &Vec<f64>| (1..=50).contains(&steps.len());
         let angles = &self.texture.search_deg;
         let is_usable = is_positive(&all)
             && stage(&self.coarse)
             && stage(&self.fine)
             && self.max_segments <= usize::from(u8::MAX)
+            && steps
+                .into_iter()
+                .chain([&self.coarse_only_steps_px])
+                .all(has_steps)
             && self.contour_points <= 1e4
             && self.background_band_px <= 1000
             && self.function_amplitude < 0.5
