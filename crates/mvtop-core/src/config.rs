@@ -38,8 +38,10 @@ pub struct InferenceConfig {
 pub struct TilingConfig {
     /// Images scaled by less than this to the detector's input are tiled. Not measured.
     pub min_scale: f64,
-    /// Magnification of a tile; below 2, so that the four tiles of an image overlap. Not measured.
-    pub zoom: f64,
+    /// Magnification of a tile where another view expects an object. Not measured.
+    pub guided_zoom: f64,
+    /// Magnification of the tiles that cover an image when no view has found anything. Not measured.
+    pub full_zoom: f64,
 }
 
 /// Boxes of different views matched to one object by their rays.
@@ -180,7 +182,8 @@ impl Default for TilingConfig {
     fn default() -> Self {
         Self {
             min_scale: 0.5,
-            zoom: 1.8,
+            guided_zoom: 2.0,
+            full_zoom: 1.6,
         }
     }
 }

@@ -46,7 +46,7 @@ pub fn detect(
     if found.is_empty() {
         let everywhere = views.iter().enumerate().filter(|(_, view)| is_large(view));
         let tiles = everywhere
-            .flat_map(|(v, view)| all_of(v, view, tiling.zoom))
+            .flat_map(|(v, view)| all_of(v, view, tiling.full_zoom))
             .collect();
         add(network, bundle, views, tiles, boxes)?;
         found = detections::detected(bundle, &config.association, radii, views, boxes);
@@ -55,7 +55,7 @@ pub fn detect(
         .iter()
         .filter(|object| object.views() == 1)
         .take(config.search.max_instances)
-        .flat_map(|object| guided(radii, views, object, tiling.zoom))
+        .flat_map(|object| guided(radii, views, object, tiling.guided_zoom))
         .filter(|tile| is_large(&views[tile.view]));
     add(network, bundle, views, places.collect(), boxes)
 }
