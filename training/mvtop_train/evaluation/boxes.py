@@ -74,22 +74,37 @@ class Detector:
         - camera: of the group's rig, mvtop.Camera
         """
         found = []
-        end = np.array([*camera.size] * 2) - 0.5
         for one in group.truth:
             if camera.id not in one.visibility or one.known.name not in self.names:
                 continue
             kind = self.names.index(one.known.name)
-            cam_from_obj = np.linalg.inv(camera.world_from_cam) @ one.world_from_obj
-            points = self._bounds[kind] @ cam_from_obj[:3, :3].T + cam_from_obj[:3, 3]
-            pixels = camera.project(points)
-            pixels = pixels[np.isfinite(pixels).all(1)]
-            if not len(pixels):
-                continue
-            inside = ((pixels >= -0.5) & (pixels <= end[:2])).all(1).mean()
-            box, share = around(pixels).clip(-0.5, end), one.visibility[camera.id]
-            if (box[2:] - box[:2]).min() > 0:
-                found.append(Visible(kind, box, inside if share is None else share))
+            pixels = pixels_of(self._bounds[kind], one.world_from_obj, camera)
+            box, share = cut_box(pixels, camera), one.visibility[camera.id]
+            if box is not None:
+                share = inside(pixels, camera) if share is None else share
+                found.append(Visible(kind, box, share))
         return found
+
+
+def pixels_of(points: np.ndarray, world_from_obj: np.ndarray, camera) -> np.ndarray:
+    """Where a camera (mvtop.Camera) images points [n, 3] m of an object: [n, 2] px, NaN where it
+    images nothing."""
+    cam_from_obj = np.linalg.inv(camera.world_from_cam) @ world_from_obj
+    return camera.project(points @ cam_from_obj[:3, :3].T + cam_from_obj[:3, 3])
+
+
+def inside(pixels: np.ndarray, camera) -> float:
+    """Share of pixels [n, 2] that lie in a camera's image."""
+    return float(((pixels >= -0.5) & (pixels <= np.array(camera.size) - 0.5)).all(1).mean())
+
+
+def cut_box(pixels: np.ndarray, camera) -> np.ndarray | None:
+    """Box [4] px around pixels [n, 2], cut off where a camera's image ends; None beside it."""
+    seen = pixels[np.isfinite(pixels).all(1)]
+    if not len(seen):
+        return None
+    box = around(seen).clip(-0.5, np.array([*camera.size] * 2) - 0.5)
+    return box if (box[2:] - box[:2]).min() > 0 else None
 
 
 def _bounds(bundle: Path, known: dict) -> np.ndarray:
