@@ -35,6 +35,9 @@ MODEL_PARTS ?= runs/parts/bundle
 ACCURACY = $(PY) -m mvtop_train.evaluation.accuracy
 BASELINE = training/tests/accuracy-baseline.json
 
+# Of `detector`: JSON with every score.
+DETECTOR = out/detector-$(notdir $(patsubst %/,%,$(MODEL))).json
+
 # Of lies: a test set or a folder; VIEWS counts where it is given.
 SET ?= ball-short
 LIE_VIEWS = $(if $(filter-out file,$(origin VIEWS)),$(VIEWS))
@@ -45,7 +48,7 @@ MOST_hard = 8
 MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
-.PHONY: help demo test built-tests test-rust test-python lint fuzz soak miri fixtures eval accuracy test-accuracy accuracy-baseline \
+.PHONY: help demo test built-tests test-rust test-python lint fuzz soak miri fixtures eval accuracy test-accuracy accuracy-baseline detector \
   lies tables pictures bench bench-peers wheel release-wheel test-wheel stubs licences test-ray
 
 help:  ## this list
@@ -147,6 +150,11 @@ out/accuracy-short.json: .venv/test.done $(MVTOP)
 	scripts/need-gl.sh
 	rm -f $@
 	$(ACCURACY) run --out $@ --set ball-short
+
+detector: .venv/test.done $(MVTOP)  ## boxes that a bundle's detector finds in single images, before any pose: MODEL=dir
+	scripts/need-gl.sh
+	rm -f $(DETECTOR)
+	$(PY) -m mvtop_train.evaluation.detector --model $(MODEL) --out $(DETECTOR)
 
 lies: .venv/test.done $(MVTOP)  ## wrong calibrations and images, and what becomes of them: MODEL=dir SET=name or folder VIEWS=n; resumes
 	scripts/need-gl.sh

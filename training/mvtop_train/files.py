@@ -44,3 +44,11 @@ def _unique(pairs: list[tuple]) -> dict:
         twice = next(key for key in keys if keys.count(key) > 1)
         raise ValueError(f"the key {twice!r} twice in one object")
     return fields
+
+
+def write_text(path: Path, text: str):
+    """Writes so that a kill leaves the old file or the new one; folders above it are made."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(path.name + ".part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(path)

@@ -18,8 +18,9 @@ ALLOWED = {
     "export": {"network", "data", "training"},
     "study": {"network", "data", "training", "evaluation"},
     "evaluation": {"network", "data"},
+    "adapt": {"network", "data", "training", "evaluation", "export"},
 }
-COMMANDS = {"calibrate", "generate", "train", "run"}  # beside `python -m mvtop_train.export`
+COMMANDS = {"calibrate", "generate", "train", "run"}  # beside `export` and `adapt`
 BASE = {"errors", "files", "description"}
 
 

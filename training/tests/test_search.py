@@ -7,6 +7,7 @@ import torch
 from conftest import random_pose
 
 from mvtop_train.data import bop, objects, search
+from mvtop_train.data.boxes import amodal_boxes
 from mvtop_train.network import config, losses
 from mvtop_train.training import thresholds
 
@@ -72,6 +73,20 @@ def test_what_the_image_cuts_off_is_counted_once(image):
     image.instances[:] = [bop.Instance(1, at_border, None)]
     made = search.Searches(NETWORK, (BALL,)).make(image, np.random.default_rng(0), augment=False)
     assert made["search_boxes"].any() and (made["search_class"] == -1).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_where_an_object_may_be_it_may_be_found_or_not(image, seed):
+    """An unsure box moves with the picture; here it is that of the third ball."""
+    one = image.instances[2]
+    image.unsure = amodal_boxes(BALL.bounds, K, one.cam_from_obj)[None]
+    del image.instances[:2]
+    made = search.Searches(NETWORK, (BALL,)).make(image, np.random.default_rng(seed), augment=True)
+    there = made["search_boxes"][made["search_boxes"].any(1)]
+    assert len(there) in (0, 1, 2) and (made["search_class"] == -1).all()
+    if len(there) == 2:
+        middles = (there[:, :2] + there[:, 2:]) / 2
+        np.testing.assert_allclose(middles[0], middles[1], atol=12)
 
 
 class Screen:

@@ -55,6 +55,27 @@ class Scenes:
         return things, images
 
 
+class Mixed:
+    """Photographs beside rendered scenes, none of them held out.
+
+    Few as they are, photographs are listed several times, so that they make up `things` of the
+    things and `images` of the images that are drawn: shares below 1.
+    """
+
+    def __init__(self, rendered: Scenes, photographs: Scenes, things: float, images: float):
+        self.objects, self.held, self.held_images = rendered.objects, [], []
+        self.training = _mixed(rendered.training, photographs.training, things)
+        self.images = _mixed(rendered.images, photographs.images, images)
+
+    def refresh(self):
+        """Neither gets more."""
+
+
+def _mixed(many: list, few: list, share: float) -> list:
+    times = share / (1 - share) * len(many) / max(len(few), 1)
+    return many + few * max(1, round(times))
+
+
 def held_count(scenes: int, held_out: int) -> int:
     """How many of the first scenes are not trained on: `held_out`, of few a fifth."""
     return held_out if scenes > 2 * held_out else scenes // 5
@@ -63,7 +84,7 @@ def held_count(scenes: int, held_out: int) -> int:
 class Fresh:
     """A source of views that are made when they are asked for."""
 
-    def __init__(self, scenes: Scenes, maker: views.ViewMaker):
+    def __init__(self, scenes: Scenes | Mixed, maker: views.ViewMaker):
         self._scenes, self.maker = scenes, maker
 
     @property
@@ -91,7 +112,7 @@ class Negatives:
 class Searched:
     """Whole images with their boxes that come on top of a batch: `count` of them."""
 
-    scenes: Scenes
+    scenes: Scenes | Mixed
     searches: search.Searches
     count: int
 

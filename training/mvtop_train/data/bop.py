@@ -4,7 +4,8 @@ checked by mvtop.
 Beside BOP's own files a scene has `coords/IM.png`: the object-frame position of each visible
 object pixel, coded in 8 bits per axis, 0 meaning "not the object"; its first pixel is the corner of
 `bbox_visib` (of the image, where there is none). Data sets of others lack it, and at times
-`scene_gt_info.json`: both may be absent. See docs/data.md.
+`scene_gt_info.json`: both may be absent. `scene_unsure.json`, of photographs, has by image the
+boxes in which an object may be or not. See docs/data.md.
 """
 
 import itertools
@@ -16,6 +17,7 @@ import cv2
 import numpy as np
 
 from ..errors import UserError, asking_mvtop
+from ..files import read_json
 from ..network.coordinates import STEPS, ZERO
 from .boxes import amodal_boxes
 from .objects import Object
@@ -23,6 +25,7 @@ from .rendered import Seen, View, amodal_box, object_coordinates
 
 JPEG_QUALITY = 95
 OTHER = 255  # in the fourth channel of `coords/`: something that is no object of the data set
+UNSURE = "scene_unsure.json"
 LEAST_SHARE = 0.2  # of an object in sight, from which on its pose is learnt
 SAME_PLACE = 0.02  # of its diameter; poses of others' data sets are not exact
 
@@ -55,6 +58,8 @@ class Image:
     k: np.ndarray  # [3, 3], px
     cam_from_world: np.ndarray  # [4, 4], m
     instances: list[Instance]
+    # [n, 4], px: where an object may be that is not annotated
+    unsure: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
 
     @property
     def only(self) -> Instance:
@@ -172,6 +177,9 @@ def read_images(folder: Path) -> list[Image]:
 
         found = mvtop.bop.read_scene(folder, whole=True)
     coords = {path.stem: path for path in (folder / "coords").glob("*.png")}
+    unsure = {}
+    if (folder / UNSURE).exists():
+        unsure = read_json(folder / UNSURE, "delete the folder of the scene")
     images = []
     for image in found:
         if image.sensor:  # a camera beside the scene's own
@@ -196,7 +204,8 @@ def read_images(folder: Path) -> list[Image]:
             )
             for annotation, one in enumerate(image.instances)
         ]
-        images.append(Image(image.number, path, image.K, image.cam_from_world, instances))
+        boxes = np.array(unsure.get(str(image.number), []), float).reshape(-1, 4)
+        images.append(Image(image.number, path, image.K, image.cam_from_world, instances, boxes))
     return images
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..network.config import Config
 from . import bop
-from .boxes import amodal_boxes
+from .boxes import amodal_boxes, around
 from .closeup import roll_by
 from .color import photometric
 from .composite import Composer
@@ -19,13 +19,14 @@ AIMED = 0.7  # share of the pictures that are made around one of the objects
 SURE, UNSURE = 0.35, 0.1  # shares in sight from which an object shall, and may, be found
 MOST = 128  # objects in a picture
 BEFORE = 0.35  # share of the objects that something else is put before
+NOBODY = -1
 GRID = 16  # points along each side of a box, at which it is asked what shows it
 
 
 @dataclass(frozen=True)
 class Thing:
     """An object in a picture: its box [4] px, the number of its class, the share of it in sight,
-    and whose pixels are its (`bop.read_coords`)."""
+    and whose pixels are its (`bop.read_coords`); `NOBODY`: that is not known."""
 
     box: np.ndarray
     kind: int
@@ -86,6 +87,10 @@ class Searches:
                 share = one.visible_share * inside.sum() / max(on_image.sum(), 1)
             if share >= UNSURE and (cut[2:] - cut[:2]).min() > 4:
                 things.append(Thing(cut, kind, share, one.annotation + 1))
+        for box in image.unsure:
+            cut = around(_moved(view_from_image, box)).clip(-0.5, edge)
+            if (cut[2:] - cut[:2]).min() > 0:
+                things.append(Thing(cut, 0, UNSURE, NOBODY))
         return things
 
     def _hidden(self, picture, things: list[Thing], whose, rng):
@@ -131,6 +136,13 @@ class Searches:
         """What the image holds of the objects, with the numbers of their classes."""
         kinds = {obj.id: n for n, obj in enumerate(self.objects)}
         return [(one, kinds[one.obj_id]) for one in image.instances if one.obj_id in kinds]
+
+
+def _moved(view_from_image: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Where a homography [3, 3] takes the corners of a box [4]: [4, 2] px."""
+    x0, y0, x1, y1 = box
+    corners = np.array([[x0, y0, 1], [x1, y0, 1], [x0, y1, 1], [x1, y1, 1]]) @ view_from_image.T
+    return corners[:, :2] / corners[:, 2:]
 
 
 def _shown(box, edge, view_from_image, shape) -> tuple[np.ndarray, np.ndarray]:

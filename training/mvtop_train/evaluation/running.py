@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from .. import description
 from ..errors import UserError, asking_mvtop
-from ..files import read_json
+from ..files import read_json, write_text
 from .groups import Group, classes_of
 from .outcomes import outcome
 from .sets import TestSet
@@ -76,10 +76,7 @@ def text(results: dict) -> str:
 
 def write(path: Path, results: dict):
     """So that a kill leaves the old file or the new one."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
-    part.write_text(text(results))
-    part.replace(path)
+    write_text(path, text(results))
 
 
 def read(path: Path) -> dict:

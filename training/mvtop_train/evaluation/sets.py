@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..data import bop
@@ -15,6 +15,12 @@ SHARED = Path("../shared/data")
 MESHES = SHARED / "ycbv/models"
 BACKGROUNDS = Path("data/backgrounds")
 YCBV4 = {2: "cracker_box", 4: "soup_can", 5: "mustard_bottle", 9: "potted_meat_can"}
+# Classes of the models that sets ask for.
+CLASSES = {
+    "mvball": {"mvball"},
+    "ycbv4": set(YCBV4.values()),
+    "parts": {"hex_nut", "pipe_tee", "stepped_shaft", "angle_bracket"},
+}
 SEEDS, PAIRS = (0, 1, 2), 100  # of the ball's pairs, of each seed
 
 
@@ -139,3 +145,15 @@ def fixed() -> dict[str, TestSet]:
         TestSet("example-ycbv4", "ycbv4", 3, (Path("examples/ycbv4"),), **example),
     ]
     return {one.name: one for one in sets}
+
+
+def single_views() -> dict[str, TestSet]:
+    """The same by name, with all their images one by one: those of one data set once.
+
+    Samples stay groups, as each image is in one of them.
+    """
+    found: dict[str, TestSet] = {}
+    for one in fixed().values():
+        name = one.name.removesuffix(f"-{one.views}")
+        found.setdefault(name, replace(one, name=name, views=1 if one.bop else one.views))
+    return found

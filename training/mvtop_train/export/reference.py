@@ -12,8 +12,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import torch
-from PIL import Image as PilImage
 
+from ..data.letterbox import image_tensor, letterbox, normalised_picture
 from ..network import pose, rays, sampling
 from ..network.model import Mvtop
 from .bundle import ExportedCloseUps, ExportedDecoder, ExportedDetector, outputs_of
@@ -37,32 +37,9 @@ class Picture:
     world_from_cam: np.ndarray  # [4, 4], m
 
 
-def letterbox(rgb: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
-    """The image resized to fit, and its scale per axis; nothing is padded here."""
-    h, w = rgb.shape[:2]
-    scale = min(width / w, height / h)
-    size = round(w * scale), round(h * scale)
-    if size != (w, h):
-        image = PilImage.fromarray(rgb).resize(size, PilImage.Resampling.BILINEAR)
-        rgb = np.asarray(image)
-    return rgb, np.array([size[0] / w, size[1] / h])
-
-
-def _normalised(config, rgb) -> np.ndarray:
-    return ((rgb / 255 - np.array(config.mean)) / np.array(config.std)).transpose(2, 0, 1)
-
-
 def _over(box, width: int, height: int) -> dict:
     low, high = (box[:2] + 0.5) / [width, height], (box[2:] + 0.5) / [width, height]
     return {"center": (low + high) / 2, "half_size": (high - low) / 2}
-
-
-def image_tensor(config, rgb: np.ndarray) -> np.ndarray:
-    """[3, H, W], at the top left of the network's input."""
-    small, _ = letterbox(rgb, config.width, config.height)
-    tensor = np.zeros((3, config.height, config.width))
-    tensor[:, : small.shape[0], : small.shape[1]] = _normalised(config, small)
-    return tensor
 
 
 def whole_image(config, camera: Camera, rgb: np.ndarray, box: np.ndarray) -> Picture:
@@ -85,7 +62,7 @@ def close_up(config, camera: Camera, rgb: np.ndarray, box: np.ndarray) -> Pictur
     picture, on_image = picture_of(virtual, camera, rgb, taps)
     pixels = rays.cell_centers(config.decoder_shapes(), config.pose_strides).double().numpy()
     return Picture(
-        _normalised(config, picture) * on_image,
+        normalised_picture(config, picture) * on_image,
         virtual.unproject(pixels) * camera.shows(seen_by(camera, virtual, pixels))[:, None],
         rays_of_box(virtual, bounds),
         **_over(bounds, size, size),

@@ -18,11 +18,15 @@ from .runconfig import RunConfig, keep_copy
 from .validate import pose_views
 
 
-def train(settings: RunConfig, folder: Path):
-    """Train as `settings` say, from where the run in `folder` stands to its end."""
+def train(settings: RunConfig, folder: Path, scenes: batches.Mixed | None = None):
+    """Train as `settings` say, from where the run in `folder` stands to its end.
+
+    scenes  what to train on; those of `settings.data` if left out
+    """
     me = processes.join()
     known = settings.known()
-    scenes = batches.Scenes(Path(settings.data), known, settings.held_out)
+    if scenes is None:
+        scenes = batches.Scenes(Path(settings.data), known, settings.held_out)
     composer = composer_of(settings)  # refuses before a config is kept
     if me.rank == 0:
         keep_copy(settings, folder)
@@ -61,8 +65,8 @@ def train_steps(
 
 
 def batches_of(
-    settings: RunConfig, state: TrainingState, scenes: batches.Scenes, composer: Composer | None,
-    me: processes.Processes,
+    settings: RunConfig, state: TrainingState, scenes: batches.Scenes | batches.Mixed,
+    composer: Composer | None, me: processes.Processes,
 ) -> batches.Batches:  # fmt: skip
     """Crops for all of the network; where its backbone is frozen, cached features of close-ups."""
     shared = settings.images, settings.views, settings.seed, me.rank, me.count

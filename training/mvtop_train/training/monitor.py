@@ -4,7 +4,7 @@ import json
 
 from tqdm import tqdm
 
-from ..data.batches import Scenes
+from ..data.batches import Mixed, Scenes
 from .checkpoint import TrainingState
 from .progress import Clock, Meter, Timer
 from .runconfig import RunConfig
@@ -31,7 +31,9 @@ class Log:
 class Monitor:
     """Logs, saves and validates when it is time, and after the last step."""
 
-    def __init__(self, settings: RunConfig, state: TrainingState, scenes: Scenes, processes: int):
+    def __init__(
+        self, settings: RunConfig, state: TrainingState, scenes: Scenes | Mixed, processes: int
+    ):
         self.settings, self.state, self.scenes = settings, state, scenes
         self.processes, self.meter, self.log = processes, Meter(), Log(state)
         self.saving = Timer(settings.save_minutes)

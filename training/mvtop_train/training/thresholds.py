@@ -5,16 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-import torch.nn.functional as F
-from torchvision.ops import box_iou, nms
+from torchvision.ops import box_iou
 from tqdm import tqdm
 
 from ..data.inputs import normalised
 from ..data.search import Searches
+from ..evaluation.matching import LEAST, assigned, peaks
 
-IOU = 0.5  # of a box that is right
-NMS_IOU = 0.5
-LEAST = 0.05
 RECALL = 0.98  # of all that the best threshold finds, kept by boxes that another view agrees with
 
 
@@ -43,31 +40,16 @@ class Thresholds:
 def boxes_of(model, images: torch.Tensor):
     """Per image: boxes [n, 4] px, scores [n], classes [n], as `mvtop-core` finds them."""
     scores, boxes = model.features.detect(images)
-    scores = scores.float().sigmoid()
-    peak = (scores == F.max_pool2d(scores, 3, 1, 1)) & (scores >= LEAST)
-    for n in range(len(images)):
-        index, row, column = peak[n].nonzero(as_tuple=True)
-        found, score = boxes[n][:, row, column].T, scores[n][index, row, column]
-        apart = found + index[:, None] * 1e5  # classes do not suppress each other
-        kept = nms(apart, score, NMS_IOU)
-        yield found[kept], score[kept], index[kept]
+    return peaks(scores.float().sigmoid(), boxes)
 
 
 def matched(boxes, scores, classes, truth, index):
-    """[(score, IoU or 0)] of the boxes, best first, each true box taken once; those that may be
-    found or not (class -1) count neither way."""
-    sure = index >= 0
+    """[(score, IoU or 0)] of the boxes that count (`assigned`), best first."""
     iou = box_iou(boxes, truth) if len(truth) else torch.zeros(len(boxes), 0)
-    free, out = sure.clone(), []
-    for n in scores.argsort(descending=True):
-        fits = iou[n] * (free & (index == classes[n]))
-        best = int(fits.argmax()) if len(fits) else -1
-        if best >= 0 and fits[best] >= IOU:
-            free[best] = False
-            out.append((float(scores[n]), float(fits[best])))
-        elif not len(truth) or not (iou[n][~sure] > 0.3).any():
-            out.append((float(scores[n]), 0.0))
-    return out
+    return [
+        (float(scores[n]), 0.0 if owner is None else float(iou[n, owner]))
+        for n, owner in assigned(boxes, scores, classes, truth, index)
+    ]
 
 
 def choose(model, images, searches: Searches, batch: int = 8) -> Thresholds:

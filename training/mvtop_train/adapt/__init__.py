@@ -1,0 +1,1 @@
+"""A network learns from unlabelled photographs of its user's own cell (docs/adapt.md)."""

@@ -1,0 +1,116 @@
+"""A bundle's detector by itself, on one image, and the true boxes in it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import onnxruntime
+import torch
+import trimesh
+
+from .. import description
+from ..data import objects
+from ..data.boxes import around
+from ..data.letterbox import image_tensor, letterbox
+from ..errors import UserError
+from ..files import read_json
+from .groups import Group
+from .matching import peaks
+
+LEAST = 0.01  # score of a box
+
+
+@dataclass(frozen=True)
+class Visible:
+    """An object that an image shows: the number of its class, its box [4] px, cut off where the
+    image ends, and the share of it in sight, 0 to 1."""
+
+    kind: int
+    box: np.ndarray
+    share: float
+
+
+class Detector:
+    """What the first network of a bundle finds in single images, as inference shows them to it,
+    without tiles (docs/inference.md).
+
+    names       of its classes
+    threshold   score from which inference takes a box
+    """
+
+    def __init__(self, bundle: Path):
+        about = description.read(bundle)
+        if "closeup" not in about["graphs"]:
+            raise UserError(
+                f"{bundle}: expected a bundle with close-ups, whose detector is a network by "
+                "itself, got one without; fix: a network of preset lite or small"
+            )
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = torch.get_num_threads()
+        file = bundle / about["graphs"]["features"]
+        self._session = onnxruntime.InferenceSession(file, options)
+        self._input = SimpleNamespace(**about["input"])
+        self.names = [one["name"] for one in about["classes"]]
+        self.threshold = about["detector"]["score_threshold"]
+        self._bounds = [_bounds(bundle, one) for one in about["classes"]]
+
+    def __call__(self, rgb: np.ndarray) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Boxes [n, 4] px of the image, scores [n] of at least `LEAST`, and numbers of classes [n].
+
+        - rgb: [h, w, 3] uint8
+        """
+        tensor = image_tensor(self._input, rgb)[None].astype(np.float32)
+        maps = self._session.run(["det_scores", "det_boxes"], {"images": tensor})
+        ((boxes, scores, classes),) = peaks(*map(torch.from_numpy, maps), LEAST)
+        _, scale = letterbox(rgb, self._input.width, self._input.height)
+        boxes = (boxes + 0.5) / torch.tensor(np.tile(scale, 2)) - 0.5
+        end = torch.tensor([*rgb.shape[1::-1]] * 2) - 0.5
+        return boxes.clamp(torch.tensor(-0.5), end).float(), scores, classes
+
+    def truth(self, group: Group, camera) -> list[Visible]:
+        """What an image of a group shows of its true objects.
+
+        - camera: of the group's rig, mvtop.Camera
+        """
+        found = []
+        for one in group.truth:
+            if camera.id not in one.visibility or one.known.name not in self.names:
+                continue
+            kind = self.names.index(one.known.name)
+            pixels = pixels_of(self._bounds[kind], one.world_from_obj, camera)
+            box, share = cut_box(pixels, camera), one.visibility[camera.id]
+            if box is not None:
+                share = inside(pixels, camera) if share is None else share
+                found.append(Visible(kind, box, share))
+        return found
+
+
+def pixels_of(points: np.ndarray, world_from_obj: np.ndarray, camera) -> np.ndarray:
+    """Where a camera (mvtop.Camera) images points [n, 3] m of an object: [n, 2] px, NaN where it
+    images nothing."""
+    cam_from_obj = np.linalg.inv(camera.world_from_cam) @ world_from_obj
+    return camera.project(points @ cam_from_obj[:3, :3].T + cam_from_obj[:3, 3])
+
+
+def inside(pixels: np.ndarray, camera) -> float:
+    """Share of pixels [n, 2] that lie in a camera's image."""
+    return float(((pixels >= -0.5) & (pixels <= np.array(camera.size) - 0.5)).all(1).mean())
+
+
+def cut_box(pixels: np.ndarray, camera) -> np.ndarray | None:
+    """Box [4] px around pixels [n, 2], cut off where a camera's image ends; None beside it."""
+    seen = pixels[np.isfinite(pixels).all(1)]
+    if not len(seen):
+        return None
+    box = around(seen).clip(-0.5, np.array([*camera.size] * 2) - 0.5)
+    return box if (box[2:] - box[:2]).min() > 0 else None
+
+
+def _bounds(bundle: Path, known: dict) -> np.ndarray:
+    """The outermost points [n, 3] of a class, m."""
+    if "mesh" in known:
+        mesh = trimesh.load(bundle / known["mesh"], process=False)
+        return objects.outermost(np.asarray(mesh.vertices))
+    points = read_json(bundle / known["points"], "name another bundle")["points"]
+    return objects.outermost(np.array(points)[:, :3])
