@@ -250,7 +250,7 @@ impl Default for RigConfig {
             box_floor: [0.03, 0.05, 1.0],
             camera_prior: [3.0, 0.03],
             mesh_scale_sigma: 0.005,
-            unconfirmed_true: 0.2,
+            unconfirmed_true: 0.1,
             unconfirmed_wrong: 0.7,
             exchanged_correlation: 0.3,
             exchanged_gain: 0.15,

@@ -402,7 +402,8 @@ mod tests {
             json["rig_consistency"],
             serde_json::json!({
                 "px": 1.5, "deviation": 0.5, "camera_deviation": 0.25, "scale_deviation": 0.125,
-                "box_deviation": 0.75, "contradiction": -1.0, "worst_camera": null
+                "box_deviation": 0.75, "contradiction": -1.0, "confirmed": 3, "unconfirmed": 1,
+                "worst_camera": null
             })
         );
         let object = &json["objects"][0];

@@ -9,6 +9,7 @@ mod doubts;
 mod frames;
 mod instances;
 mod judged;
+mod occlusion;
 mod proposers;
 
 use super::grouping::mean_rotation;

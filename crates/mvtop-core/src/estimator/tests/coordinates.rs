@@ -167,6 +167,29 @@ fn points() -> Vec<SurfacePoint> {
     sides.map(point).collect()
 }
 
+/// The class of the brick.
+pub(super) fn brick() -> Class {
+    Class {
+        id: 3,
+        name: "brick".into(),
+        diameter_m: 2.0 * Vector3::from(HALF).norm(),
+        symmetry: Symmetry::default(),
+        mesh: Some(mesh()),
+        coordinates_extent_m: Some(EXTENT),
+        points: points(),
+    }
+}
+
+/// Images of a brick at [`brick_pose`].
+pub(super) fn painted_images(rig: &Rig) -> Vec<ViewImage> {
+    let taken = rig.cameras().iter().enumerate();
+    let image = |(camera, of)| ViewImage {
+        camera,
+        image: painted(of, &[(Shape::Brick, brick_pose())]),
+    };
+    taken.map(image).collect()
+}
+
 /// A network that decodes coordinates from colors, and whose detections are given.
 struct Painted<'a> {
     /// Score and box, px of the image, of each view.
@@ -240,7 +263,7 @@ impl Network for Painted<'_> {
     }
 }
 
-fn cameras() -> Vec<Camera> {
+pub(super) fn cameras() -> Vec<Camera> {
     let named = |(n, degrees): (usize, f64)| {
         let camera = scene::camera(degrees);
         let size = [camera.width(), camera.height()];
@@ -260,7 +283,7 @@ fn cameras() -> Vec<Camera> {
         .collect()
 }
 
-fn brick_pose() -> Isometry3<f64> {
+pub(super) fn brick_pose() -> Isometry3<f64> {
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.7, -1.1, 0.4));
     Isometry3::from_parts(Translation3::new(0.01, -0.08, 0.005), turn)
 }
@@ -275,7 +298,7 @@ fn ball_pose() -> Isometry3<f64> {
 /// - `scores`: the detector's, of the brick in each view
 fn found(scores: [f32; 3], with_ball: bool, options: &PredictOptions) -> (Prediction, Vec<usize>) {
     let rig = Rig::new(cameras(), 0).unwrap();
-    let (points, diameter) = (points(), 2.0 * Vector3::from(HALF).norm());
+    let points = points();
     let round: Vec<SurfacePoint> = super::doubts::sphere()
         .into_iter()
         .map(|one| SurfacePoint {
@@ -308,15 +331,7 @@ fn found(scores: [f32; 3], with_ball: bool, options: &PredictOptions) -> (Predic
         crops,
     };
     let bundle = Bundle {
-        classes: vec![Class {
-            id: 3,
-            name: "brick".into(),
-            diameter_m: diameter,
-            symmetry: Symmetry::default(),
-            mesh: Some(mesh()),
-            coordinates_extent_m: Some(EXTENT),
-            points: points.clone(),
-        }],
+        classes: vec![brick()],
         poses: PoseInput::CloseUps(CloseUps {
             size: CROP,
             strides: vec![8, 16],

@@ -13,7 +13,7 @@ use crate::scorer::Scored;
 use crate::symmetry::Axis;
 use nalgebra::Unit;
 
-fn candidate(world_from_obj: Isometry3<f64>, log_odds: f64) -> Candidate {
+pub(super) fn candidate(world_from_obj: Isometry3<f64>, log_odds: f64) -> Candidate {
     let sigma = Sigma {
         rot_deg: 5.0,
         t_m: 0.002,
