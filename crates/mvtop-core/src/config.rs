@@ -174,7 +174,7 @@ pub struct RigConfig {
     /// and of an object's boxes against each other, standard deviations (objects without a mesh).
     pub max_box_deviation: f64,
     /// Log-likelihood ratio by which two cameras do not show the same objects from which the rig is
-    /// doubted: at most exp(-3) of true rigs exceed it by chance.
+    /// doubted: ten to one.
     pub max_contradiction: f64,
 }
 
@@ -257,7 +257,7 @@ impl Default for RigConfig {
             max_camera_deviation: 7.0,
             max_scale_deviation: 4.0,
             max_box_deviation: 4.1,
-            max_contradiction: 3.0,
+            max_contradiction: 2.3,
         }
     }
 }

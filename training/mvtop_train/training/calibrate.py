@@ -47,7 +47,7 @@ TOO_FEW = (
 )
 BOUND = 4.0  # of the log-odds of a view, and of a term of the pose
 MIN_SPREAD = 0.02, 0.05  # of evidence of views and of poses, so that weights stay finite
-FALSE = 0.01  # share of the objects reported of several images that may be false
+FALSE = 0.02  # share of the objects reported of several images that may be false
 LOST = 0.005  # share of the right poses that may be rejected before refinement,
 MARGIN = 2.0  # with log-odds that images of another look may lack besides
 FEW = 3  # one scene in so many is of the first pass
