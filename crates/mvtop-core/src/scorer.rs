@@ -290,17 +290,15 @@ pub enum Verdict {
     Reject,
 }
 
-/// Probability of the first hypothesis among all from which the pose is not ambiguous.
-const UNAMBIGUOUS: f64 = 0.9;
-
 impl Verdict {
-    /// - `least`: confidence that is asked for; a pose without any is accepted by 0 alone
+    /// - `least`: confidence that is asked for; a pose without any is accepted by 0 alone. A pose of
+    ///   which other hypotheses leave less is ambiguous
     pub fn of(object: &ObjectPose, least: f64) -> Self {
         if object.confidence.unwrap_or(0.0) >= least {
             return Self::Accept;
         }
         let first = object.hypotheses.first();
-        let ambiguous = first.is_some_and(|hypothesis| hypothesis.probability < UNAMBIGUOUS);
+        let ambiguous = first.is_some_and(|hypothesis| hypothesis.probability < least);
         let views = object.cameras.iter().filter(|seen| seen.bbox.is_some());
         match ambiguous || views.count() < 2 {
             true => Self::NeedAnotherView,

@@ -251,6 +251,8 @@ fn verdict_asks_for_another_view_where_that_could_tell() {
     for (confidence, first, views, least, expected) in [
         (Some(0.8), 0.5, 1, 0.8, Verdict::Accept),
         (Some(0.7), 0.95, 2, 0.8, Verdict::Reject),
+        (Some(0.7), 0.85, 2, 0.8, Verdict::Reject),
+        (Some(0.7), 0.85, 2, 0.9, Verdict::NeedAnotherView),
         (Some(0.7), 0.5, 2, 0.8, Verdict::NeedAnotherView),
         (Some(0.7), 0.95, 1, 0.8, Verdict::NeedAnotherView),
         (None, 0.95, 2, 0.0, Verdict::Accept),
