@@ -22,7 +22,6 @@ from .workers import run_workers, while_asked_for
 
 NUMBERED = re.compile(r"obj_(\d{6})")  # as BOP's meshes are
 MESHES = (".obj", ".stl", ".ply")
-MOST_TRIANGLES = 300_000
 SAME_SIZE = 0.1  # by how much, as a share, a part's diameter may be another than is told of it
 
 
@@ -56,13 +55,6 @@ def kit_of(recipe: Recipe):
     from . import parts
 
     meshes = [objects.load_mesh(part.mesh, part.unit) for part in recipe.parts]
-    for part, mesh in zip(recipe.parts, meshes, strict=True):
-        if len(mesh.faces) > MOST_TRIANGLES:
-            raise UserError(
-                f"mesh {part.mesh}: expected {MOST_TRIANGLES:,} triangles at most, as each process "
-                f"that renders it takes 5 kB for each, got {len(mesh.faces):,}; fix: a coarser "
-                "one, as MeshLab and Blender make it (decimate)"
-            )
     known = [
         objects.from_mesh(mesh, part.id, part.name, *part.symmetries)
         for mesh, part in zip(meshes, recipe.parts, strict=True)
