@@ -21,6 +21,7 @@ from .recipe import MIN_PIXELS, PAPER_IMAGES, SPLITS, PartFile, Recipe, hemisphe
 from .workers import run_workers, while_asked_for
 
 NUMBERED = re.compile(r"obj_(\d{6})")  # as BOP's meshes are
+LAST_ID = 999_999  # of six digits
 MESHES = (".obj", ".stl", ".ply")
 SAME_SIZE = 0.1  # by how much, as a share, a part's diameter may be another than is told of it
 
@@ -163,6 +164,9 @@ def part_files(args) -> tuple[PartFile, ...]:
     free = (number for number in itertools.count(1) if number not in own)
     ids = args.id or [next(free) if number is None else number for number in own]
     numbers = [mine if mine is not None else given for mine, given in zip(own, ids, strict=True)]
+    for number in ids:
+        if not 0 <= number <= LAST_ID:
+            raise UserError(f"--id: expected 0 to {LAST_ID}, got {number}; fix: --id 1")
     infos = _infos(args.mesh, numbers)
     names = args.name or [
         getattr(info, "name", None) or Path(path).stem
