@@ -38,18 +38,32 @@ impl Message {
 const EXTERNAL_DATA: u64 = 13;
 const DATA_LOCATION: u64 = 14;
 
-/// Whether a graph, an ONNX file, has weights in other files. Of bytes that are no graph, `false`:
-/// ONNX Runtime refuses these.
-pub(super) fn reads_other_files(onnx: &[u8]) -> bool {
+/// Refuses a graph, an ONNX file, that has weights in other files, and one that cannot be read to its
+/// end: what is not read here may still be read by ONNX Runtime. The text is the problem.
+pub(super) fn check(onnx: &[u8]) -> Result<(), String> {
+    match reads_other_files(onnx) {
+        Some(false) => Ok(()),
+        Some(true) => Err(
+            "has weights in other files, which no checksum covers; export it with its \
+                           weights inside"
+                .into(),
+        ),
+        None => Err("is no ONNX file that can be read to its end; export it again".into()),
+    }
+}
+
+/// `None` where a message is broken, or holds a field that no version of ONNX has (a group).
+fn reads_other_files(onnx: &[u8]) -> Option<bool> {
     // A list instead of recursion: how deep messages lie in each other is the file's choice.
     let mut open = vec![(Message::Model, onnx)];
     while let Some((message, mut bytes)) = open.pop() {
-        while let Some((number, field, rest)) = next_field(bytes) {
+        while !bytes.is_empty() {
+            let (number, field, rest) = next_field(bytes)?;
             bytes = rest;
             match (message, number, field) {
-                (Message::Tensor, EXTERNAL_DATA, _) => return true,
+                (Message::Tensor, EXTERNAL_DATA, _) => return Some(true),
                 (Message::Tensor, DATA_LOCATION, Field::Number(place)) if place != 0 => {
-                    return true;
+                    return Some(true);
                 }
                 (_, _, Field::Bytes(inner)) => {
                     open.extend(message.field(number).map(|message| (message, inner)));
@@ -58,7 +72,7 @@ pub(super) fn reads_other_files(onnx: &[u8]) -> bool {
             }
         }
     }
-    false
+    Some(false)
 }
 
 enum Field<'a> {
@@ -67,8 +81,8 @@ enum Field<'a> {
     Other,
 }
 
-/// Number and contents of the next field of a protobuf message, and what follows; `None` at its end
-/// and where it is broken.
+/// Number and contents of the next field of a protobuf message, and what follows; `None` where it
+/// is broken.
 ///
 /// Source: <https://protobuf.dev/programming-guides/encoding>.
 fn next_field(bytes: &[u8]) -> Option<(u64, Field<'_>, &[u8])> {
@@ -120,20 +134,27 @@ mod tests {
                 message(1, &within),
             ] {
                 let model = [vec![8, 10], message(7, &graph)].concat();
-                assert_eq!(reads_other_files(&model), expected, "{model:?}");
+                assert_eq!(reads_other_files(&model), Some(expected), "{model:?}");
             }
         }
     }
 
     #[test]
-    fn what_is_no_graph_reads_nothing() {
+    fn what_cannot_be_read_to_its_end_is_refused() {
+        let elsewhere = message(7, &message(5, &[14 << 3, 1]));
+        let group = [&[1 << 3 | 3, 1 << 3 | 4][..], &elsewhere].concat();
+        let within = message(7, &[1 << 3 | 3, 1 << 3 | 4]);
         for bytes in [
-            &b""[..],
-            b"features",
+            &b"features"[..],
+            &group,
+            &within,
             &[0xFF; 30],
             &[7 << 3 | 2, 0xFF, 0xFF, 0xFF, 0xFF, 1],
         ] {
-            assert!(!reads_other_files(bytes));
+            assert!(
+                check(bytes).unwrap_err().contains("read to its end"),
+                "{bytes:?}"
+            );
         }
     }
 }
