@@ -417,7 +417,7 @@ fn files_that_do_not_end_or_lie_are_refused() {
     let name = folder.path().join("a\u{1b}[2J.json").display().to_string();
     let error = refusal(&mvtop(&["infer", "--rig", &name, &image]));
     assert!(
-        !error.contains('\u{1b}') && error.contains(r"\u{1b}[2J"),
+        !error.contains('\u{1b}') && error.contains(r"\u001b[2J"),
         "{error}"
     );
 }

@@ -318,6 +318,17 @@ fn impossible_numbers_are_refused() {
 }
 
 #[test]
+fn names_that_mislead_a_terminal_are_refused() {
+    for place in ["/preset", "/classes/0/name"] {
+        for name in ["small\nall well", "\u{1b}[2J", "\u{9b}2J", "\u{202e}llab"] {
+            let error = refusal(|m| *m.pointer_mut(place).unwrap() = json!(name));
+            assert!(error.contains("control characters"), "{place}: {error}");
+            assert!(!error.contains(name), "{place}: {error}");
+        }
+    }
+}
+
+#[test]
 fn points_of_another_size_than_the_diameter_are_refused() {
     // 0.2 m apart, as if the diameter of 0.138 m were another object's; and a tenth of it.
     for (reach, part) in [(0.2, "[0.2, "), (0.01, "[0.01, ")] {
