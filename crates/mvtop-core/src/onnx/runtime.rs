@@ -35,8 +35,8 @@ impl Runtime {
     /// Looked for in this order: `explicit`, `$ORT_DYLIB_PATH`, beside the executable, the
     /// environment that the executable is installed in, `$VIRTUAL_ENV`, `$CONDA_PREFIX`, the
     /// `onnxruntime` package of `python3`, the system's libraries. The first two are binding: if
-    /// they do not load, nothing else is tried. A library that other users may change is never
-    /// loaded.
+    /// they do not load, nothing else is tried. A library that any user may change is never loaded,
+    /// nor one that was not named and lies in the current folder or belongs to another user.
     ///
     /// # Errors
     /// [`Error::Runtime`] when a library that was asked for cannot be loaded, is too old, or
@@ -59,7 +59,7 @@ impl Runtime {
 
         let mut attempts = Vec::new();
         for candidate in locate::candidates(explicit, Surroundings::of_process()) {
-            let trusted = trust::check(&candidate.path);
+            let trusted = trust::check(&candidate);
             match trusted.and_then(|()| load(&candidate.path)) {
                 Ok(environment) => {
                     let loaded = LOADED.get_or_init(|| Loaded {
@@ -180,7 +180,6 @@ impl Runtime {
 
 /// Loads a library and starts it, turning everything that can go wrong into a sentence.
 fn load(path: &Path) -> Result<Environment, String> {
-    use ort::LoadDynamicError as E;
     let start = || {
         let builder = ort::init_from(path).map_err(|e| match e {
             E::Dlopen { error, .. } => {
