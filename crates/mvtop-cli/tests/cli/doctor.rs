@@ -183,3 +183,22 @@ fn nothing_of_the_current_folder_is_run() {
         );
     }
 }
+
+#[test]
+fn library_keeps_nothing_of_its_user() {
+    let home = tempfile::tempdir().unwrap();
+    let library =
+        std::env::var_os("ORT_DYLIB_PATH").expect("ORT_DYLIB_PATH, as `make test` has it");
+    let model = root().join("fixtures/tiny").canonicalize().unwrap();
+    let output = doctor_in(
+        &root(),
+        &[
+            ("HOME", home.path().as_os_str()),
+            ("ORT_DYLIB_PATH", &library),
+            ("MVTOP_MODEL", model.as_os_str()),
+        ],
+    );
+    assert!(stdout(&output).contains("all well"));
+    let left: Vec<_> = std::fs::read_dir(home.path()).unwrap().collect();
+    assert!(left.is_empty(), "{left:?}");
+}

@@ -38,6 +38,8 @@ impl Runtime {
     /// they do not load, nothing else is tried. A library that any user may change is never loaded,
     /// nor one that was not named and lies in the current folder or belongs to another user.
     ///
+    /// The library's own telemetry is off; see `docs/security.md`.
+    ///
     /// # Errors
     /// [`Error::Runtime`] when a library that was asked for cannot be loaded, is too old, or
     /// another one is loaded already; [`Error::RuntimeMissing`] when none is found.
@@ -178,8 +180,17 @@ impl Runtime {
     }
 }
 
+/// What keeps the library from writing files and from asking for a host's name. It is read while the
+/// library starts: `DisableTelemetryEvents` of its API comes too late (seen in 1.31).
+const NO_TELEMETRY: (&str, &str) = ("ORT_DISABLE_TELEMETRY", "1");
+
 /// Loads a library and starts it, turning everything that can go wrong into a sentence.
 fn load(path: &Path) -> Result<Environment, String> {
+    let (name, value) = NO_TELEMETRY;
+    // SAFETY: once in a process, as the caller holds a lock and keeps what is loaded. Rust's own
+    // readers of variables wait; C's, on other threads, are as with any `os.environ[...] = ...`.
+    unsafe { std::env::set_var(name, value) };
+    use ort::LoadDynamicError as E;
     let start = || {
         let builder = ort::init_from(path).map_err(|e| match e {
             E::Dlopen { error, .. } => {
