@@ -43,8 +43,7 @@ impl Refinement {
 #[derive(Args)]
 #[command(next_help_heading = "Network")]
 pub struct NetworkArgs {
-    /// Model bundle [default: $MVTOP_MODEL, else models/mvball here or above the executable, else the
-    /// wheel's]
+    /// Model bundle [default: $MVTOP_MODEL, else the wheel's, or models/mvball above the executable]
     #[arg(long, value_name = "DIR")]
     pub model: Option<PathBuf>,
 

@@ -185,6 +185,23 @@ fn nothing_of_the_current_folder_is_run() {
 }
 
 #[test]
+fn model_of_the_current_folder_is_not_used_unless_it_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let theirs = folder.path().join("models/mvball");
+    std::fs::create_dir_all(&theirs).unwrap();
+    std::fs::write(theirs.join("model.json"), "{}").unwrap();
+    let output = doctor_in(folder.path(), &[]);
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(
+        text.contains("found in   a folder above the executable"),
+        "{text}"
+    );
+    let output = doctor_in(folder.path(), &[("MVTOP_MODEL", theirs.as_os_str())]);
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(text.contains("found in   $MVTOP_MODEL"), "{text}");
+}
+
+#[test]
 fn library_keeps_nothing_of_its_user() {
     let home = tempfile::tempdir().unwrap();
     let library =
