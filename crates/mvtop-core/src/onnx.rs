@@ -19,7 +19,7 @@ mod runtime;
 mod trust;
 
 pub use provider::Provider;
-pub use runtime::Runtime;
+pub use runtime::{Runtime, check_threads};
 
 /// How a graph is run.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

@@ -12,6 +12,19 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 /// More threads than any machine has cores for would only take its memory.
 const MOST_THREADS: usize = 1024;
 
+/// Refuses a number of threads that no machine has cores for; 0 leaves it to who makes them.
+///
+/// # Errors
+/// [`Error::Input`] for more than 1024.
+pub fn check_threads(count: usize) -> Result<()> {
+    match count {
+        0..=MOST_THREADS => Ok(()),
+        _ => Err(Error::Input(format!(
+            "threads: expected 0 to {MOST_THREADS}, got {count}; 0 is one for each core"
+        ))),
+    }
+}
+
 /// The library of this process. Never dropped: ONNX Runtime allows one environment per process and
 /// some versions crash when theirs is torn down during exit.
 static LOADED: OnceLock<Loaded> = OnceLock::new();
@@ -127,12 +140,7 @@ impl Runtime {
     /// [`Error::Network`] when the file is missing or is no graph that can be run.
     pub fn session(&self, path: &Path, options: &SessionOptions) -> Result<Session> {
         let provider = options.provider;
-        if options.threads > MOST_THREADS {
-            return Err(Error::Input(format!(
-                "threads: expected 0 to {MOST_THREADS}, got {}",
-                options.threads
-            )));
-        }
+        check_threads(options.threads)?;
         if !provider.is_built_in() {
             return Err(Error::Provider {
                 provider: provider.to_string(),
