@@ -16,7 +16,7 @@ use pyo3::prelude::*;
 use pyo3::{Borrowed, IntoPyObjectExt, type_hint_identifier, type_hint_subscript};
 use serde_json::{Map, Value};
 
-use crate::error::{python, value};
+use crate::error::{python, unless_interrupted, value};
 
 /// Anything that numpy makes an array of numbers from.
 pub struct ArrayLike<'py>(Bound<'py, PyAny>);
@@ -69,10 +69,12 @@ impl ArrayLike<'_> {
             format!("numbers of shape ({})", axes.join(", "))
         };
         self.refuse_other_kinds(name, &expected)?;
-        let array: PyArrayLikeDyn<T, AllowTypeChange> = self.0.extract().map_err(|_| {
-            let got = self.0.get_type();
-            value(format!("{name}: expected {}, got {got}", expected()))
-        })?;
+        let array: PyArrayLikeDyn<T, AllowTypeChange> =
+            self.0.extract().map_err(|cause: PyErr| {
+                let got = self.0.get_type();
+                let sentence = format!("{name}: expected {}, got {got}", expected());
+                unless_interrupted(self.0.py(), cause, sentence)
+            })?;
         let array = array.as_array();
         let shape = array.shape();
         let fits = |more: usize| {

@@ -362,3 +362,25 @@ def test_a_tracker_s_prediction_is_drawn_onto_the_images_that_it_was_made_from(
     prediction = tracker.predict(boxes=truth)
     update.join()
     assert all(np.median(picture) > 0 for picture in prediction.overlay().values())
+
+
+def test_interrupts_are_none_of_a_value(estimator, rig):
+    class Interrupted:
+        def __array__(self, *_, **__):
+            raise KeyboardInterrupt
+
+        def __fspath__(self):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        mvtop.rotation_from_6d(Interrupted())
+    with pytest.raises(KeyboardInterrupt):
+        estimator.predict({rig.cameras[0].id: Interrupted()}, rig)
+
+
+def test_sets_of_images_and_texts_as_boxes_are_refused(estimator, rig, paths):
+    with pytest.raises(ValueError, match="images: expected a list of arrays or paths.*got set"):
+        estimator.predict(set(paths), rig)
+    boxes = [{"class": "mvball", "boxes": {rig.cameras[0].id: "1234"}}]
+    with pytest.raises(ValueError, match="boxes: expected .*'1234' is no box"):
+        estimator.predict(paths, rig, boxes=boxes)
