@@ -1,6 +1,6 @@
 //! A model bundle: a folder with `model.json`, the networks and the points of the objects.
 
-mod external;
+mod graph;
 mod manifest;
 
 use std::collections::BTreeMap;
@@ -217,7 +217,7 @@ impl Bundle {
         }
         for graph in manifest.graphs.files() {
             let path = dir.join(graph);
-            let checked = external::check(&file::read(&path, MAX_GRAPH_BYTES)?);
+            let checked = graph::check(&file::read(&path, MAX_GRAPH_BYTES)?);
             checked.map_err(|problem| Error::Bundle { path, problem })?;
         }
         let class = |class: ManifestClass| {

@@ -18,6 +18,7 @@ mod provider;
 mod runtime;
 mod trust;
 
+pub(crate) use operator::OPERATOR_DOMAIN;
 pub use provider::Provider;
 pub use runtime::{Runtime, check_threads};
 
