@@ -108,6 +108,14 @@ def test_pictures_of_a_data_set_s_meshes_lie_beside_them_too(tmp_path):
         objects.read_mesh(tmp_path, 1)
 
 
+@pytest.mark.parametrize("number", ["nan", "inf"])
+def test_coordinates_that_are_none_are_no_matter_of_units(tmp_path, number):
+    path = wavefront(tmp_path, None)
+    path.write_text(path.read_text().replace("v 20.0 ", f"v {number} "))
+    with pytest.raises(UserError, match="box.obj: expected finite coordinates, got others; fix"):
+        objects.load_mesh(path, "mm")
+
+
 def test_meshes_that_take_too_much_memory_are_refused_with_the_command_that_decimates(
     tmp_path, monkeypatch
 ):

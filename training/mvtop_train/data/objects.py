@@ -172,6 +172,10 @@ def load_mesh(path: Path, unit: str) -> trimesh.Trimesh:
             f"mesh {path}: expected the picture {beside.unread[0]} of a material, got none "
             "that can be read; fix: put it there, or take its line out of the material"
         )
+    if not np.isfinite(mesh.vertices).all():
+        raise UserError(
+            f"mesh {path}: expected finite coordinates, got others; fix: export the part again"
+        )
     _keep_given_colors(mesh)
     mesh.remove_unreferenced_vertices()
     mesh.apply_scale(UNITS[unit])
