@@ -99,7 +99,7 @@ impl ArrayLike<'_> {
         let Ok(array) = self.0.cast::<PyUntypedArray>() else {
             return Ok(());
         };
-        let masked = array.hasattr("mask")?;
+        let masked = is_masked(array)?;
         if !masked && b"biuf".contains(&array.dtype().kind()) {
             return Ok(());
         }
@@ -338,6 +338,11 @@ pub fn shaped<T>(shape: &[usize], numbers: Vec<T>) -> PyResult<ArrayD<T>> {
     ArrayD::from_shape_vec(shape, numbers).map_err(|cause| value(format!("array: {cause}")))
 }
 
+/// Whether an array says of some of its numbers that they are none.
+fn is_masked(array: &Bound<PyUntypedArray>) -> PyResult<bool> {
+    array.hasattr("mask")
+}
+
 /// An 8-bit RGB image of numpy's; `None` for what is no array of numpy's at all.
 ///
 /// Of another size than the camera's it is refused before it is copied: what numpy has broadcast may
@@ -346,12 +351,18 @@ pub fn image(name: &str, any: &Bound<PyAny>, camera: &Camera) -> PyResult<Option
     let Ok(array) = any.cast::<PyUntypedArray>() else {
         return Ok(None);
     };
+    let masked = is_masked(array)?;
     let refuse = || {
         let (dtype, shape) = (array.dtype(), array.shape());
+        let what = if masked { "a masked array of " } else { "" };
         value(format!(
-            "{name}: expected an RGB array of uint8 and shape (H, W, 3), got {dtype} and {shape:?}"
+            "{name}: expected an RGB array of uint8 and shape (H, W, 3), got {what}{dtype} and \
+             {shape:?}"
         ))
     };
+    if masked {
+        return Err(refuse());
+    }
     let array: PyReadonlyArray3<u8> = any.extract().map_err(|_| refuse())?;
     let array = array.as_array();
     let (height, width, channels) = array.dim();
