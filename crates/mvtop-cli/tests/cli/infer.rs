@@ -286,6 +286,7 @@ fn table_shows_the_pose_beside_the_truth() {
         "cam0 cam1 cam2 cam3",
         "known",
         "total",
+        "model fixtures/tiny ($MVTOP_MODEL)",
     ] {
         assert!(text.contains(part), "{part} is missing in:\n{text}");
     }
