@@ -11,7 +11,8 @@ class UserError(Exception):
 
 
 def command(main):
-    """Decorates the `main` of a command: a `UserError` becomes one line on stderr, exit code 1."""
+    """Decorates the `main` of a command: a `UserError` becomes one line on stderr, exit code 1; so
+    does a file where a folder is to be."""
 
     @functools.wraps(main)
     def run(*args):
@@ -19,6 +20,11 @@ def command(main):
             return main(*args)
         except UserError as error:
             sys.exit(f"error: {error}")
+        except (FileExistsError, NotADirectoryError) as error:
+            sys.exit(
+                f"error: {error.filename}: expected a folder, got a file in its place; "
+                "fix: name another folder"
+            )
 
     return run
 

@@ -1,6 +1,10 @@
 """Exported graphs in ONNX Runtime give what PyTorch gives, for any number of views."""
 
 import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import onnx
@@ -141,3 +145,15 @@ def test_the_paper_preset_builds_exports_and_runs(tmp_path):
     decoder = onnxruntime.InferenceSession(tmp_path / "decoder.onnx")
     rotation, translation, sigma = run(decoder, inputs)
     assert rotation.shape == (2, 6) and translation.shape == (2, 3) and (sigma > 0).all()
+
+
+def test_onnx_runtime_keeps_nothing_of_its_user(tmp_path):
+    """It is imported by the training itself, not through mvtop, which sees to it."""
+    graph = Path(__file__).parents[2] / "fixtures/deformable_sampling_portable.onnx"
+    script = f"import mvtop_train, onnxruntime; onnxruntime.InferenceSession({str(graph)!r})"
+    kept = ("ORT_DISABLE_TELEMETRY", "XDG_CACHE_HOME")
+    variables = {name: value for name, value in os.environ.items() if name not in kept}
+    subprocess.run(
+        [sys.executable, "-c", script], env=variables | {"HOME": str(tmp_path)}, check=True
+    )
+    assert not list(tmp_path.iterdir())

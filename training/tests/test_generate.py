@@ -210,9 +210,26 @@ def test_scenes_are_not_added_to_those_of_other_symmetries_or_textures(monkeypat
 
 
 def test_meshes_that_would_fill_the_memory_are_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr(generate, "MOST_TRIANGLES", 10)
+    monkeypatch.setattr(objects, "MESH_TRIANGLES", 10)
     monkeypatch.setattr("sys.argv", ["generate", *box_beside_its_origin(tmp_path)])
     with pytest.raises(SystemExit, match="box.stl: expected 10 triangles at most, .*, got 12; fix"):
+        command.main()
+
+
+@pytest.mark.parametrize("number", [-1, 1_000_000])
+def test_ids_that_no_file_can_have_are_refused_at_once(monkeypatch, tmp_path, number):
+    arguments = [*box_beside_its_origin(tmp_path), "--id", str(number)]
+    monkeypatch.setattr("sys.argv", ["generate", *arguments])
+    with pytest.raises(SystemExit, match=f"--id: expected 0 to 999999, got {number}; fix"):
+        command.main()
+    assert not (tmp_path / "models").exists()
+
+
+def test_out_that_is_a_file_is_one_sentence(monkeypatch, tmp_path):
+    arguments = box_beside_its_origin(tmp_path)
+    arguments[1] = str(tmp_path / "box.stl")
+    monkeypatch.setattr("sys.argv", ["generate", *arguments])
+    with pytest.raises(SystemExit, match="box.stl.*: expected a folder, got a file .*; fix"):
         command.main()
 
 

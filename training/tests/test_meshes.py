@@ -1,5 +1,7 @@
 """Meshes of users: what their files give is kept, and what cannot be used is refused."""
 
+import os
+
 import cv2
 import numpy as np
 import pytest
@@ -65,11 +67,66 @@ def test_a_texture_that_cannot_be_read_is_refused(tmp_path, picture):
         objects.load_mesh(path, "mm")
 
 
-def test_a_texture_in_another_folder_is_found(tmp_path):
-    (tmp_path / "meshes").mkdir()
-    cv2.imwrite(str(tmp_path / "print.png"), np.full((8, 8, 3), (30, 20, 10), np.uint8))
-    path = wavefront(tmp_path / "meshes", PRINTED.replace("print", "../print"))
+def test_a_texture_in_a_folder_below_is_found(tmp_path):
+    (tmp_path / "prints").mkdir()
+    cv2.imwrite(str(tmp_path / "prints/print.png"), np.full((8, 8, 3), (30, 20, 10), np.uint8))
+    path = wavefront(tmp_path, PRINTED.replace("print", "prints/print"))
     assert colors_of(objects.load_mesh(path, "mm")) == {(10, 20, 30)}
+
+
+def test_only_files_beside_a_mesh_are_read(tmp_path, monkeypatch):
+    private = tmp_path / "private.png"
+    cv2.imwrite(str(private), np.full((8, 8, 3), 9, np.uint8))
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    os.mkfifo(folder / "pipe.png")
+    (folder / "link.png").symlink_to(private)
+    refused = "box.obj: expected files beside it .*{}.*; fix: copy it beside"
+    for name in (str(private), "../private.png", "link.png", "pipe.png", "/dev/zero"):
+        path = wavefront(folder, PRINTED.replace("print.png", name))
+        if name == "/dev/zero":
+            path.write_text(path.read_text().replace("box.mtl", name))
+        with pytest.raises(UserError, match=refused.format(name)):
+            objects.load_mesh(path, "mm")
+    # Copied there, it is found by the name that the material gives.
+    cv2.imwrite(str(folder / "private.png"), np.full((8, 8, 3), (30, 20, 10), np.uint8))
+    path = wavefront(folder, PRINTED.replace("print.png", "../private.png"))
+    assert colors_of(objects.load_mesh(path, "mm")) == {(10, 20, 30)}
+    monkeypatch.setattr(objects, "MESH_BYTES", 2000)
+    (folder / "private.png").write_bytes(bytes(3000))
+    with pytest.raises(UserError, match=refused.format("private.png")):
+        objects.load_mesh(path, "mm")
+
+
+def test_pictures_of_a_data_set_s_meshes_lie_beside_them_too(tmp_path):
+    BOX.export(tmp_path / "box.ply", encoding="ascii")
+    text = (tmp_path / "box.ply").read_text()
+    (tmp_path / "models").mkdir()
+    named = text.replace("ascii 1.0\n", "ascii 1.0\ncomment TextureFile /dev/zero\n")
+    (tmp_path / "models/obj_000001.ply").write_text(named)
+    with pytest.raises(UserError, match="expected files beside it"):
+        objects.read_mesh(tmp_path, 1)
+
+
+@pytest.mark.parametrize("number", ["nan", "inf"])
+def test_coordinates_that_are_none_are_no_matter_of_units(tmp_path, number):
+    path = wavefront(tmp_path, None)
+    path.write_text(path.read_text().replace("v 20.0 ", f"v {number} "))
+    with pytest.raises(UserError, match="box.obj: expected finite coordinates, got others; fix"):
+        objects.load_mesh(path, "mm")
+
+
+def test_meshes_that_take_too_much_memory_are_refused_with_the_command_that_decimates(
+    tmp_path, monkeypatch
+):
+    path = tmp_path / "fine.stl"
+    trimesh.creation.icosphere(4, 50).export(path)
+    monkeypatch.setattr(objects, "MESH_TRIANGLES", 5000)
+    with pytest.raises(UserError, match="5,000 triangles at most.* got 5,120; fix: .*decimation"):
+        objects.load_mesh(path, "mm")
+    monkeypatch.setattr(objects, "MESH_BYTES", 5000)
+    with pytest.raises(UserError, match="MiB at most, got a larger one.*; fix: .*decimation"):
+        objects.load_mesh(path, "mm")
 
 
 def test_without_a_material_a_mesh_has_the_colors_of_its_vertices_or_none(tmp_path):

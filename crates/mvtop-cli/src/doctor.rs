@@ -7,7 +7,7 @@ use mvtop_core::bundle::Bundle;
 use mvtop_core::onnx::{Provider, Runtime};
 
 use crate::failure::{Failure, Result};
-use crate::model_dir::{self, Found};
+use crate::model_dir::Found;
 use crate::options::NetworkArgs;
 use crate::write::print;
 
@@ -18,7 +18,7 @@ pub fn run(args: &NetworkArgs) -> Result<()> {
     let by = packaged.then_some("the installed package onnxruntime");
     print(&format!("{}\n", on_runtime(&runtime, by)))?;
 
-    let found = model_dir::find(args.model.as_deref());
+    let found = args.found();
     let model = found.and_then(|Found { folder: dir, by }| {
         print(&format!("Model  {}\n  found in   {by}", dir.display()))?;
         check_bundle(&dir)?;

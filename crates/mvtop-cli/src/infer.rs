@@ -55,7 +55,8 @@ pub fn run(args: &Infer) -> Result<bool> {
         let image = mvtop_core::image::load(&path, &rig.cameras()[camera])?;
         images.push(ViewImage { camera, image });
     }
-    let estimator = args.network.load(&args.network.bundle()?)?;
+    let model = args.network.found()?;
+    let estimator = args.network.load(&model.folder)?;
     if args.min_confidence.is_some() {
         knows_confidence(estimator.bundle())?;
     }
@@ -90,6 +91,7 @@ pub fn run(args: &Infer) -> Result<bool> {
         return Ok(accepted);
     }
     print(&table::objects(&prediction, &rig, least))?;
+    print(&format!("model {} ({})", model.folder.display(), model.by))?;
     if let Some(truth) = &truth {
         let classes = &estimator.bundle().classes;
         let compared = table::compared(&prediction, truth, &rig, classes);

@@ -32,8 +32,9 @@ pub fn library() -> Option<&'static Path> {
     SHIPPED.get()?.library.as_deref()
 }
 
-/// The folder of `--model`, else of `$MVTOP_MODEL`, else `models/mvball` in the current folder or
-/// in one above the executable, else the one that the wheel carries.
+/// The folder of `--model`, else of `$MVTOP_MODEL`, else what is installed: the one that the wheel
+/// carries, or `models/mvball` in a folder above the executable. Never one of the current folder,
+/// which may hold a stranger's files.
 pub fn find(named: Option<&Path>) -> Result<Found> {
     let found = |folder: &Path, by| Found {
         folder: folder.to_owned(),
@@ -74,11 +75,10 @@ fn look(path: &str, shipped: &str, file: &str) -> std::result::Result<Found, Str
         .skip(1)
         .map(|folder| folder.join(path));
     let above = above.map(|folder| (folder, "a folder above the executable"));
-    let here = (PathBuf::from(path), "the current folder");
-    let package = SHIPPED
-        .get()
-        .map(|package| (package.folder.join(shipped), "the wheel"));
-    let tried: Vec<_> = std::iter::once(here).chain(above).chain(package).collect();
+    let tried: Vec<_> = match SHIPPED.get() {
+        Some(package) => vec![(package.folder.join(shipped), "the wheel")],
+        None => above.collect(),
+    };
     match tried.iter().find(|(folder, _)| folder.join(file).is_file()) {
         Some((folder, by)) => Ok(Found {
             folder: folder.clone(),

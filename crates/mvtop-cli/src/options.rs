@@ -8,7 +8,7 @@ use mvtop_core::onnx::{Provider, SessionOptions};
 use mvtop_core::{Estimator, Options};
 
 use crate::failure::{Failure, Result};
-use crate::model_dir;
+use crate::model_dir::{self, Found};
 
 #[derive(Args)]
 pub struct Detection {
@@ -43,8 +43,7 @@ impl Refinement {
 #[derive(Args)]
 #[command(next_help_heading = "Network")]
 pub struct NetworkArgs {
-    /// Model bundle [default: $MVTOP_MODEL, else models/mvball here or above the executable, else the
-    /// wheel's]
+    /// Model bundle [default: $MVTOP_MODEL, else the wheel's, or models/mvball above the executable]
     #[arg(long, value_name = "DIR")]
     pub model: Option<PathBuf>,
 
@@ -74,9 +73,14 @@ fn setting(text: &str) -> std::result::Result<(String, serde_json::Value), Strin
 }
 
 impl NetworkArgs {
+    /// The model bundle's folder, and what it was found by.
+    pub fn found(&self) -> Result<Found> {
+        model_dir::find(self.model.as_deref())
+    }
+
     /// The model bundle's folder.
     pub fn bundle(&self) -> Result<PathBuf> {
-        Ok(model_dir::find(self.model.as_deref())?.folder)
+        Ok(self.found()?.folder)
     }
 
     /// ONNX Runtime's library: the one named, else that of the package that this runs from.

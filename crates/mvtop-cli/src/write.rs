@@ -5,15 +5,16 @@ use std::io::{Error, ErrorKind, Write};
 use std::path::Path;
 
 use mvtop_core::Prediction;
-use mvtop_core::error::printable;
+use mvtop_core::error::{harmless, printable};
 use serde::Serialize;
 
 use crate::failure::{Failure, Result};
 
-/// Writes a line to stdout. A reader that has gone away, as in `| head`, is no failure.
+/// Writes lines to stdout, text or JSON, harmless to a terminal whatever names from files are in it. A
+/// reader that has gone away, as in `| head`, is no failure.
 pub fn print(text: &str) -> Result<()> {
     let mut stdout = std::io::stdout().lock();
-    match writeln!(stdout, "{text}").and_then(|()| stdout.flush()) {
+    match writeln!(stdout, "{}", harmless(text)).and_then(|()| stdout.flush()) {
         Err(cause) if cause.kind() != ErrorKind::BrokenPipe => {
             Err(Failure(format!("cannot write to stdout: {cause}")))
         }
@@ -21,9 +22,9 @@ pub fn print(text: &str) -> Result<()> {
     }
 }
 
-/// Writes a line to stderr. There is nowhere left to say that this failed.
+/// Writes a line to stderr, harmless as in [`print`]. There is nowhere left to say that this failed.
 pub fn complain(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{text}");
+    let _ = writeln!(std::io::stderr(), "{}", harmless(text));
 }
 
 /// Writes what makes a prediction doubtful to stderr.

@@ -1,6 +1,6 @@
 //! A model bundle: a folder with `model.json`, the networks and the points of the objects.
 
-mod external;
+mod graph;
 mod manifest;
 
 use std::collections::BTreeMap;
@@ -217,15 +217,8 @@ impl Bundle {
         }
         for graph in manifest.graphs.files() {
             let path = dir.join(graph);
-            if external::reads_other_files(&file::read(&path, MAX_GRAPH_BYTES)?) {
-                return Err(Error::Bundle {
-                    path,
-                    problem:
-                        "has weights in other files, which no checksum covers; export it with \
-                              its weights inside"
-                            .into(),
-                });
-            }
+            let checked = graph::check(&file::read(&path, MAX_GRAPH_BYTES)?);
+            checked.map_err(|problem| Error::Bundle { path, problem })?;
         }
         let class = |class: ManifestClass| {
             let points = read_points(&dir.join(&class.points))?;

@@ -247,24 +247,39 @@ impl Error {
 
 /// A sentence that is safe to print: one line, whatever the names of files and objects in it hold.
 ///
-/// Control characters, by which a terminal can be made to show something else, are written as Rust
-/// writes them, likewise those that turn the direction of writing.
+/// What else could mislead is written as in [`harmless`].
 ///
 /// ```
 /// let name = "a\u{1b}[31m\u{7}.json";
-/// assert_eq!(mvtop_core::error::printable(&format!("{name}:\n  none")), r"a\u{1b}[31m\u{7}.json: none");
+/// assert_eq!(mvtop_core::error::printable(&format!("{name}:\n  none")), r"a\u001b[31m\u0007.json: none");
 /// ```
 pub fn printable(sentence: &str) -> String {
-    let turns = |c: char| matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
     let words: Vec<&str> = sentence.split_whitespace().collect();
-    let mut text = String::new();
-    for c in words.join(" ").chars() {
-        match c.is_control() || turns(c) {
-            true => text.extend(c.escape_default()),
-            false => text.push(c),
+    harmless(&words.join(" "))
+}
+
+/// Lines that are safe to print: control characters, by which a terminal can be made to show something
+/// else, and those that turn the direction of writing are written as JSON escapes them, so that JSON
+/// stays the same.
+///
+/// ```
+/// assert_eq!(mvtop_core::error::harmless("\"\u{9b}31m\"\n"), "\"\\u009b31m\"\n");
+/// ```
+pub fn harmless(text: &str) -> String {
+    let mut lines = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c != '\n' && misleads(c) {
+            true => lines.push_str(&format!("\\u{:04x}", u32::from(c))),
+            false => lines.push(c),
         }
     }
-    text
+    lines
+}
+
+/// Whether a character moves a terminal's cursor or turns the direction of writing, which no name
+/// should.
+pub(crate) fn misleads(c: char) -> bool {
+    c.is_control() || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
 fn too_few_images(expected: usize, got: usize) -> String {

@@ -18,8 +18,9 @@ mod provider;
 mod runtime;
 mod trust;
 
+pub(crate) use operator::OPERATOR_DOMAIN;
 pub use provider::Provider;
-pub use runtime::Runtime;
+pub use runtime::{Runtime, check_threads};
 
 /// How a graph is run.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

@@ -16,7 +16,7 @@ use pyo3::prelude::*;
 use pyo3::{Borrowed, IntoPyObjectExt, type_hint_identifier, type_hint_subscript};
 use serde_json::{Map, Value};
 
-use crate::error::{python, value};
+use crate::error::{python, unless_interrupted, value};
 
 /// Anything that numpy makes an array of numbers from.
 pub struct ArrayLike<'py>(Bound<'py, PyAny>);
@@ -69,10 +69,12 @@ impl ArrayLike<'_> {
             format!("numbers of shape ({})", axes.join(", "))
         };
         self.refuse_other_kinds(name, &expected)?;
-        let array: PyArrayLikeDyn<T, AllowTypeChange> = self.0.extract().map_err(|_| {
-            let got = self.0.get_type();
-            value(format!("{name}: expected {}, got {got}", expected()))
-        })?;
+        let array: PyArrayLikeDyn<T, AllowTypeChange> =
+            self.0.extract().map_err(|cause: PyErr| {
+                let got = self.0.get_type();
+                let sentence = format!("{name}: expected {}, got {got}", expected());
+                unless_interrupted(self.0.py(), cause, sentence)
+            })?;
         let array = array.as_array();
         let shape = array.shape();
         let fits = |more: usize| {
@@ -97,7 +99,7 @@ impl ArrayLike<'_> {
         let Ok(array) = self.0.cast::<PyUntypedArray>() else {
             return Ok(());
         };
-        let masked = array.hasattr("mask")?;
+        let masked = is_masked(array)?;
         if !masked && b"biuf".contains(&array.dtype().kind()) {
             return Ok(());
         }
@@ -336,6 +338,11 @@ pub fn shaped<T>(shape: &[usize], numbers: Vec<T>) -> PyResult<ArrayD<T>> {
     ArrayD::from_shape_vec(shape, numbers).map_err(|cause| value(format!("array: {cause}")))
 }
 
+/// Whether an array says of some of its numbers that they are none.
+fn is_masked(array: &Bound<PyUntypedArray>) -> PyResult<bool> {
+    array.hasattr("mask")
+}
+
 /// An 8-bit RGB image of numpy's; `None` for what is no array of numpy's at all.
 ///
 /// Of another size than the camera's it is refused before it is copied: what numpy has broadcast may
@@ -344,12 +351,18 @@ pub fn image(name: &str, any: &Bound<PyAny>, camera: &Camera) -> PyResult<Option
     let Ok(array) = any.cast::<PyUntypedArray>() else {
         return Ok(None);
     };
+    let masked = is_masked(array)?;
     let refuse = || {
         let (dtype, shape) = (array.dtype(), array.shape());
+        let what = if masked { "a masked array of " } else { "" };
         value(format!(
-            "{name}: expected an RGB array of uint8 and shape (H, W, 3), got {dtype} and {shape:?}"
+            "{name}: expected an RGB array of uint8 and shape (H, W, 3), got {what}{dtype} and \
+             {shape:?}"
         ))
     };
+    if masked {
+        return Err(refuse());
+    }
     let array: PyReadonlyArray3<u8> = any.extract().map_err(|_| refuse())?;
     let array = array.as_array();
     let (height, width, channels) = array.dim();

@@ -5,7 +5,7 @@ use std::io;
 
 use mvtop_core::error::printable;
 use mvtop_core::{Error, ErrorKind};
-use pyo3::exceptions::{PyFileNotFoundError, PyUserWarning, PyValueError};
+use pyo3::exceptions::{PyException, PyFileNotFoundError, PyUserWarning, PyValueError};
 use pyo3::prelude::*;
 
 mod imported {
@@ -40,6 +40,14 @@ pub fn warn(py: Python, sentences: &[String]) -> PyResult<()> {
         PyErr::warn(py, &py.get_type::<PyUserWarning>(), &sentence, 1)?;
     }
     Ok(())
+}
+
+/// What a conversion failed by: an interrupt as it is, what an object is not as a `ValueError`.
+pub fn unless_interrupted(py: Python, cause: PyErr, sentence: String) -> PyErr {
+    match cause.is_instance_of::<PyException>(py) {
+        true => value(sentence),
+        false => cause,
+    }
 }
 
 pub fn value(sentence: String) -> PyErr {

@@ -19,7 +19,7 @@ use pyo3::prelude::*;
 
 use crate::calibration::RigCheck;
 use crate::convert::{self, F64, Rgb, shaped};
-use crate::error::{python, value};
+use crate::error::{python, unless_interrupted, value};
 use crate::process::{compute, in_pool, let_forks_exit};
 use crate::rig::Rig;
 
@@ -313,12 +313,13 @@ fn load(
         let picture = match convert::image(&name, &any, camera)? {
             Some(picture) => picture,
             None => {
-                let path: PathBuf = any.extract().map_err(|_| {
+                let path: PathBuf = any.extract().map_err(|cause| {
                     let got = any.get_type();
-                    value(format!(
+                    let sentence = format!(
                         "{name}: expected an RGB array of uint8 and shape (H, W, 3), or a path, \
                          got {got}"
-                    ))
+                    );
+                    unless_interrupted(any.py(), cause, sentence)
                 })?;
                 py.detach(|| image::load(&path, camera)).map_err(python)?
             }

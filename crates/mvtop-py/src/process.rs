@@ -8,10 +8,11 @@ use std::ptr;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicPtr, AtomicUsize, Ordering};
 
+use mvtop_core::onnx::check_threads;
 use pyo3::prelude::*;
 use rayon::ThreadPool;
 
-use crate::error::value;
+use crate::error::{python, value};
 
 /// The process that loaded the module, in which rayon's global pool has its threads.
 static FIRST: OnceLock<u32> = OnceLock::new();
@@ -32,10 +33,14 @@ struct Pool {
 /// Sets the number of threads that mvtop's own computations use, in this process and those that are
 /// forked from it. A network's are chosen where it is loaded.
 ///
-/// - count: 0 for one per processor, as it is at first
+/// - count: 0 for one per processor, as it is at first; 1024 at most
+///
+/// Raises ValueError for more.
 #[pyfunction]
-pub fn set_num_threads(count: usize) {
+pub fn set_num_threads(count: usize) -> PyResult<()> {
+    check_threads(count).map_err(python)?;
     THREADS.store(count, Ordering::Relaxed);
+    Ok(())
 }
 
 /// To be called when the module is loaded.

@@ -1,5 +1,6 @@
 """Predictions from Python: what comes back, and what is refused."""
 
+import copy
 import json
 import pickle
 import threading
@@ -123,6 +124,22 @@ def test_pickled_predictions_have_numbers_but_no_images(prediction):
     assert len(pickle.dumps(prediction)) < 50_000
     with pytest.raises(ValueError, match="pickled"):
         again.overlay()
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy])
+def test_copies_of_predictions_keep_their_images(prediction, copied):
+    again = copied(prediction)
+    assert numbers(again) == numbers(prediction)
+    for camera, picture in prediction.overlay().items():
+        assert np.array_equal(again.overlay()[camera], picture)
+    shared = again.objects[0] is prediction.objects[0]
+    assert shared == (copied is copy.copy)
+
+
+def test_masked_images_are_refused(estimator, rig, arrays):
+    masked = np.ma.masked_array(arrays[0], mask=True)
+    with pytest.raises(ValueError, match="expected an RGB array .* got a masked array of uint8"):
+        estimator.predict({rig.cameras[0].id: masked}, rig)
 
 
 def test_pickled_estimators_and_rigs_predict_the_same(estimator, rig, arrays, prediction, truth):
@@ -362,3 +379,25 @@ def test_a_tracker_s_prediction_is_drawn_onto_the_images_that_it_was_made_from(
     prediction = tracker.predict(boxes=truth)
     update.join()
     assert all(np.median(picture) > 0 for picture in prediction.overlay().values())
+
+
+def test_interrupts_are_none_of_a_value(estimator, rig):
+    class Interrupted:
+        def __array__(self, *_, **__):
+            raise KeyboardInterrupt
+
+        def __fspath__(self):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        mvtop.rotation_from_6d(Interrupted())
+    with pytest.raises(KeyboardInterrupt):
+        estimator.predict({rig.cameras[0].id: Interrupted()}, rig)
+
+
+def test_sets_of_images_and_texts_as_boxes_are_refused(estimator, rig, paths):
+    with pytest.raises(ValueError, match="images: expected a list of arrays or paths.*got set"):
+        estimator.predict(set(paths), rig)
+    boxes = [{"class": "mvball", "boxes": {rig.cameras[0].id: "1234"}}]
+    with pytest.raises(ValueError, match="boxes: expected .*'1234' is no box"):
+        estimator.predict(paths, rig, boxes=boxes)

@@ -243,6 +243,20 @@ assert threads() == before + 1 + 2, threads()
     in_new_process(THREADS + script)
 
 
+def test_library_keeps_nothing_of_its_user(tmp_path, monkeypatch, in_new_process):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    for variable in ("ORT_DISABLE_TELEMETRY", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(variable, raising=False)
+    in_new_process("import mvtop; mvtop.Estimator.load('fixtures/tiny')")
+    assert not list(tmp_path.iterdir())
+
+
+def test_more_threads_than_any_machine_has_cores_are_refused():
+    for count in (1025, 10**9):
+        with pytest.raises(ValueError, match=f"threads: expected 0 to 1024, got {count}; 0 is"):
+            mvtop.set_num_threads(count)
+
+
 def test_a_number_of_threads_holds_in_forked_processes_too(in_new_process):
     script = """
 mvtop.set_num_threads(3)

@@ -54,6 +54,16 @@ def test_command_finds_the_ball_and_says_where_its_model_is_from(empty):
     assert os.listdir(empty) == []
 
 
+def test_a_model_of_the_current_folder_is_none_of_ours(empty):
+    theirs = empty / "models/mvball"
+    theirs.mkdir(parents=True)
+    (theirs / "model.json").write_text("{}")
+    done = run("doctor")
+    assert done.returncode == 0 and "found in   the wheel" in done.stdout, done.stdout
+    done = run("infer", "--example")
+    assert "shipped/model (the wheel)" in done.stdout, done.stdout + done.stderr
+
+
 def test_named_models_come_first(empty, monkeypatch):
     monkeypatch.setenv("MVTOP_MODEL", "nowhere")
     with pytest.raises(FileNotFoundError, match="nowhere"):

@@ -28,6 +28,12 @@ DIRECTIONS = 600  # in which the outermost points are kept
 GREY = 160  # of meshes without color
 FAR = 2.0  # diameters from a mesh's middle to its origin; beyond, coordinates have too few bits
 TRIANGLES = 2000  # of a bundle's mesh at most: what refinement draws some times in each view
+MESH_TRIANGLES = 300_000  # of a mesh that is rendered
+MESH_BYTES = 1 << 28  # of a mesh's file, and of each that it names
+DECIMATE = (
+    'a coarser one, pip install fast-simplification; python -c "import trimesh; trimesh.load('
+    "'LARGE', force='mesh').simplify_quadric_decimation(face_count=200000).export('SMALL.ply')\""
+)
 INFO = "models_info.json"
 FILE_NAME = re.compile(r'[^/\\:*?"<>|\x00-\x1f]+')  # as an object's is the name of files
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -76,11 +82,18 @@ def from_mesh(mesh: trimesh.Trimesh, obj_id: int, name: str, discrete=(), contin
 
 
 class _Beside(trimesh.resolvers.FilePathResolver):
-    """The files that a mesh names; trimesh is silent about pictures that it cannot read."""
+    """The files that a mesh names, of its own folder and those below it alone: a mesh may be a
+    stranger's. trimesh is silent about what it cannot read."""
 
     def __init__(self, path: Path):
-        super().__init__(str(path), allow_anywhere=True)
-        self.unread, self.digest = [], hashlib.sha256()
+        super().__init__(str(path))
+        self.refused, self.unread, self.digest = [], [], hashlib.sha256()
+
+    def absolute(self, name: str) -> Path:
+        path = super().absolute(name)
+        if path.exists() and not _is_bounded(path):
+            raise ValueError(name)
+        return path
 
     def get(self, name: str) -> bytes:
         if Path(name).suffix.lower() not in ENDINGS:
@@ -96,9 +109,36 @@ class _Beside(trimesh.resolvers.FilePathResolver):
             raise
 
     def _read(self, name: str) -> bytes:
-        content = super().get(name)
+        try:
+            content = super().get(name)
+        except ValueError:
+            self.refused.append(name)
+            raise
         self.digest.update(content)
         return content
+
+
+def _is_bounded(path: Path) -> bool:
+    """Whether a path is of a file, no device or pipe, that fits into memory."""
+    return path.is_file() and path.stat().st_size <= MESH_BYTES
+
+
+def load(path: Path, **options) -> tuple:
+    """What trimesh makes of a file, and the `_Beside` that it read other files by."""
+    if not _is_bounded(path):
+        raise UserError(
+            f"mesh {path}: expected a file of {MESH_BYTES >> 20} MiB at most, got a larger one, or "
+            f"none; fix: {DECIMATE}"
+        )
+    beside = _Beside(path)
+    mesh = trimesh.load(path, resolver=beside, **options)
+    if beside.refused:
+        raise UserError(
+            f"mesh {path}: expected files beside it or in a folder there, of "
+            f"{MESH_BYTES >> 20} MiB at most, got {beside.refused[0]!r}; "
+            "fix: copy it beside the mesh, or take out its line"
+        )
+    return mesh, beside
 
 
 def load_mesh(path: Path, unit: str) -> trimesh.Trimesh:
@@ -106,12 +146,13 @@ def load_mesh(path: Path, unit: str) -> trimesh.Trimesh:
     digest of the other files that it names."""
     if not Path(path).is_file():
         raise UserError(f"mesh {path}: no such file; fix: check the path")
-    beside = _Beside(path)
     try:
         # Vertices of STL files are not shared between faces: merge them, for smooth shading.
         merged = Path(path).suffix.lower() == ".stl"
-        mesh = trimesh.load(path, force="mesh", process=merged, resolver=beside)
+        mesh, beside = load(Path(path), force="mesh", process=merged)
         faces = len(mesh.faces)
+    except UserError:
+        raise
     except Exception as error:
         raise UserError(
             f"mesh {path}: expected an obj, stl or ply file with triangles, got {error}; "
@@ -121,10 +162,19 @@ def load_mesh(path: Path, unit: str) -> trimesh.Trimesh:
         raise UserError(
             f"mesh {path}: expected triangles, got none; fix: export the part as a mesh"
         )
+    if faces > MESH_TRIANGLES:
+        raise UserError(
+            f"mesh {path}: expected {MESH_TRIANGLES:,} triangles at most, as each process that "
+            f"renders it takes 5 kB for each, got {faces:,}; fix: {DECIMATE}"
+        )
     if beside.unread:
         raise UserError(
             f"mesh {path}: expected the picture {beside.unread[0]} of a material, got none "
             "that can be read; fix: put it there, or take its line out of the material"
+        )
+    if not np.isfinite(mesh.vertices).all():
+        raise UserError(
+            f"mesh {path}: expected finite coordinates, got others; fix: export the part again"
         )
     _keep_given_colors(mesh)
     mesh.remove_unreferenced_vertices()
@@ -387,7 +437,8 @@ def _points(root: Path, file: str, mesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _read_ply(path: Path):
-    mesh = trimesh.load(path, process=False)
+    """In metres."""
+    mesh, _ = load(path, process=False)
     if isinstance(mesh, trimesh.Scene):
         mesh = mesh.to_mesh()
     return mesh.apply_scale(1e-3)

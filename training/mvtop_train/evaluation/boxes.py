@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import onnxruntime
 import torch
-import trimesh
 
 from .. import description
 from ..data import objects
@@ -110,7 +109,7 @@ def cut_box(pixels: np.ndarray, camera) -> np.ndarray | None:
 def _bounds(bundle: Path, known: dict) -> np.ndarray:
     """The outermost points [n, 3] of a class, m."""
     if "mesh" in known:
-        mesh = trimesh.load(bundle / known["mesh"], process=False)
+        mesh, _ = objects.load(bundle / known["mesh"], process=False)
         return objects.outermost(np.asarray(mesh.vertices))
     points = read_json(bundle / known["points"], "name another bundle")["points"]
     return objects.outermost(np.array(points)[:, :3])

@@ -21,8 +21,8 @@ from .recipe import MIN_PIXELS, PAPER_IMAGES, SPLITS, PartFile, Recipe, hemisphe
 from .workers import run_workers, while_asked_for
 
 NUMBERED = re.compile(r"obj_(\d{6})")  # as BOP's meshes are
+LAST_ID = 999_999  # of six digits
 MESHES = (".obj", ".stl", ".ply")
-MOST_TRIANGLES = 300_000
 SAME_SIZE = 0.1  # by how much, as a share, a part's diameter may be another than is told of it
 
 
@@ -56,13 +56,6 @@ def kit_of(recipe: Recipe):
     from . import parts
 
     meshes = [objects.load_mesh(part.mesh, part.unit) for part in recipe.parts]
-    for part, mesh in zip(recipe.parts, meshes, strict=True):
-        if len(mesh.faces) > MOST_TRIANGLES:
-            raise UserError(
-                f"mesh {part.mesh}: expected {MOST_TRIANGLES:,} triangles at most, as each process "
-                f"that renders it takes 5 kB for each, got {len(mesh.faces):,}; fix: a coarser "
-                "one, as MeshLab and Blender make it (decimate)"
-            )
     known = [
         objects.from_mesh(mesh, part.id, part.name, *part.symmetries)
         for mesh, part in zip(meshes, recipe.parts, strict=True)
@@ -171,6 +164,9 @@ def part_files(args) -> tuple[PartFile, ...]:
     free = (number for number in itertools.count(1) if number not in own)
     ids = args.id or [next(free) if number is None else number for number in own]
     numbers = [mine if mine is not None else given for mine, given in zip(own, ids, strict=True)]
+    for number in ids:
+        if not 0 <= number <= LAST_ID:
+            raise UserError(f"--id: expected 0 to {LAST_ID}, got {number}; fix: --id 1")
     infos = _infos(args.mesh, numbers)
     names = args.name or [
         getattr(info, "name", None) or Path(path).stem

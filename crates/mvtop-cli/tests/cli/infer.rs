@@ -286,6 +286,7 @@ fn table_shows_the_pose_beside_the_truth() {
         "cam0 cam1 cam2 cam3",
         "known",
         "total",
+        "model fixtures/tiny ($MVTOP_MODEL)",
     ] {
         assert!(text.contains(part), "{part} is missing in:\n{text}");
     }
@@ -417,7 +418,7 @@ fn files_that_do_not_end_or_lie_are_refused() {
     let name = folder.path().join("a\u{1b}[2J.json").display().to_string();
     let error = refusal(&mvtop(&["infer", "--rig", &name, &image]));
     assert!(
-        !error.contains('\u{1b}') && error.contains(r"\u{1b}[2J"),
+        !error.contains('\u{1b}') && error.contains(r"\u001b[2J"),
         "{error}"
     );
 }

@@ -10,6 +10,7 @@ use sha2::{Digest, Sha256};
 
 use super::{CloseUps, Detector, Input, PoseInput, SelfTest, SurfacePoint};
 use crate::config::{InferenceConfig, PIPELINE_VERSION};
+use crate::error::misleads;
 use crate::mesh::{Mesh, load_ply};
 use crate::rays::LosEncoding;
 use crate::scorer::Scorer;
@@ -275,6 +276,15 @@ impl Manifest {
         self.scorer.as_ref().map_or(Ok(()), Scorer::check)?;
         if self.classes.is_empty() {
             return Err("classes are empty, expected at least one".into());
+        }
+        let written = self.classes.iter().map(|class| &class.name);
+        if let Some(text) = written
+            .chain([&self.preset])
+            .find(|text| text.contains(misleads))
+        {
+            return Err(format!(
+                "{text:?} is a name with control characters, expected none; write it without them"
+            ));
         }
         let (mut ids, mut names) = (HashSet::new(), HashSet::new());
         for class in &self.classes {

@@ -5,16 +5,15 @@ use super::*;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
-/// A bundle whose graphs are any bytes, with `change` made to its description.
+/// A graph with its version and a documentation alone, 8 bytes.
+const GRAPH: &str = "\u{8}\u{a}2\u{4}text";
+
+/// A bundle whose graphs are empty, with `change` made to its description.
 fn bundle(change: impl FnOnce(&mut Value)) -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     let points = r#"{"unit":"m","points":[[0.01,0.02,0.03,255,127.6,0]]}"#;
     let mut files = json!({});
-    for (name, text) in [
-        ("f.onnx", "features"),
-        ("d.onnx", "decoder"),
-        ("p.json", points),
-    ] {
+    for (name, text) in [("f.onnx", GRAPH), ("d.onnx", GRAPH), ("p.json", points)] {
         std::fs::write(dir.path().join(name), text).unwrap();
         let file = File::open(dir.path().join(name)).unwrap();
         files[name] = json!({ "bytes": text.len(), "sha256": digest(file).unwrap() });
@@ -215,7 +214,7 @@ fn a_file_of_another_length_is_refused_before_it_is_hashed() {
 
 #[test]
 fn graph_with_weights_in_other_files_is_refused() {
-    // A graph with a tensor whose data_location is EXTERNAL; as long as `features`.
+    // A graph with a tensor whose data_location is EXTERNAL; as long as `GRAPH`.
     let graph = [7 << 3 | 2, 6, 5 << 3 | 2, 4, 14 << 3, 1, 8, 1];
     let dir = bundle(|m| {
         m["files"]["f.onnx"]["sha256"] = format!("{:x}", Sha256::digest(graph)).into();
@@ -233,7 +232,7 @@ fn graph_with_weights_in_other_files_is_refused() {
 fn links_and_devices_in_a_bundle_are_refused() {
     use std::os::unix::fs::symlink;
     let elsewhere = tempfile::tempdir().unwrap();
-    std::fs::write(elsewhere.path().join("f.onnx"), "features").unwrap();
+    std::fs::write(elsewhere.path().join("f.onnx"), GRAPH).unwrap();
     for target in [elsewhere.path().join("f.onnx"), "/dev/zero".into()] {
         let dir = bundle(|_| ());
         std::fs::remove_file(dir.path().join("f.onnx")).unwrap();
@@ -316,6 +315,17 @@ fn impossible_numbers_are_refused() {
         m["classes"].as_array_mut().unwrap().push(class);
     });
     assert!(twice.contains("comes twice"), "{twice}");
+}
+
+#[test]
+fn names_that_mislead_a_terminal_are_refused() {
+    for place in ["/preset", "/classes/0/name"] {
+        for name in ["small\nall well", "\u{1b}[2J", "\u{9b}2J", "\u{202e}llab"] {
+            let error = refusal(|m| *m.pointer_mut(place).unwrap() = json!(name));
+            assert!(error.contains("control characters"), "{place}: {error}");
+            assert!(!error.contains(name), "{place}: {error}");
+        }
+    }
 }
 
 #[test]

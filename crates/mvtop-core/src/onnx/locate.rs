@@ -149,11 +149,14 @@ fn numbers(path: &Path) -> Vec<u64> {
 
 /// The folder of the `onnxruntime` package of a Python interpreter, which is not imported.
 fn package_of(python: &str, timeout: Duration) -> Option<PathBuf> {
-    // The current folder is taken off the path: it is no place to find code in.
-    const SCRIPT: &str = "import sys; sys.path.pop(0); import importlib.util as u; \
+    // Isolated (`-I`) and elsewhere, so that neither a variable nor the current folder says what it
+    // runs. What the user has installed is looked at again: naming a folder runs nothing of it.
+    const SCRIPT: &str = "import importlib.util as u, site, sys; \
+                          sys.path.append(site.getusersitepackages()); \
                           print(u.find_spec('onnxruntime').submodule_search_locations[0])";
     let mut child = Command::new(python)
-        .args(["-c", SCRIPT])
+        .args(["-I", "-c", SCRIPT])
+        .current_dir(std::path::absolute("/").ok()?)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
@@ -285,6 +288,18 @@ mod tests {
             None
         );
         assert!(start.elapsed() < Duration::from_secs(20));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn the_interpreter_is_started_isolated_and_elsewhere() {
+        use std::os::unix::fs::PermissionsExt;
+        let dir = tempfile::tempdir().unwrap();
+        let script = dir.path().join("python");
+        std::fs::write(&script, "#!/bin/sh\necho \"$(pwd) $1\"\n").unwrap();
+        std::fs::set_permissions(&script, std::fs::Permissions::from_mode(0o755)).unwrap();
+        let said = package_of(script.to_str().unwrap(), Duration::from_secs(20));
+        assert_eq!(said.unwrap(), Path::new("/ -I"));
     }
 
     #[cfg(unix)]

@@ -16,9 +16,12 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
+/// Of this crate's operators, in a graph.
+pub(crate) const OPERATOR_DOMAIN: &str = "mvtop";
+
 /// The operators of this crate.
 pub(super) fn domain() -> ort::Result<OperatorDomain> {
-    OperatorDomain::new("mvtop")?.add(DeformableSampling)
+    OperatorDomain::new(OPERATOR_DOMAIN)?.add(DeformableSampling)
 }
 
 struct DeformableSampling;

@@ -12,6 +12,19 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 /// More threads than any machine has cores for would only take its memory.
 const MOST_THREADS: usize = 1024;
 
+/// Refuses a number of threads that no machine has cores for; 0 leaves it to who makes them.
+///
+/// # Errors
+/// [`Error::Input`] for more than 1024.
+pub fn check_threads(count: usize) -> Result<()> {
+    match count {
+        0..=MOST_THREADS => Ok(()),
+        _ => Err(Error::Input(format!(
+            "threads: expected 0 to {MOST_THREADS}, got {count}; 0 is one for each core"
+        ))),
+    }
+}
+
 /// The library of this process. Never dropped: ONNX Runtime allows one environment per process and
 /// some versions crash when theirs is torn down during exit.
 static LOADED: OnceLock<Loaded> = OnceLock::new();
@@ -35,8 +48,10 @@ impl Runtime {
     /// Looked for in this order: `explicit`, `$ORT_DYLIB_PATH`, beside the executable, the
     /// environment that the executable is installed in, `$VIRTUAL_ENV`, `$CONDA_PREFIX`, the
     /// `onnxruntime` package of `python3`, the system's libraries. The first two are binding: if
-    /// they do not load, nothing else is tried. A library that other users may change is never
-    /// loaded.
+    /// they do not load, nothing else is tried. A library that any user may change is never loaded,
+    /// nor one that was not named and lies in the current folder or belongs to another user.
+    ///
+    /// The library's own telemetry is off; see `docs/security.md`.
     ///
     /// # Errors
     /// [`Error::Runtime`] when a library that was asked for cannot be loaded, is too old, or
@@ -59,7 +74,7 @@ impl Runtime {
 
         let mut attempts = Vec::new();
         for candidate in locate::candidates(explicit, Surroundings::of_process()) {
-            let trusted = trust::check(&candidate.path);
+            let trusted = trust::check(&candidate);
             match trusted.and_then(|()| load(&candidate.path)) {
                 Ok(environment) => {
                     let loaded = LOADED.get_or_init(|| Loaded {
@@ -125,12 +140,7 @@ impl Runtime {
     /// [`Error::Network`] when the file is missing or is no graph that can be run.
     pub fn session(&self, path: &Path, options: &SessionOptions) -> Result<Session> {
         let provider = options.provider;
-        if options.threads > MOST_THREADS {
-            return Err(Error::Input(format!(
-                "threads: expected 0 to {MOST_THREADS}, got {}",
-                options.threads
-            )));
-        }
+        check_threads(options.threads)?;
         if !provider.is_built_in() {
             return Err(Error::Provider {
                 provider: provider.to_string(),
@@ -178,8 +188,16 @@ impl Runtime {
     }
 }
 
+/// What keeps the library from writing files and from asking for a host's name. It is read while the
+/// library starts: `DisableTelemetryEvents` of its API comes too late (seen in 1.31).
+const NO_TELEMETRY: (&str, &str) = ("ORT_DISABLE_TELEMETRY", "1");
+
 /// Loads a library and starts it, turning everything that can go wrong into a sentence.
 fn load(path: &Path) -> Result<Environment, String> {
+    let (name, value) = NO_TELEMETRY;
+    // SAFETY: once in a process, as the caller holds a lock and keeps what is loaded. Rust's own
+    // readers of variables wait; C's, on other threads, are as with any `os.environ[...] = ...`.
+    unsafe { std::env::set_var(name, value) };
     use ort::LoadDynamicError as E;
     let start = || {
         let builder = ort::init_from(path).map_err(|e| match e {

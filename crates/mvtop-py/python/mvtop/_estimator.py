@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from typing import TYPE_CHECKING, Any
 
 from mvtop import _runtime, _shipped
@@ -176,7 +176,8 @@ def images_by_camera(images: Images, rig: Rig) -> list[tuple[int, Any]]:
                     f"images: no camera `{camera}` in the rig, expected one of: {known}"
                 )
         return [(ids.index(camera), image) for camera, image in images.items()]
-    if isinstance(images, (str, bytes, os.PathLike)) or not hasattr(images, "__len__"):
+    no_list = isinstance(images, (str, bytes, os.PathLike, Set))  # a set has no order
+    if no_list or not hasattr(images, "__len__"):
         raise ValueError(
             "images: expected a list of arrays or paths, or a dict by camera id, "
             f"got {type(images).__name__}"
@@ -242,5 +243,7 @@ def boxes_by_camera(boxes: Boxes | None) -> list[Any] | None:
 
 
 def _box(box: Sequence[float]) -> list[float]:
+    if isinstance(box, (str, bytes)):
+        raise TypeError(f"{box!r} is no box")
     x0, y0, x1, y1 = box
     return [float(x) for x in (x0, y0, x1, y1)]

@@ -792,7 +792,9 @@ def set_num_threads(count: SupportsIndex) -> None:
     Sets the number of threads that mvtop's own computations use, in this process and those that are
     forked from it. A network's are chosen where it is loaded.
 
-    - count: 0 for one per processor, as it is at first
+    - count: 0 for one per processor, as it is at first; 1024 at most
+
+    Raises ValueError for more.
     """
 
 def translation_error(truth: ArrayLike, estimate: ArrayLike, symmetries: Symmetries | None = None) -> NDArray[float64]:

@@ -1,8 +1,9 @@
 from __future__ import annotations
 
+import copy
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -157,6 +158,14 @@ class Prediction:
         cameras = self.rig.cameras
         given = zip(source.images, pictures, strict=True)
         return {cameras[index].id: picture for (index, _), picture in given}
+
+    def __copy__(self) -> Prediction:
+        return replace(self)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Prediction:
+        fields = copy.deepcopy(self.__getstate__(), memo)
+        # Of the same images, which nothing changes.
+        return replace(self, **{**fields, "_source": self._source})
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_source": None}

@@ -1,0 +1,202 @@
+//! Whether a graph, an ONNX file, may be run: a bundle may be a stranger's.
+
+use crate::onnx::OPERATOR_DOMAIN;
+
+/// Messages of ONNX's format that operators or weights can be in.
+#[derive(Clone, Copy)]
+enum Message {
+    Model,
+    Graph,
+    Node,
+    Attribute,
+    Tensor,
+    SparseTensor,
+}
+
+impl Message {
+    /// The message in a field, by its number; `None` where no operators or weights can be.
+    ///
+    /// Source: <https://github.com/onnx/onnx/blob/main/onnx/onnx.proto>.
+    fn field(self, number: u64) -> Option<Self> {
+        Some(match (self, number) {
+            (Self::Model, 7) => Self::Graph,
+            (Self::Graph, 1) => Self::Node,
+            (Self::Node, 5) => Self::Attribute,
+            (Self::Graph, 5) | (Self::Attribute, 5 | 10) | (Self::SparseTensor, 1 | 2) => {
+                Self::Tensor
+            }
+            (Self::Graph, 15) | (Self::Attribute, 22 | 23) => Self::SparseTensor,
+            _ => return None,
+        })
+    }
+
+    /// Whether a field holds more graphs or functions: what loops has its body there.
+    fn holds_more(self, number: u64) -> bool {
+        matches!(
+            (self, number),
+            (Self::Model, 20 | 25) | (Self::Attribute, 6 | 11)
+        )
+    }
+}
+
+/// Where a tensor says that its numbers lie elsewhere.
+const EXTERNAL_DATA: u64 = 13;
+const DATA_LOCATION: u64 = 14;
+
+/// Where a node says whose its operator is.
+const NODE_DOMAIN: u64 = 7;
+/// ONNX's standard operators by both their names, and mvtop's. Others, as ONNX Runtime's own, may
+/// loop without a graph of their own.
+const DOMAINS: [&str; 3] = ["", "ai.onnx", OPERATOR_DOMAIN];
+
+/// Refuses a graph that may run without end, one that has weights in other files, and one that cannot
+/// be read to its end: what is not read here may still be read by ONNX Runtime. The text is the
+/// problem.
+pub(super) fn check(onnx: &[u8]) -> Result<(), String> {
+    let elsewhere = "has weights in other files, which no checksum covers; export it with its \
+                     weights inside";
+    let mut open = vec![(Message::Model, onnx)];
+    while let Some((message, mut bytes)) = open.pop() {
+        while !bytes.is_empty() {
+            let next = next_field(bytes);
+            let (number, field, rest) =
+                next.ok_or("is no ONNX file that can be read to its end; export it again")?;
+            bytes = rest;
+            if message.holds_more(number) {
+                return Err(
+                    "has a graph within a graph, or a function, expected neither, as \
+                            these may run without end; export it again"
+                        .into(),
+                );
+            }
+            match (message, number, field) {
+                (Message::Tensor, EXTERNAL_DATA, _) => return Err(elsewhere.into()),
+                (Message::Tensor, DATA_LOCATION, Field::Number(place)) if place != 0 => {
+                    return Err(elsewhere.into());
+                }
+                (Message::Node, NODE_DOMAIN, Field::Bytes(domain))
+                    if !DOMAINS.iter().any(|known| known.as_bytes() == domain) =>
+                {
+                    return Err(format!(
+                        "has an operator of `{}`, expected standard ones or `{OPERATOR_DOMAIN}`'s; \
+                         export it again",
+                        String::from_utf8_lossy(domain)
+                    ));
+                }
+                (_, _, Field::Bytes(inner)) => {
+                    open.extend(message.field(number).map(|message| (message, inner)));
+                }
+                _ => {}
+            }
+        }
+    }
+    Ok(())
+}
+
+enum Field<'a> {
+    Number(u64),
+    Bytes(&'a [u8]),
+    Other,
+}
+
+/// Number and contents of the next field of a protobuf message, and what follows; `None` where it
+/// is broken.
+///
+/// Source: <https://protobuf.dev/programming-guides/encoding>.
+fn next_field(bytes: &[u8]) -> Option<(u64, Field<'_>, &[u8])> {
+    let (tag, rest) = varint(bytes)?;
+    let (field, rest) = match tag & 7 {
+        0 => varint(rest).map(|(number, rest)| (Field::Number(number), rest))?,
+        1 => (Field::Other, rest.get(8..)?),
+        2 => {
+            let (length, rest) = varint(rest)?;
+            let (inner, rest) = rest.split_at_checked(usize::try_from(length).ok()?)?;
+            (Field::Bytes(inner), rest)
+        }
+        5 => (Field::Other, rest.get(4..)?),
+        _ => return None,
+    };
+    Some((tag >> 3, field, rest))
+}
+
+fn varint(bytes: &[u8]) -> Option<(u64, &[u8])> {
+    let mut number = 0;
+    for (i, byte) in bytes.iter().enumerate().take(10) {
+        number |= u64::from(byte & 0x7F) << (7 * i);
+        if byte & 0x80 == 0 {
+            return Some((number, &bytes[i + 1..]));
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn message(number: u8, inner: &[u8]) -> Vec<u8> {
+        // Numbers from 16 on take two bytes.
+        let tag = match number {
+            0..16 => vec![number << 3 | 2],
+            _ => vec![(number << 3 | 2) | 0x80, number >> 4],
+        };
+        [&tag[..], &[inner.len() as u8], inner].concat()
+    }
+
+    /// A model of one node.
+    fn model(node: &[u8]) -> Vec<u8> {
+        [vec![8, 10], message(7, &message(1, node))].concat()
+    }
+
+    #[test]
+    fn weights_in_other_files_are_found_wherever_a_graph_may_have_them() {
+        let elsewhere = [14 << 3, 1]; // data_location: EXTERNAL
+        let named = message(13, &message(1, b"location"));
+        let here = message(9, &[0; 4]); // raw_data
+        for (tensor, expected) in [(&elsewhere[..], true), (&named, true), (&here, false)] {
+            let constant = message(5, &message(5, tensor)); // a node's attribute
+            let sparse = message(5, &message(22, &message(1, tensor)));
+            let weight = [vec![8, 10], message(7, &message(5, tensor))].concat();
+            for onnx in [weight, model(&constant), model(&sparse)] {
+                let refused = check(&onnx).is_err_and(|text| text.contains("in other files"));
+                assert_eq!(refused, expected, "{onnx:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_may_run_without_end_is_refused() {
+        let branch = message(5, &message(6, &[])); // a node's attribute that is a graph
+        let branches = message(5, &message(11, &[]));
+        let function = message(25, &[]);
+        for onnx in [model(&branch), model(&branches), function, message(20, &[])] {
+            let problem = check(&onnx).unwrap_err();
+            assert!(problem.contains("a graph within a graph"), "{problem}");
+        }
+        let of = |domain: &str| check(&model(&message(7, domain.as_bytes())));
+        assert_eq!(of(""), Ok(()));
+        assert_eq!(of("mvtop"), Ok(()));
+        let problem = of("com.microsoft").unwrap_err(); // as BeamSearch is
+        assert!(
+            problem.contains("an operator of `com.microsoft`"),
+            "{problem}"
+        );
+    }
+
+    #[test]
+    fn what_cannot_be_read_to_its_end_is_refused() {
+        let elsewhere = message(7, &message(5, &[14 << 3, 1]));
+        let group = [&[1 << 3 | 3, 1 << 3 | 4][..], &elsewhere].concat();
+        let within = message(7, &[1 << 3 | 3, 1 << 3 | 4]);
+        for bytes in [
+            &b"features"[..],
+            &group,
+            &within,
+            &[0xFF; 30],
+            &[7 << 3 | 2, 0xFF, 0xFF, 0xFF, 0xFF, 1],
+        ] {
+            let problem = check(bytes).unwrap_err();
+            assert!(problem.contains("read to its end"), "{bytes:?}: {problem}");
+        }
+    }
+}
