@@ -201,8 +201,8 @@ def least_confidence(confidences: np.ndarray, exists: np.ndarray) -> float:
 
 
 def limits(rigs: list, by_boxes_alone: list) -> dict[str, float]:
-    """Settings of `inference.rig`: what at most a share `ALARMS` of the groups exceeds, and how many
-    objects one camera shows alone. The core's own of too few groups.
+    """Settings of `inference.rig`: what at most a share `ALARMS` of the groups exceeds, and the share
+    of objects that one camera misses. The core's own of too few groups.
 
     - rigs: `rig_consistency` of groups with true calibrations
     - by_boxes_alone: the same of groups where boxes alone say how well the rig fits
@@ -316,7 +316,7 @@ def calibrate(
         print(f"note: {failed} groups of views have no prediction")
     rig = limits(found.rigs, [one for one in raw.rigs if by_boxes(one)])
     if first is not None:
-        # Without a scorer all that two cameras detect is confirmed, whatever the first one is worth.
+        # Without a scorer all that two cameras detect is confirmed, whatever their poses are worth.
         rig["unconfirmed_true"] = before["unconfirmed_true"]
     scorer = scorer_of(found, raw, rig)
     if scorer is None:
