@@ -5,7 +5,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Final, SupportsFloat, SupportsIndex, final
 
-__all__ = ["BOP_RESULTS_HEADER", "PIPELINE_VERSION", "__version__", "Camera", "Image", "Instance", "Mesh", "ModelInfo", "NativeEstimator", "NativePrediction", "NativeTracker", "RefinedRig", "Rig", "RigCheck", "RigCorrection", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "correlation", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "eval_bop", "read_models_info", "read_scene", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "set_num_threads", "translation_error", "vsd"]
+__all__ = ["BOP_RESULTS_HEADER", "PIPELINE_VERSION", "__version__", "Camera", "Image", "Instance", "Mesh", "ModelInfo", "NativeEstimator", "NativePrediction", "NativeTracker", "RefinedRig", "Rig", "RigCheck", "RigCorrection", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "correlation", "default_inference", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "eval_bop", "read_models_info", "read_scene", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "set_num_threads", "translation_error", "vsd"]
 
 BOP_RESULTS_HEADER: Final[str]
 PIPELINE_VERSION: Final[int]
@@ -670,6 +670,11 @@ def correlation(x: ArrayLike, y: ArrayLike) -> float | None:
 
     - x, y: (N,)
     - returns: -1 to 1; None where either side does not vary
+    """
+
+def default_inference() -> str:
+    """
+    All inference settings without a bundle, as JSON.
     """
 
 def deformable_sampling(value: ArrayLike, locations: ArrayLike, weights: ArrayLike, levels: SupportsGetItem[int, tuple[SupportsIndex, SupportsIndex]]) -> NDArray[float32]:

@@ -68,7 +68,10 @@ fn shares(instances: &[Instance]) -> [[f64; 3]; 2] {
 
 /// `brick_pose` moved by a share of the way to a camera.
 fn towards(camera: usize, share: f64) -> Isometry3<f64> {
-    let place = bricks_rig().cameras()[camera].world_from_cam().translation.vector;
+    let place = bricks_rig().cameras()[camera]
+        .world_from_cam()
+        .translation
+        .vector;
     let shift = (place - brick_pose().translation.vector) * share;
     Translation3::from(shift) * brick_pose()
 }
