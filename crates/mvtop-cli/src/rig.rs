@@ -81,6 +81,9 @@ fn show(args: &Show, images: &[PathBuf]) -> Result<Option<Doubt>> {
     let rig = Rig::load(&args.rig)?;
     let views = Views::of(&rig);
     write::print(views.text(&rig).trim_end())?;
+    for warning in Views::blind(&rig) {
+        write::print(&format!("warning: {warning}"))?;
+    }
     let doubt = views.doubt(&rig);
     if let Some(doubt) = &doubt {
         write::print(&format!("warning: {}", doubt.sentence))?;

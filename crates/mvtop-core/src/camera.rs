@@ -23,6 +23,8 @@ projections! {
 
 /// Longest image side, px: far above real cameras, low enough to bound memory.
 const LONGEST_SIDE: u32 = 20_000;
+/// Columns and rows of pixels that stand for the image's area.
+const BLIND_GRID: [u32; 2] = [40, 30];
 /// Longest id, bytes; ids become parts of file names.
 const LONGEST_ID: usize = 100;
 
@@ -107,6 +109,33 @@ impl Camera {
     /// Camera frame to world frame, metres.
     pub fn world_from_cam(&self) -> &Isometry3<f64> {
         &self.world_from_cam
+    }
+
+    /// Share of the image without a line of sight, 0 to 1: where the lens folds the image back, and beyond
+    /// the greatest angle at which it images anything.
+    ///
+    /// ```
+    /// use mvtop_core::camera::{Camera, Intrinsics, Projection};
+    /// use nalgebra::Isometry3;
+    ///
+    /// // r (1 - 0.9 r²) turns back at r = 0.61, which is 0.41 focal lengths from the middle of the image.
+    /// let folding = Projection::from_params("pinhole", None, &[-0.9, 0.0, 0.0, 0.0])?;
+    /// let lens = Intrinsics::new(400.0, 400.0, 319.5, 239.5, folding)?;
+    /// let camera = Camera::new("left", [640, 480], lens, Isometry3::identity())?;
+    /// assert!((camera.blind_share() - 0.73).abs() < 0.01);
+    /// # Ok::<(), mvtop_core::Error>(())
+    /// ```
+    pub fn blind_share(&self) -> f64 {
+        let [columns, rows] = BLIND_GRID;
+        let at = |index: u32, of: u32, side: u32| {
+            (f64::from(index) + 0.5) / f64::from(of) * f64::from(side) - 0.5
+        };
+        let pixels = (0..columns * rows).map(|i| {
+            let x = at(i % columns, columns, self.width);
+            Point2::new(x, at(i / columns, rows, self.height))
+        });
+        let blind = pixels.filter(|pixel| self.intrinsics.unproject(pixel).is_none());
+        blind.count() as f64 / f64::from(columns * rows)
     }
 
     /// The same camera at another place.

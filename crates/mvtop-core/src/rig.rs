@@ -23,6 +23,9 @@ const MOST_CAMERAS: usize = 1000;
 /// Longest focal length that is believed, in sides of the image.
 const MOST_FOCAL: f64 = 100.0;
 
+/// Largest share of the image that a pinhole may have no line of sight for.
+const MOST_BLIND: f64 = 0.25;
+
 /// The cameras that look at a scene together, in one world frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rig {
@@ -40,8 +43,9 @@ impl Rig {
     ///
     /// # Errors
     /// [`Error::Rig`] without cameras or for more than 1000, for two of the same id, for a reference
-    /// that is none of them, for a focal length above a hundred times the image's side, and for a
-    /// lens that has no ray for the middle of the image.
+    /// that is none of them, for a focal length above a hundred times the image's side, for a lens that
+    /// has no ray for the middle of the image, and for a pinhole without a line of sight for more than a
+    /// quarter of it, unless its greatest angle is given.
     ///
     /// ```
     /// use mvtop_core::{Camera, Intrinsics, Projection, Rig};
@@ -208,11 +212,25 @@ fn sees(camera: &Camera) -> Result<(), String> {
         }
     }
     let middle = Point2::from(sides.map(|side| (side - 1.0) / 2.0));
-    match lens.unproject(&middle) {
-        Some(_) => Ok(()),
-        None => Err(format!(
+    if lens.unproject(&middle).is_none() {
+        return Err(format!(
             "camera `{id}`: its lens has no ray for the middle of the image; check the model and the \
              order of the coefficients of `distortion`"
+        ));
+    }
+    // A fisheye may have black corners; a pinhole's polynomial is of no use where it turns back.
+    if lens.projection().family() != "pinhole" || lens.max_angle_deg().is_some() {
+        return Ok(());
+    }
+    let blind = camera.blind_share();
+    match blind <= MOST_BLIND {
+        true => Ok(()),
+        false => Err(format!(
+            "camera `{id}`: its lens folds inside its image: {:.0} % of it has no line of sight, at most \
+             {:.0} % expected; check the coefficients of `distortion`, their order and the image size, or give \
+             `max_angle_deg` (`rig import --max-angle`) if it images no more",
+            100.0 * blind,
+            100.0 * MOST_BLIND
         )),
     }
 }

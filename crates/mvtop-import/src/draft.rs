@@ -10,6 +10,9 @@ use crate::{Checked, Direction, Options};
 /// How far a principal point lies from the middle of images that are not cropped, shares of a side.
 const MOST_OFF_MIDDLE: f64 = 0.25;
 
+/// Share of an image without a line of sight that is said.
+const BLIND: f64 = 0.005;
+
 /// A rig as a file has it.
 pub struct Draft {
     pub cameras: Vec<DraftCamera>,
@@ -99,7 +102,10 @@ impl Draft {
             let id = camera.id;
             let of = |problem: String| format!("camera `{id}`: {problem}");
             let size = image_size(&id, camera.size, options).map_err(of)?;
-            let (intrinsics, fitted) = camera.lens.intrinsics(&camera.plane, size).map_err(of)?;
+            let lens = camera
+                .lens
+                .intrinsics(&camera.plane, size, options.max_angle);
+            let (intrinsics, fitted) = lens.map_err(of)?;
             notes.extend(fitted.map(of));
             notes.extend(off_middle(&intrinsics, size).map(of));
             let mut world_from_cam = match camera.pose {
@@ -108,8 +114,10 @@ impl Draft {
                 None => return Err(of(format!("its place is missing; {}", self.posing))),
             };
             world_from_cam.translation.vector *= metres;
-            let camera = Camera::new(&id, size, intrinsics, world_from_cam);
-            cameras.push(camera.map_err(|error| error.to_string())?);
+            let camera = Camera::new(&id, size, intrinsics, world_from_cam)
+                .map_err(|error| error.to_string())?;
+            notes.extend(blind(&camera).map(of));
+            cameras.push(camera);
         }
         let rig = Rig::new(cameras, 0).map_err(|error| error.to_string())?;
         let refuse = |error| {
@@ -137,6 +145,19 @@ fn off_middle(intrinsics: &Intrinsics, size: [u32; 2]) -> Option<String> {
         format!(
             "warning: its principal point, {cx:.0} {cy:.0}, lies far from the middle of images of \
              {width}x{height} px; is that their size when it was calibrated?"
+        )
+    })
+}
+
+/// A lens that folds the image back, most often as its coefficients are those of a smaller image.
+fn blind(camera: &Camera) -> Option<String> {
+    let share = camera.blind_share();
+    let unlimited = camera.intrinsics().max_angle_deg().is_none();
+    (unlimited && share > BLIND).then(|| {
+        format!(
+            "warning: {:.1} % of its image has no line of sight, as its lens folds there; check its \
+             coefficients, or give `max_angle` (--max-angle) if it images no more",
+            100.0 * share
         )
     })
 }

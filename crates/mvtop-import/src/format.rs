@@ -4,15 +4,15 @@ use std::fmt;
 
 use serde_json::Value;
 
-use crate::ros::urdf;
+use crate::ros::hand_eye;
 use crate::source::Source;
-use crate::{Checked, yaml};
+use crate::{Checked, anipose, camodocal, easymocap, xml, yaml};
 
 /// A program's calibration files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Format {
-    /// OpenCV's FileStorage (YAML or JSON), and files with its names.
+    /// OpenCV's FileStorage (YAML, JSON or XML), and files with its names.
     OpenCv,
     /// ROS: `camera_info`, and TF, a URDF or a list of frames.
     Ros,
@@ -30,11 +30,17 @@ pub enum Format {
     Halcon,
     /// EuRoC: `sensor.yaml`.
     Euroc,
+    /// aniposelib's TOML, as Pose2Sim, Caliscope and FreeMoCap write it, too.
+    Anipose,
+    /// EasyMocap: `intri.yml` and `extri.yml`.
+    EasyMocap,
+    /// camodocal's cameras, and VINS' places of these.
+    Camodocal,
 }
 
 impl Format {
     /// All of them.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 12] = [
         Self::OpenCv,
         Self::Ros,
         Self::Kalibr,
@@ -44,6 +50,9 @@ impl Format {
         Self::CalLab,
         Self::Halcon,
         Self::Euroc,
+        Self::Anipose,
+        Self::EasyMocap,
+        Self::Camodocal,
     ];
 
     /// What it is called, in lower case.
@@ -58,6 +67,9 @@ impl Format {
             Self::CalLab => "callab",
             Self::Halcon => "halcon",
             Self::Euroc => "euroc",
+            Self::Anipose => "anipose",
+            Self::EasyMocap => "easymocap",
+            Self::Camodocal => "camodocal",
         }
     }
 
@@ -75,7 +87,8 @@ impl fmt::Display for Format {
 
 /// The one format that the files look like.
 pub fn recognise(sources: &[Source]) -> Checked<Format> {
-    let formats: Vec<Format> = sources.iter().filter_map(look).collect();
+    let looks = sources.iter().map(look).collect::<Checked<Vec<_>>>();
+    let formats: Vec<Format> = looks?.into_iter().flatten().collect();
     match formats.split_first() {
         Some((first, others)) if others.iter().all(|other| other == first) => Ok(*first),
         found => {
@@ -88,35 +101,42 @@ pub fn recognise(sources: &[Source]) -> Checked<Format> {
             };
             let all = Format::ALL.map(Format::name).join(", ");
             Err(format!(
-                "{found}; name it as `format` (--from), one of {all}"
+                "{found}; name it as `format` (--from), one of {all} (docs/calibrations.md says what each has), \
+                 or write a rig.json by hand (docs/rig.md)"
             ))
         }
     }
 }
 
-fn look(source: &Source) -> Option<Format> {
+/// What a file looks like, if anything that is known.
+///
+/// # Errors
+/// Where it cannot be read at all.
+fn look(source: &Source) -> Checked<Option<Format>> {
     let name = source.file_name();
     if ["cameras.bin", "images.bin"].contains(&name.as_str()) {
-        return Some(Format::Colmap);
+        return Ok(Some(Format::Colmap));
     }
-    let text = source.text().ok()?;
+    let text = source.text()?;
     let lines = || text.lines().take(200).map(str::trim);
     let has = |start: &str| lines().any(|line| line.starts_with(start));
     if name.ends_with("cameras.txt") || name.ends_with("images.txt") || has("#   CAMERA_ID, MODEL")
     {
-        return Some(Format::Colmap);
+        return Ok(Some(Format::Colmap));
     }
     if has("ParGroup: Camera") || has("Focus:") || has("# 3D POSE PARAMETERS") {
-        return Some(Format::Halcon);
+        return Ok(Some(Format::Halcon));
     }
     if lines().any(|line| line.starts_with("camera.") && line.contains('=')) {
-        return Some(Format::CalLab);
+        return Ok(Some(Format::CalLab));
     }
-    if urdf::is_xml(text) && text.contains("<robot") {
-        return Some(Format::Ros);
+    if xml::is_xml(text) && text.contains("<robot") {
+        return Ok(Some(Format::Ros));
     }
-    let documents = yaml::documents(source).ok()?;
-    let value = documents.first()?;
+    let documents = yaml::documents(source)?;
+    let Some(value) = documents.first() else {
+        return Ok(None);
+    };
     let has = |key: &str| value.get(key).is_some();
     let any = |what: fn(&Value) -> bool| match value {
         Value::Object(map) => map.values().any(what),
@@ -127,13 +147,20 @@ fn look(source: &Source) -> Option<Format> {
         Some(map) if !map.is_empty() => map.values().all(|value| value.get(key).is_some()),
         _ => false,
     };
-    if has("frames") || has("camera_angle_x") {
+    Ok(if anipose::is_it(value) {
+        Some(Format::Anipose)
+    } else if easymocap::is_it(value) {
+        Some(Format::EasyMocap)
+    } else if camodocal::is_it(value) {
+        Some(Format::Camodocal)
+    } else if has("frames") || has("camera_angle_x") {
         Some(Format::Nerf)
     } else if in_all("cam_K") || in_all("cam_model") {
         Some(Format::Bop)
     } else if has("T_BS") {
         Some(Format::Euroc)
-    } else if has("transforms")
+    } else if hand_eye::is_it(value)
+        || has("transforms")
         || has("transform")
         || any(|v| v.get("child_frame_id").is_some())
         || in_all("parent")
@@ -145,10 +172,11 @@ fn look(source: &Source) -> Option<Format> {
     } else if text.starts_with("%YAML:1.0")
         || any(|v| v.get("type_id").is_some())
         || text.contains("opencv-matrix")
+        || text.contains("<opencv_storage")
         || crate::opencv::has_camera(value)
     {
         Some(Format::OpenCv)
     } else {
         None
-    }
+    })
 }

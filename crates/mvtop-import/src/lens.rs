@@ -23,6 +23,10 @@ pub struct Plane {
     pub skew: f64,
 }
 
+/// Angles that are tried where a lens cannot be fitted over its whole image, degrees.
+const ANGLE_STEP: f64 = 5.0;
+const LEAST_ANGLE: f64 = 20.0;
+
 /// Between rays and the plane of unit focal length.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Lens {
@@ -70,6 +74,15 @@ impl Plane {
         Point2::new((pixel.x - self.cx - self.skew * y) / self.fx, y)
     }
 
+    /// With the principal point moved, px.
+    fn moved(&self, x: f64, y: f64) -> Self {
+        Self {
+            cx: self.cx + x,
+            cy: self.cy + y,
+            ..*self
+        }
+    }
+
     /// With focal lengths and skew scaled alike.
     fn scaled(&self, scale: f64) -> Self {
         Self {
@@ -98,6 +111,11 @@ impl Lens {
         native("fisheye", "kannala_brandt", params)
     }
 
+    /// Whether it is OpenCV's fisheye.
+    pub fn is_fisheye(&self) -> bool {
+        matches!(self, Self::Native(projection) if projection.family() == "fisheye")
+    }
+
     /// The distortion of that name.
     pub fn named(name: &str, params: &[f64]) -> Checked<Self> {
         let plain: String = name
@@ -105,7 +123,17 @@ impl Lens {
             .filter(|c| c.is_alphanumeric())
             .map(|c| c.to_ascii_lowercase())
             .collect();
-        match plain.as_str() {
+        match plain.strip_prefix("distortion").unwrap_or(&plain) {
+            // RealSense's: without coefficients, one way or the other is the same.
+            "inversebrownconrady" | "modifiedbrownconrady" => {
+                match params.iter().all(|&p| p == 0.0) {
+                    true => Ok(Self::PINHOLE),
+                    false => Err(format!(
+                        "the distortion {name:?} of {params:?} is not OpenCV's brown_conrady and cannot be \
+                     expressed; undistort its images, and leave its coefficients out"
+                    )),
+                }
+            }
             "" | "none" | "pinhole" | "perspective" => match params.iter().all(|&p| p == 0.0) {
                 true => Ok(Self::PINHOLE),
                 false => Err(format!(
@@ -132,28 +160,47 @@ impl Lens {
     /// As a rig expresses it, with a note where it had to be fitted.
     ///
     /// - `size`: of the images, which the fit covers
+    /// - `max_angle`: from the axis, degrees; the lens is limited to it, and the fit covers no more
     pub fn intrinsics(
         &self,
         plane: &Plane,
         size: [u32; 2],
+        max_angle: Option<f64>,
     ) -> Checked<(Intrinsics, Option<String>)> {
+        let limited = |intrinsics: Intrinsics| match max_angle {
+            Some(degrees) => intrinsics.with_max_angle(degrees),
+            None => Ok(intrinsics),
+        };
         let foreign = match self {
             Self::Native(projection) => {
                 return plane
                     .under(projection.clone())
+                    .and_then(limited)
                     .map(|intrinsics| (intrinsics, None))
                     .map_err(|error| error.to_string());
             }
             Self::Foreign(foreign) => foreign,
         };
         let name = foreign.name();
-        let fit = fit::fit(foreign, plane, size)
+        let fit = fit::fit(foreign, plane, size, max_angle)
             .ok_or_else(|| format!("its lens ({name}) images nothing that could be fitted"))?;
         let (error, fitted) = (fit.worst_px, fit.name());
         if error > WORST_FIT {
+            let most = max_angle.unwrap_or(fit.angle_deg).min(fit.angle_deg);
+            let off = match error.is_finite() {
+                true => format!("is off by up to {error:.3} px, {WORST_FIT} px allowed"),
+                false => "does not image all that it images".to_owned(),
+            };
+            let instead = match fitted_angle(foreign, plane, size, most) {
+                Some((degrees, reached)) => format!(
+                    "limited to {degrees:.0} degrees from its axis it would be off by {reached:.3} px: give \
+                     `max_angle` (--max-angle {degrees:.0})"
+                ),
+                None => "undistort its images to a pinhole's".to_owned(),
+            };
             return Err(format!(
-                "its lens ({name}) cannot be expressed: the nearest {fitted} is off by up to \
-                 {error:.3} px, {WORST_FIT} px allowed"
+                "its lens ({name}) cannot be expressed over its whole image, up to {most:.0} degrees from its \
+                 axis: the nearest {fitted} {off}; {instead}"
             ));
         }
         let part = match fit.covered < 0.9995 {
@@ -164,8 +211,24 @@ impl Lens {
             false => String::new(),
         };
         let note = format!("its lens ({name}) became {fitted}, off by up to {error:.6} px{part}");
-        Ok((fit.intrinsics, Some(note)))
+        let intrinsics = limited(fit.intrinsics).map_err(|error| error.to_string())?;
+        Ok((intrinsics, Some(note)))
     }
+}
+
+/// Largest angle, in whole steps below `most`, over which a lens can be fitted, and the error there, px.
+fn fitted_angle(lens: &Foreign, plane: &Plane, size: [u32; 2], most: f64) -> Option<(f64, f64)> {
+    let steps =
+        (1..).map(|step| (most / ANGLE_STEP).ceil() * ANGLE_STEP - ANGLE_STEP * f64::from(step));
+    let angles = steps.take_while(|degrees| *degrees >= LEAST_ANGLE);
+    angles
+        .filter_map(|degrees| {
+            Some((
+                degrees,
+                fit::fit(lens, plane, size, Some(degrees))?.worst_px,
+            ))
+        })
+        .find(|(_, error)| *error <= WORST_FIT)
 }
 
 fn native(family: &str, distortion: &str, params: &[f64]) -> Checked<Lens> {

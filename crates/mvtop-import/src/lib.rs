@@ -1,5 +1,5 @@
 //! Rigs from the calibration files of other programs: OpenCV, ROS, Kalibr, COLMAP, BOP, NeRF, DLR
-//! CalLab, HALCON and EuRoC.
+//! CalLab, HALCON, EuRoC, aniposelib, EasyMocap and camodocal.
 //!
 //! Files differ in axes, direction, unit, order of quaternions, half a pixel and names of lenses. What
 //! a file says decides; what it cannot say is asked for by name ([`Options`]); what a rig cannot
@@ -7,10 +7,13 @@
 
 #![deny(missing_docs)]
 
+mod anipose;
 mod bop;
 mod callab;
+mod camodocal;
 mod colmap;
 mod draft;
+mod easymocap;
 mod euroc;
 mod format;
 mod halcon;
@@ -22,6 +25,7 @@ mod opencv;
 mod options;
 mod ros;
 mod source;
+mod xml;
 mod yaml;
 
 use std::path::PathBuf;
@@ -66,10 +70,14 @@ type Checked<T> = std::result::Result<T, String>;
 pub fn import(paths: &[PathBuf], options: &Options) -> Result<Imported> {
     let sources = source::read(paths)?;
     let of = |origin: String| {
-        move |problem| Error::Rig {
-            origin,
-            problem,
-            cause: None,
+        move |problem: String| {
+            // Of one file, the name is there already.
+            let named = problem.strip_prefix(&format!("{origin}: "));
+            Error::Rig {
+                problem: named.map(str::to_owned).unwrap_or(problem),
+                origin,
+                cause: None,
+            }
         }
     };
     let all = sources.iter().map(|s| s.name.as_str()).collect::<Vec<_>>();
@@ -89,6 +97,9 @@ pub fn import(paths: &[PathBuf], options: &Options) -> Result<Imported> {
         Format::CalLab => callab::read,
         Format::Halcon => halcon::read,
         Format::Euroc => euroc::read,
+        Format::Anipose => anipose::read,
+        Format::EasyMocap => easymocap::read,
+        Format::Camodocal => camodocal::read,
     };
     let (rig, notes) = read(&sources, options)
         .and_then(|draft| draft.finish(options))

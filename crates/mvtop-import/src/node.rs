@@ -147,6 +147,16 @@ impl<'a> Node<'a> {
     }
 }
 
+/// How many items a vector or matrix has; `None` for what is neither.
+pub fn count_of_numbers(value: &Value) -> Option<usize> {
+    let rows = value.get("data").unwrap_or(value).as_array()?;
+    Some(
+        rows.iter()
+            .map(|row| row.as_array().map_or(1, Vec::len))
+            .sum(),
+    )
+}
+
 /// The value as JSON, shortened for a sentence.
 pub fn show(value: &Value) -> String {
     let text = value.to_string();

@@ -19,6 +19,8 @@ pub struct Options {
     pub direction: Option<Direction>,
     /// "pinhole" or "fisheye", where the file does not name its lens.
     pub model: Option<String>,
+    /// Greatest angle from the optical axis at which a lens images anything, or is to be used, degrees.
+    pub max_angle: Option<f64>,
     /// Of BOP: number of the image whose cameras make the rig.
     pub image: Option<u32>,
     /// The images are rectified ones (ROS: `image_rect`), without distortion.

@@ -1,7 +1,8 @@
-//! ROS: `camera_info` as `camera_calibration` writes it or as a message, and poses as TF (`/tf_static`)
-//! a URDF or a list of frames.
+//! ROS: `camera_info` as `camera_calibration` writes it or as a message, and poses as TF (`/tf_static`),
+//! a URDF, a list of frames or the result of a hand-eye calibration.
 
 mod frames;
+pub mod hand_eye;
 pub mod urdf;
 
 use nalgebra::Isometry3;
@@ -12,7 +13,7 @@ use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Lens, Plane};
 use crate::node::Node;
 use crate::source::Source;
-use crate::{Checked, Options, yaml};
+use crate::{Checked, Options, xml, yaml};
 
 /// What to do about cameras whose places are not known.
 const POSING: &str = "a camera_info has no pose, so give a file of transforms as well (ros2 topic echo \
@@ -33,7 +34,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let mut tree = Tree::default();
     let mut infos = Vec::new();
     for source in sources {
-        if source.text().is_ok_and(urdf::is_xml) {
+        if source.text().is_ok_and(xml::is_xml) {
             tree.add_joints(&source.name, urdf::joints(source)?)?;
             continue;
         }
@@ -50,7 +51,15 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
         }
     }
     if infos.is_empty() {
-        return Err("expected a camera_info of each camera, got none".into());
+        let only = match tree.is_empty() {
+            true => "",
+            false => {
+                ", only transforms between frames (TF, a URDF, a hand-eye result); give the camera_info as well"
+            }
+        };
+        return Err(format!(
+            "expected a camera_info of each camera, got none{only}"
+        ));
     }
     name_apart(&mut infos);
     let mut notes = vec![match options.rectified {
@@ -109,9 +118,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
         });
         cameras.push(info.camera);
     }
-    if let Some((_, root)) = root
-        && !tree.moved_by(&root).is_empty()
-    {
+    if let Some((_, root)) = root {
         notes.push(format!("the world is `{root}`{}", tree.moved_by(&root)));
     }
     Ok(Draft {

@@ -78,6 +78,12 @@ impl Source {
             let most = MOST_TEXT >> 20;
             return Err(format!("{}: larger than {most} MiB of text", self.name));
         }
+        if self.bytes.starts_with(&[0xff, 0xfe]) || self.bytes.starts_with(&[0xfe, 0xff]) {
+            return Err(format!(
+                "{}: expected text in UTF-8, got UTF-16; save it as UTF-8",
+                self.name
+            ));
+        }
         let text = std::str::from_utf8(&self.bytes)
             .map_err(|_| format!("{}: expected text (UTF-8), got other bytes", self.name))?;
         Ok(text.strip_prefix('\u{feff}').unwrap_or(text))

@@ -1,4 +1,4 @@
-//! YAML and JSON to one kind of value.
+//! YAML, JSON, TOML and OpenCV's XML to one kind of value.
 //!
 //! Not serde's YAML: OpenCV's `%YAML:1.0` is no YAML directive, its tags say nothing that is needed,
 //! and a calibration that says a key twice must not lose one of the two.
@@ -7,19 +7,44 @@ use mvtop_core::json;
 use saphyr_parser::{Event, Parser, ScalarStyle};
 use serde_json::{Map, Number, Value};
 
-use crate::Checked;
 use crate::source::Source;
+use crate::{Checked, xml};
 
 /// Deepest nesting that is read; calibrations have four.
 const DEEPEST: usize = 64;
 
-/// The documents of a file of YAML or JSON.
+/// The documents of a file of YAML, JSON, TOML or OpenCV's XML.
 pub fn documents(source: &Source) -> Checked<Vec<Value>> {
     let text = source.text()?;
     let of = |problem: String| format!("{}: {problem}", source.name);
     if text.trim_start().starts_with(['{', '[']) && source.file_name().ends_with(".json") {
-        let value = json::from_str(text).map_err(|cause| of(format!("no JSON: {cause}")))?;
+        let value = json::from_str(text).map_err(|cause| {
+            let unreal = ["NaN", "Infinity"]
+                .iter()
+                .find(|word| text.contains(**word));
+            let hint = unreal.map_or(String::new(), |word| {
+                format!(
+                    "; {word} is no number in JSON, nor one of a calibration that has succeeded"
+                )
+            });
+            of(format!("no JSON: {cause}{hint}"))
+        })?;
         return Ok(vec![value]);
+    }
+    if source.file_name().ends_with(".toml") {
+        let value = toml::from_str(text).map_err(|error| {
+            let line = text[..error.span().map_or(0, |span| span.start)]
+                .lines()
+                .count();
+            of(format!(
+                "no TOML: line {line}: {}",
+                error.message().replace('\n', " ")
+            ))
+        })?;
+        return Ok(vec![value]);
+    }
+    if xml::is_xml(text) {
+        return xml::parse(text).map(|value| vec![value]).map_err(of);
     }
     parse(text).map_err(of)
 }
@@ -56,7 +81,10 @@ fn parse(text: &str) -> Checked<Vec<Value>> {
     for event in Parser::new_from_str(&text) {
         let (event, span) = event.map_err(|error| {
             let line = error.marker().line();
-            format!("no YAML: line {line}: {}", error.info())
+            format!(
+                "no YAML: line {line}: {}; leave out what is none, as lines of a log",
+                error.info()
+            )
         })?;
         let line = span.start.line();
         let value = match event {

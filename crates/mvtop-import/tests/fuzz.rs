@@ -159,6 +159,48 @@ distortion_model: radial-tangential
 distortion_coefficients: [-0.28, 0.07, 0.0002, 1.8e-05]
 ";
 
+const ANIPOSE: &str = "[cam_0]
+name = \"left\"
+size = [640, 480]
+matrix = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]
+distortions = [0.1, 0.0, 0.0, 0.0, 0.0]
+rotation = [0.1, 0.2, 0.3]
+translation = [1.0, 2.0, 3.0]
+";
+const EASYMOCAP: &str = "%YAML:1.0
+---
+names:
+   - a
+K_a: [[500, 0, 320], [0, 500, 240], [0, 0, 1]]
+dist_a: [0.1, 0, 0, 0, 0]
+R_a: [0, 0.1, 0]
+T_a: [1, 0, 0]
+";
+const CAMODOCAL: &str = "%YAML:1.0
+---
+model_type: KANNALA_BRANDT
+camera_name: left
+image_width: 640
+image_height: 480
+projection_parameters:
+   k2: 0.1
+   k3: 0.02
+   k4: 0.003
+   k5: 0.0004
+   mu: 300
+   mv: 301
+   u0: 320
+   v0: 240
+";
+const XML: &str = "<?xml version=\"1.0\"?>
+<opencv_storage>
+<K type_id=\"opencv-matrix\"><rows>3</rows><cols>3</cols><dt>d</dt>
+<data>500. 0. 320. 0. 500. 240. 0. 0. 1.</data></K>
+<xi>0.5</xi><k1>0.01</k1>
+<image_width>640</image_width><image_height>480</image_height>
+</opencv_storage>
+";
+
 /// The files of a rig, by name.
 type Files = Vec<(&'static str, Vec<u8>)>;
 
@@ -220,6 +262,16 @@ fn rigs() -> Vec<(Options, Files)> {
             named(Format::Euroc),
             text(&[("mav0/cam0/sensor.yaml", EUROC)]),
         ),
+        (scaled(Format::Anipose), text(&[("a.toml", ANIPOSE)])),
+        (
+            Options {
+                image_sizes: sized(),
+                ..scaled(Format::EasyMocap)
+            },
+            text(&[("intri.yml", EASYMOCAP)]),
+        ),
+        (named(Format::Camodocal), text(&[("a.yaml", CAMODOCAL)])),
+        (named(Format::OpenCv), text(&[("a.xml", XML)])),
     ]
 }
 
@@ -268,7 +320,7 @@ fn unchanged_files_are_read() {
 
 proptest! {
     #[test]
-    fn calibrations(edits in edits(), rig in 0..12usize, which in 0..2usize, named in any::<bool>()) {
+    fn calibrations(edits in edits(), rig in 0..16usize, which in 0..2usize, named in any::<bool>()) {
         let (mut options, mut files) = rigs().swap_remove(rig);
         options.format = options.format.filter(|_| named);
         let which = which % files.len();

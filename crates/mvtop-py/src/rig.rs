@@ -53,12 +53,13 @@ impl Rig {
     /// What the files cannot say is asked for by these names:
     ///
     /// - paths: files of one rig; of COLMAP, its folder will do
-    /// - format: "opencv", "ros", "kalibr", "colmap", "bop", "nerf", "callab", "halcon" or "euroc";
-    ///   recognised by default
+    /// - format: "opencv", "ros", "kalibr", "colmap", "bop", "nerf", "callab", "halcon", "euroc",
+    ///   "anipose", "easymocap" or "camodocal"; recognised by default
     /// - scale: metres per unit of the files; or unit: "m", "cm" or "mm"
     /// - image_size: width and height of all images, px; image_sizes: of single cameras, by id
     /// - direction: what poses map to what, "world_from_cam" or "cam_from_world"
     /// - model: "pinhole" or "fisheye"
+    /// - max_angle: greatest angle from the axis at which a lens images anything or is to be used, degrees
     /// - image: of BOP, the image whose cameras make the rig
     /// - rectified: of ROS, whether images are rectified rather than raw
     /// - trust_unit: as of Rig
@@ -66,7 +67,7 @@ impl Rig {
     ///
     /// Raises OSError where a file cannot be read, ValueError where it is refused.
     #[classmethod]
-    #[pyo3(signature = (paths, *, format = None, scale = None, unit = None, image_size = None, image_sizes = None, direction = None, model = None, image = None, rectified = false, trust_unit = false))]
+    #[pyo3(signature = (paths, *, format = None, scale = None, unit = None, image_size = None, image_sizes = None, direction = None, model = None, max_angle = None, image = None, rectified = false, trust_unit = false))]
     #[allow(clippy::too_many_arguments)] // as many as there are things that files leave open
     fn import_(
         _cls: &Bound<PyType>,
@@ -78,6 +79,7 @@ impl Rig {
         image_sizes: Option<BTreeMap<String, (u32, u32)>>,
         direction: Option<&str>,
         model: Option<String>,
+        max_angle: Option<f64>,
         image: Option<u32>,
         rectified: bool,
         trust_unit: bool,
@@ -98,6 +100,7 @@ impl Rig {
                 .collect(),
             direction: named("direction", direction, Direction::named)?,
             model,
+            max_angle,
             image,
             rectified,
             trust_unit,

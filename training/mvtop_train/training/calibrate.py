@@ -201,8 +201,8 @@ def least_confidence(confidences: np.ndarray, exists: np.ndarray) -> float:
 
 
 def limits(rigs: list, by_boxes_alone: list) -> dict[str, float]:
-    """Settings of `inference.rig`: what at most a share `ALARMS` of the groups exceeds, and the share
-    of objects that one camera misses. The core's own of too few groups.
+    """Settings of `inference.rig`: what at most a share `ALARMS` of the groups exceeds, and the
+    share of objects that one camera misses. The core's own of too few groups.
 
     - rigs: `rig_consistency` of groups with true calibrations
     - by_boxes_alone: the same of groups where boxes alone say how well the rig fits

@@ -43,8 +43,8 @@ pub struct Import {
     #[arg(short, long, value_name = "FILE")]
     pub out: PathBuf,
 
-    /// Format of the files: opencv, ros, kalibr, colmap, bop, nerf, callab, halcon or euroc [default:
-    /// recognised]
+    /// Format of the files: opencv, ros, kalibr, colmap, bop, nerf, callab, halcon, euroc, anipose,
+    /// easymocap or camodocal [default: recognised]
     #[arg(long, value_name = "FORMAT", value_parser = format)]
     pub from: Option<Format>,
 
@@ -68,6 +68,11 @@ pub struct Import {
     /// Lens, where the file does not name it: pinhole or fisheye
     #[arg(long, value_name = "MODEL", value_parser = ["pinhole", "fisheye"])]
     pub model: Option<String>,
+
+    /// Greatest angle from the axis at which a lens images anything or is to be used, degrees: beyond it
+    /// there is no line of sight, and no lens is fitted
+    #[arg(long, value_name = "DEG", value_parser = positive)]
+    pub max_angle: Option<f64>,
 
     /// BOP: the image whose cameras make the rig
     #[arg(long, value_name = "N")]
@@ -183,6 +188,7 @@ impl Import {
             image_sizes: self.image_size.clone(),
             direction: self.direction,
             model: self.model.clone(),
+            max_angle: self.max_angle,
             image: self.image,
             rectified: self.rectified,
             trust_unit: self.trust_unit,

@@ -216,6 +216,19 @@ fn cameras_that_look_apart_are_refused_where_they_share_little() {
 }
 
 #[test]
+fn cameras_that_share_all_they_see_are_not_doubted() {
+    let folder = TempDir::new().unwrap();
+    // Side by side and 4 degrees apart: axes meet behind, views overlap by nearly all.
+    let turned = |degrees: f64, x: f64| {
+        let (s, c) = (degrees.to_radians() / 2.0).sin_cos();
+        format!(r#""T_world_cam": {{"t": [{x}, 0, 0], "q_wxyz": [{c}, 0, {s}, 0]}}"#)
+    };
+    let rig = rig_file(&folder, &[&turned(-2.0, -0.05), &turned(2.0, 0.05)]);
+    let said = stdout(&mvtop(&["rig", "show", &rig]));
+    assert!(!said.contains("warning"), "{said}");
+}
+
+#[test]
 fn images_go_before_what_places_of_cameras_look_like() {
     let folder = TempDir::new().unwrap();
     let rig = read_to_string(root().join("examples/mvball/rig.json")).unwrap();

@@ -17,8 +17,10 @@ pub struct Fit {
     pub intrinsics: Intrinsics,
     /// Largest distance, over the image, of where the two lenses image the same ray.
     pub worst_px: f64,
-    /// Share of the image that the lens covers.
+    /// Share of the image that is fitted: what the lens covers, up to the greatest angle.
     pub covered: f64,
+    /// Greatest angle from the axis of that share, degrees.
+    pub angle_deg: f64,
 }
 
 impl Fit {
@@ -34,11 +36,20 @@ impl Fit {
 type Sample = (Point2<f64>, Vector3<f64>);
 
 /// The better of the two kinds; `None` where the lens has no image.
-pub fn fit(lens: &Foreign, plane: &Plane, size: [u32; 2]) -> Option<Fit> {
-    let (fitted, measured) = (
-        samples(lens, plane, size, FITTED),
-        samples(lens, plane, size, MEASURED),
-    );
+///
+/// - `max_angle`: from the axis, degrees; beyond it nothing is fitted
+pub fn fit(lens: &Foreign, plane: &Plane, size: [u32; 2], max_angle: Option<f64>) -> Option<Fit> {
+    let most = max_angle.unwrap_or(180.0).to_radians();
+    let samples = |grid| {
+        let mut samples = samples(lens, plane, size, grid);
+        samples.retain(|(_, ray)| ray.angle(&Vector3::z()) <= most);
+        samples
+    };
+    let (fitted, measured) = (samples(FITTED), samples(MEASURED));
+    let angles = measured
+        .iter()
+        .map(|(_, ray)| ray.angle(&Vector3::z()).to_degrees());
+    let angle_deg = angles.fold(0.0, f64::max);
     if fitted.len() < 20 {
         return None;
     }
@@ -54,6 +65,8 @@ pub fn fit(lens: &Foreign, plane: &Plane, size: [u32; 2]) -> Option<Fit> {
         true => (Kind::BROWN, radial),
         false => (Kind::PRISM, &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11][..]),
     };
+    // Decentering moves the image as well.
+    let centered = lens.is_radial();
     let kinds = narrow
         .then_some(brown)
         .into_iter()
@@ -62,6 +75,7 @@ pub fn fit(lens: &Foreign, plane: &Plane, size: [u32; 2]) -> Option<Fit> {
         let problem = Problem {
             kind,
             free,
+            centered,
             plane,
             samples: &fitted,
         };
@@ -74,6 +88,7 @@ pub fn fit(lens: &Foreign, plane: &Plane, size: [u32; 2]) -> Option<Fit> {
             intrinsics,
             worst_px,
             covered,
+            angle_deg,
         })
     });
     fits.min_by(|a, b| a.worst_px.total_cmp(&b.worst_px))
@@ -125,19 +140,32 @@ struct Problem<'a> {
     kind: Kind,
     /// Coefficients that are fitted; the others are 0.
     free: &'a [usize],
+    /// Whether the principal point is that of the other lens.
+    centered: bool,
     plane: &'a Plane,
     samples: &'a [Sample],
 }
 
 impl Problem<'_> {
-    /// - `unknowns`: factor of the focal lengths, then the free coefficients
+    /// How many unknowns come before the coefficients.
+    fn first(&self) -> usize {
+        if self.centered { 1 } else { 3 }
+    }
+
+    /// - `unknowns`: factor of the focal lengths, what the principal point moves by in px unless it is
+    ///   centered, then the free coefficients
     fn lens(&self, unknowns: &DVector<f64>) -> Option<Intrinsics> {
         let mut params = vec![0.0; self.kind.count];
-        for (&index, &value) in self.free.iter().zip(unknowns.iter().skip(1)) {
+        for (&index, &value) in self.free.iter().zip(unknowns.iter().skip(self.first())) {
             params[index] = value;
         }
         let projection = Projection::from_params(self.kind.family, None, &params).ok()?;
-        self.plane.scaled(unknowns[0]).under(projection).ok()
+        let plane = self.plane.scaled(unknowns[0]);
+        let plane = match self.centered {
+            true => plane,
+            false => plane.moved(unknowns[1], unknowns[2]),
+        };
+        plane.under(projection).ok()
     }
 
     /// `[2 N]`, px; `None` where the lens cannot image a ray.
@@ -152,7 +180,7 @@ impl Problem<'_> {
 
     /// Levenberg and Marquardt's method, from a lens without distortion.
     fn solve(&self, scale: f64) -> Option<Intrinsics> {
-        let count = 1 + self.free.len();
+        let count = self.first() + self.free.len();
         let mut at = DVector::zeros(count);
         at[0] = scale;
         let mut error = self.residuals(&at)?;

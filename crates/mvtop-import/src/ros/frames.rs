@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use mvtop_core::transform;
 use nalgebra::Isometry3;
 
+use super::hand_eye;
 use super::urdf::{Joint, from_xyz_and_rpy};
 use crate::Checked;
 use crate::node::Node;
@@ -37,8 +38,12 @@ impl Tree {
         self.still.is_empty()
     }
 
-    /// Adds those of a message, of a list of messages, or of a list of frames.
+    /// Adds those of a message, of a list of messages, of a list of frames, or of a hand-eye result.
     pub fn add(&mut self, top: &Node) -> Checked<()> {
+        if hand_eye::is_it(top.value) {
+            let (robot, camera, pose) = hand_eye::read(top)?;
+            return self.insert(&top.place, robot, camera, pose);
+        }
         if is_list(top) {
             for (frame, item) in top.entries() {
                 let (parent, pose) = of_list(&item)?;

@@ -30,11 +30,6 @@ impl Joint {
     }
 }
 
-/// Whether the text is XML.
-pub fn is_xml(text: &str) -> bool {
-    text.trim_start().starts_with('<')
-}
-
 /// All joints of the robot.
 pub fn joints(source: &Source) -> Checked<Vec<Joint>> {
     let of = |problem: String| format!("{}: {problem}", source.name);

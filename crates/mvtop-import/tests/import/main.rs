@@ -3,7 +3,9 @@
 mod asked;
 mod by_hand;
 mod fitted;
+mod formats;
 mod hostile;
+mod stated;
 mod written;
 
 use std::path::PathBuf;
@@ -68,4 +70,13 @@ fn assert_pose(camera: &Camera, at: [f64; 3], x: [f64; 3], z: [f64; 3]) {
 fn assert_plane(camera: &Camera, plane: [f64; 4]) {
     let of = camera.intrinsics();
     assert_near([of.fx(), of.fy(), of.cx(), of.cy()], plane);
+}
+
+/// Coefficients in a rig's order; those that are not listed are 0.
+fn assert_params(camera: &Camera, expected: &[f64]) {
+    let mut got = camera.intrinsics().projection().params().to_vec();
+    while got.len() > expected.len() && got.last() == Some(&0.0) {
+        got.pop();
+    }
+    assert_eq!(got, expected);
 }

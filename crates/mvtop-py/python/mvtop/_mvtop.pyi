@@ -375,19 +375,20 @@ class Rig:
         Reads the text of a rig file.
         """
     @classmethod
-    def import_(cls, /, paths: SupportsGetItem[int, str | PathLike[str]], *, format: str | None = None, scale: SupportsFloat | SupportsIndex | None = None, unit: str | None = None, image_size: tuple[SupportsIndex, SupportsIndex] | None = None, image_sizes: dict[str, tuple[SupportsIndex, SupportsIndex]] | None = None, direction: str | None = None, model: str | None = None, image: SupportsIndex | None = None, rectified: bool = False, trust_unit: bool = False) -> tuple[Rig, list[str]]:
+    def import_(cls, /, paths: SupportsGetItem[int, str | PathLike[str]], *, format: str | None = None, scale: SupportsFloat | SupportsIndex | None = None, unit: str | None = None, image_size: tuple[SupportsIndex, SupportsIndex] | None = None, image_sizes: dict[str, tuple[SupportsIndex, SupportsIndex]] | None = None, direction: str | None = None, model: str | None = None, max_angle: SupportsFloat | SupportsIndex | None = None, image: SupportsIndex | None = None, rectified: bool = False, trust_unit: bool = False) -> tuple[Rig, list[str]]:
         """
         Makes a rig of the calibration files of another program (docs/calibrations.md).
 
         What the files cannot say is asked for by these names:
 
         - paths: files of one rig; of COLMAP, its folder will do
-        - format: "opencv", "ros", "kalibr", "colmap", "bop", "nerf", "callab", "halcon" or "euroc";
-          recognised by default
+        - format: "opencv", "ros", "kalibr", "colmap", "bop", "nerf", "callab", "halcon", "euroc",
+          "anipose", "easymocap" or "camodocal"; recognised by default
         - scale: metres per unit of the files; or unit: "m", "cm" or "mm"
         - image_size: width and height of all images, px; image_sizes: of single cameras, by id
         - direction: what poses map to what, "world_from_cam" or "cam_from_world"
         - model: "pinhole" or "fisheye"
+        - max_angle: greatest angle from the axis at which a lens images anything or is to be used, degrees
         - image: of BOP, the image whose cameras make the rig
         - rectified: of ROS, whether images are rectified rather than raw
         - trust_unit: as of Rig

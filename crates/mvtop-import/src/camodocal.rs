@@ -1,0 +1,117 @@
+//! camodocal's cameras, as VINS reads them, and VINS' own file with the places of its cameras.
+//!
+//! Source: <https://github.com/hengli/camodocal>, `src/camera_models`: PINHOLE and PINHOLE_FULL have OpenCV's
+//! coefficients; MEI those of OpenCV's omnidir, its sphere's `xi` among `mirror_parameters`; KANNALA_BRANDT
+//! calls OpenCV's k1 to k4 k2 to k5, and the focal lengths mu and mv. SCARAMUZZA is a polynomial that no
+//! rig file has. Of VINS, `body_T_cam0` is the pose of the first camera in the frame of the IMU, metres, and
+//! `cam0_calib` its file.
+
+use serde_json::{Map, Value, json};
+
+use crate::draft::Draft;
+use crate::node::Node;
+use crate::source::Source;
+use crate::{Checked, Options, opencv, yaml};
+
+/// Whether it is a camera, or VINS' file.
+pub fn is_it(value: &Value) -> bool {
+    value.get("model_type").is_some() || value.get("body_T_cam0").is_some()
+}
+
+pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
+    let mut documents = Vec::new();
+    let mut files = Vec::new();
+    let mut bodies = Vec::new();
+    for source in sources {
+        let document = yaml::document(source)?;
+        let top = Node::new(&document, &source.name);
+        if top.has("model_type") {
+            let stem = source.stem();
+            let name = match top.find(&["camera_name"]) {
+                // VINS' cameras are all called `camera`.
+                Some(name) if name.value != "camera" => name.text()?.to_owned(),
+                _ => stem,
+            };
+            files.push((source.file_name(), name.clone()));
+            documents.push((name, source.name.clone(), camera(&top)?));
+        } else if top.has("body_T_cam0") {
+            bodies.push((source, document));
+        } else {
+            documents.push((source.stem(), source.name.clone(), document));
+        }
+    }
+    let in_body = !bodies.is_empty();
+    for (source, document) in bodies {
+        let top = Node::new(&document, &source.name);
+        for index in 0..files.len() {
+            let Some(pose) = top.find(&[&format!("body_T_cam{index}")]) else {
+                continue;
+            };
+            let file = top.find(&[&format!("cam{index}_calib")]);
+            let file = file
+                .and_then(|file| file.value.as_str())
+                .map(str::to_lowercase);
+            let (_, name) = match file {
+                None => &files[index],
+                Some(file) => files
+                    .iter()
+                    .find(|(known, _)| *known == file)
+                    .ok_or_else(|| {
+                        format!(
+                            "{}: camera {index} is `{file}`, which is not given; give it too",
+                            source.name
+                        )
+                    })?,
+            };
+            let place = json!({ "T_world_cam": pose.value });
+            documents.push((name.clone(), source.name.clone(), place));
+        }
+    }
+    let mut draft = opencv::assemble(documents, options)?;
+    if in_body {
+        draft.metres = Some(1.0);
+        draft
+            .notes
+            .push("the world frame is that of the body".into());
+    }
+    let posing = "give VINS' file with body_T_cam0, or a file with T_world_cam of each camera";
+    Ok(Draft { posing, ..draft })
+}
+
+/// A camera with OpenCV's names.
+fn camera(top: &Node) -> Checked<Value> {
+    let model = top.get(&["model_type"])?;
+    let part = |key: &str| {
+        let found = top.find(&[key]).and_then(|node| node.value.as_object());
+        found.cloned().unwrap_or_default()
+    };
+    let mut all = Map::new();
+    for key in ["image_width", "image_height"] {
+        all.insert(key.into(), top.get(&[key])?.value.clone());
+    }
+    let mut given = part("projection_parameters");
+    given.extend(part("distortion_parameters"));
+    given.extend(part("mirror_parameters"));
+    let (name, renamed): (&str, &[(&str, &str)]) = match model.text()?.to_uppercase().as_str() {
+        "PINHOLE" | "PINHOLE_FULL" => ("pinhole", &[]),
+        "MEI" => ("pinhole", &[("gamma1", "fx"), ("gamma2", "fy")]),
+        "KANNALA_BRANDT" => (
+            "fisheye",
+            &[
+                ("mu", "fx"),
+                ("mv", "fy"),
+                ("k2", "k1"),
+                ("k3", "k2"),
+                ("k4", "k3"),
+                ("k5", "k4"),
+            ],
+        ),
+        _ => return Err(model.wrong("PINHOLE, PINHOLE_FULL, MEI or KANNALA_BRANDT")),
+    };
+    all.insert("model".into(), name.into());
+    for (key, value) in given {
+        let known = renamed.iter().find(|(theirs, _)| *theirs == key);
+        all.insert(known.map_or(key, |(_, ours)| (*ours).to_owned()), value);
+    }
+    Ok(Value::Object(all))
+}

@@ -1,0 +1,13 @@
+//! One file per format, each with a rig that is worked out by hand.
+
+mod anipose;
+mod camodocal;
+mod easymocap;
+mod hand_eye;
+mod opencv_xml;
+mod scalars;
+
+const X: [f64; 3] = [1.0, 0.0, 0.0];
+const Y: [f64; 3] = [0.0, 1.0, 0.0];
+const Z: [f64; 3] = [0.0, 0.0, 1.0];
+const MINUS_Y: [f64; 3] = [0.0, -1.0, 0.0];

@@ -1,0 +1,55 @@
+use mvtop_import::Format;
+
+use super::{MINUS_Y, X, Z};
+use crate::{assert_params, assert_plane, assert_pose, read, scaled};
+
+const TOML: &str = r#"[cam_0]
+name = "left"
+size = [1280, 960]
+matrix = [[1100.0, 0.0, 640.0], [0.0, 1110.0, 480.0], [0.0, 0.0, 1.0]]
+distortions = [-0.2, 0.05, 0.001, -0.002, 0.01]
+rotation = [0.0, 0.0, 0.0]
+translation = [0.0, 0.0, 0.0]
+
+[cam_10]
+name = "wide"
+size = [640, 480]
+matrix = [[300.0, 0.0, 320.0], [0.0, 300.0, 240.0], [0.0, 0.0, 1.0]]
+distortions = [0.1, 0.02, 0.003, 0.0004]
+fisheye = true
+rotation = [0.0, 0.0, 1.5707963267948966]
+translation = [-400.0, 0.0, 0.0]
+
+[cam_2]
+name = "narrow"
+size = [640, 480]
+matrix = [[900.0, 0.0, 320.0], [0.0, 900.0, 240.0], [0.0, 0.0, 1.0]]
+distortions = [0.1, 0.02, 0.003, 0.0004]
+rotation = [0.0, 0.0, 0.0]
+translation = [-200.0, 0.0, 0.0]
+
+[metadata]
+adjusted = false
+error = 0.31
+"#;
+
+#[test]
+fn anipose_maps_world_to_camera_and_says_which_lens_is_a_fisheye() {
+    let imported = read(&[("calibration.toml", TOML)], &scaled(0.001)).unwrap();
+    assert_eq!(imported.format, Format::Anipose);
+    let mut cameras = imported.rig.cameras().to_vec();
+    cameras.sort_by_key(|camera| camera.id().to_owned());
+    let [left, narrow, wide] = &cameras[..] else {
+        panic!("three cameras")
+    };
+    assert_plane(left, [1100.0, 1110.0, 640.0, 480.0]);
+    assert_eq!([left.width(), left.height()], [1280, 960]);
+    assert_params(left, &[-0.2, 0.05, 0.001, -0.002, 0.01]);
+    assert_pose(left, [0.0; 3], X, Z);
+    let lens = |camera: &mvtop_core::Camera| camera.intrinsics().projection().distortion();
+    assert_eq!(lens(wide), Some("kannala_brandt"));
+    // A quarter turn about z: -Rᵀ t is (0, -400, 0) mm, and the camera's x is the first row of R.
+    assert_pose(wide, [0.0, -0.4, 0.0], MINUS_Y, Z);
+    assert_eq!(lens(narrow), Some("brown_conrady"));
+    assert_pose(narrow, [0.2, 0.0, 0.0], X, Z);
+}
