@@ -200,11 +200,11 @@ mod tests {
 
     #[test]
     fn boxes_beyond_a_lens_field_of_view_go() {
-        // Its radius is greatest at 272 px.
+        // Its radius is greatest at 297 px.
         let rig = Rig::from_json(
             r#"{"format": "mvtop-rig", "version": 1, "unit": "m", "cameras": [{"id": "cam0",
                 "width": 640, "height": 480, "fx": 500, "fy": 500, "cx": 320, "cy": 240,
-                "distortion": {"model": "brown_conrady", "params": [-0.5, 0, 0, 0, 0]},
+                "distortion": {"model": "brown_conrady", "params": [-0.42, 0, 0, 0, 0]},
                 "T_world_cam": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}]}"#,
         )
         .unwrap();
