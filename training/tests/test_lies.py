@@ -401,3 +401,15 @@ def test_wrong_calibrations_of_the_example_are_noticed(tmp_path):
     told = lies.summary(lines)
     assert told["lies"]["translations 1000 times too long"]["refused"] == 1
     assert lies.table(told).count("\n") == 2 + len(told["lies"]) + 3 + 1
+
+
+def test_wrong_images_and_calibrations_of_several_objects_are_noticed(tmp_path):
+    """Four objects in three views: every gross lie, and no pose that is wrong, sure and silent."""
+    example = lies.set_of(str(REPO / "examples/ycbv4"), None)
+    kinds = [lies.TRUE, "gross"]
+    told = lies.summary(
+        lies.run(tmp_path / "lies.jsonl", [example], REPO / "models/ycbv4", kinds=kinds)
+    )
+    assert told["kinds"][lies.TRUE]["noticed"] == 0
+    assert told["kinds"]["gross"]["noticed"] == 1 and told["kinds"]["gross"]["told"] == 15
+    assert told["all"]["sure_wrong"] == 0

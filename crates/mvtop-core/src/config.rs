@@ -164,7 +164,7 @@ pub struct RigConfig {
     /// Negative correlation of the objects' colors (red against blue) with the images from which red
     /// and blue are taken to be exchanged. Not measured.
     pub exchanged_correlation: f64,
-    /// Where nothing is settled: what the detector's best score gains, at least, if they are. Not
+    /// Where no pose is probable: what the detector's best score gains, at least, if they are. Not
     /// measured.
     pub exchanged_gain: f64,
     /// Limits of a true rig, each exceeded by one in a hundred groups of held-out scenes: of what

@@ -11,14 +11,14 @@ use crate::Result;
 use crate::network::DetectorMaps;
 use crate::prediction::{Warning, WarningCode};
 
-/// Warns of exchanged colors: by the colors of settled instances, or by the detector where there are
-/// none.
+/// Warns of exchanged colors: by the colors of instances whose poses are more probably right than
+/// wrong, or by the detector where there are none.
 pub fn check(
     pipeline: &Pipeline,
     instances: &[Instance],
     surfaces: &Surfaces,
 ) -> Result<Option<Warning>> {
-    let known = instances.iter().any(|one| pipeline.is_settled(one));
+    let known = instances.iter().any(is_probable);
     let reason = match known {
         true => by_surfaces(pipeline, instances, surfaces),
         false => by_detector(pipeline)?,
@@ -34,6 +34,10 @@ pub fn check(
     }))
 }
 
+fn is_probable(instance: &Instance) -> bool {
+    instance.confidence() >= 0.5
+}
+
 /// Red less blue, as a share of all light.
 fn redness(color: [u8; 3]) -> Option<f64> {
     let [red, green, blue] = color.map(f64::from);
@@ -41,11 +45,12 @@ fn redness(color: [u8; 3]) -> Option<f64> {
     (sum > 0.0).then(|| (red - blue) / sum)
 }
 
-/// How the colors of settled instances speak for an exchange, if they do.
+/// How the colors of probable poses speak for an exchange, if they do.
 fn by_surfaces(pipeline: &Pipeline, instances: &[Instance], surfaces: &Surfaces) -> Option<String> {
-    let settled = (0..instances.len()).filter(|&one| pipeline.is_settled(&instances[one]));
+    let probable = (0..instances.len()).filter(|&one| is_probable(&instances[one]));
     let mut pairs = Vec::new();
-    for (of, view) in settled.flat_map(|of| (0..pipeline.views.len()).map(move |view| (of, view))) {
+    for (of, view) in probable.flat_map(|of| (0..pipeline.views.len()).map(move |view| (of, view)))
+    {
         let seen = &pipeline.views[view];
         for (point, place) in surfaces.seen(pipeline, instances, of, view) {
             let in_cam = seen.camera.world_from_cam().inverse_transform_point(&place);

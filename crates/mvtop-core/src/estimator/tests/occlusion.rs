@@ -98,7 +98,7 @@ fn a_part_that_is_half_hidden_is_half_in_sight() {
 }
 
 #[test]
-fn exchanged_red_and_blue_are_told_by_the_colors_of_what_is_settled() {
+fn exchanged_red_and_blue_are_told_by_the_colors_of_probable_poses() {
     let (estimator, rig) = (estimator(), bricks_rig());
     let options = PredictOptions::default();
     let warned = |exchange: bool, log_odds: f64| {
@@ -118,5 +118,5 @@ fn exchanged_red_and_blue_are_told_by_the_colors_of_what_is_settled() {
     assert_eq!(warned(false, 5.0), None);
     assert_eq!(warned(true, 5.0), Some(WarningCode::ColorsExchanged));
     // A pose that may be wrong tells nothing.
-    assert_eq!(warned(true, 0.0), None);
+    assert_eq!(warned(true, -1.0), None);
 }
