@@ -195,13 +195,13 @@ def test_the_share_of_objects_that_one_camera_shows_alone_is_counted():
     assert (share(90, 0), share(1, 9)) == calibrate.UNCONFIRMED
 
 
-def test_of_what_is_as_confident_one_percent_does_not_exist():
+def test_of_what_is_as_confident_two_percent_does_not_exist():
     confidence = np.linspace(0.9999, 0.0, 201)
     exists = np.ones(201, bool)
     assert calibrate.least_confidence(confidence, exists) == 0.0
-    exists[[120, 160, 180]] = False  # one of 121 to 160, two of 161 to 180
-    # Of the 160th, 0.9999 * 41 / 200 rounded down.
-    assert calibrate.least_confidence(confidence[::-1], exists[::-1]) == 0.204
+    exists[[60, 80, 90, 100, 110]] = False  # one of 61 to 80, then more than 2 %
+    # Of the 80th, 0.9999 * 121 / 200 rounded down.
+    assert calibrate.least_confidence(confidence[::-1], exists[::-1]) == 0.604
     assert calibrate.least_confidence(confidence, ~exists) == 0.5
     assert calibrate.least_confidence(np.zeros(0), np.zeros(0, bool)) == 0.5
     # All that is kept is kept after rounding, also just below 1.
@@ -306,7 +306,7 @@ def test_all_is_fitted_and_written_at_once(tiny, monkeypatch, refined):
         found = poses(400, seed=refine is None, refined=refined and refine is None)
         if refine is None:
             found += poses(20, seed=2, refined=False)
-        return Gathered(found, [rig_of(box=2.0)] * 20 + [rig_of(camera=3.0)] * 20)
+        return Gathered(found, [rig_of(box=2.0)] * 20 + [rig_of(camera=5.0)] * 20)
 
     monkeypatch.setattr(calibrate, "gathered", gathered)
     for _ in range(2):  # the second time the bundle is calibrated already
@@ -314,7 +314,7 @@ def test_all_is_fitted_and_written_at_once(tiny, monkeypatch, refined):
     assert asked == ([False, None, None] if refined else [False, None]) * 2
     written = description.read(tiny)
     assert written["inference"]["rig"]["max_box_deviation"] == 2.0
-    assert written["inference"]["rig"]["max_camera_deviation"] == 3.0
+    assert written["inference"]["rig"]["max_camera_deviation"] == 5.0
     # All objects exist: the least confidence of any.
     assert 0 < written["inference"]["search"]["min_confidence"] < 0.5  # which it is of no pose
     same = written["scorer"]["refined"] == written["scorer"]["unrefined"]
