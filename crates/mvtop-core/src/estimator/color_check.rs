@@ -5,7 +5,7 @@ use nalgebra::Point2;
 use ndarray::{Array4, Axis, s};
 
 use super::instance::Instance;
-use super::occlusion::Surfaces;
+use super::occlusion::Seen;
 use super::pipeline::Pipeline;
 use crate::Result;
 use crate::network::DetectorMaps;
@@ -16,11 +16,11 @@ use crate::prediction::{Warning, WarningCode};
 pub fn check(
     pipeline: &Pipeline,
     instances: &[Instance],
-    surfaces: &Surfaces,
+    seen: &[Vec<Seen>],
 ) -> Result<Option<Warning>> {
     let known = instances.iter().any(is_probable);
     let reason = match known {
-        true => by_surfaces(pipeline, instances, surfaces),
+        true => by_surfaces(pipeline, instances, seen),
         false => by_detector(pipeline)?,
     };
     Ok(reason.map(|reason| Warning {
@@ -46,17 +46,16 @@ fn redness(color: [u8; 3]) -> Option<f64> {
 }
 
 /// How the colors of probable poses speak for an exchange, if they do.
-fn by_surfaces(pipeline: &Pipeline, instances: &[Instance], surfaces: &Surfaces) -> Option<String> {
-    let probable = (0..instances.len()).filter(|&one| is_probable(&instances[one]));
+fn by_surfaces(pipeline: &Pipeline, instances: &[Instance], seen: &[Vec<Seen>]) -> Option<String> {
+    let probable = instances.iter().zip(seen);
+    let probable = probable.filter(|(one, _)| is_probable(one));
     let mut pairs = Vec::new();
-    for (of, view) in probable.flat_map(|of| (0..pipeline.views.len()).map(move |view| (of, view)))
-    {
-        let seen = &pipeline.views[view];
-        for (point, place) in surfaces.seen(pipeline, instances, of, view) {
-            let in_cam = seen.camera.world_from_cam().inverse_transform_point(&place);
-            let pixel = seen.camera.intrinsics().project(&in_cam);
-            let image = pixel.and_then(|at| color(seen.image, at));
-            pairs.extend(redness(point.color).zip(image.and_then(redness)));
+    for (view, seen) in probable.flat_map(|(_, seen)| pipeline.views.iter().zip(seen)) {
+        for (known, place) in &seen.points {
+            let in_cam = view.camera.world_from_cam().inverse_transform_point(place);
+            let pixel = view.camera.intrinsics().project(&in_cam);
+            let image = pixel.and_then(|at| color(view.image, at));
+            pairs.extend(redness(*known).zip(image.and_then(redness)));
         }
     }
     let (correlation, spread) = correlation(&pairs);

@@ -5,96 +5,73 @@ use rayon::prelude::*;
 
 use super::instance::Instance;
 use super::pipeline::Pipeline;
-use crate::bundle::SurfacePoint;
 use crate::refine::DepthMap;
 
-/// The surfaces of all instances at their best poses, in all views.
-pub struct Surfaces {
-    /// By instance, then by view; `None` where a class has no mesh, or a view does not show it.
-    maps: Vec<Vec<Option<DepthMap>>>,
-    /// By instance: whether it is sure enough to hide others.
-    settled: Vec<bool>,
+/// What a view shows of an instance at its best pose.
+pub struct Seen {
+    /// Share of what the view would show of it that no settled instance hides; 1 where this is not
+    /// known.
+    pub share: f64,
+    /// Color and place of each point in sight, sRGB and world frame, metres; empty without a mesh.
+    pub points: Vec<([u8; 3], Point3<f64>)>,
 }
 
-impl Surfaces {
-    pub fn new(pipeline: &Pipeline, instances: &[Instance]) -> Self {
-        let of_instance = |one: &Instance| {
-            let refiner = pipeline.estimator.refiners[one.class].as_ref();
-            let seen = refiner.zip(one.best());
-            let views = pipeline.views.iter();
-            views
-                .map(|view| {
-                    let (refiner, best) = seen?;
-                    refiner.depth_map(view.camera, &best.world_from_obj)
-                })
-                .collect()
+/// By instance, then by view. Meshes are rendered; what is settled hides others.
+pub fn seen(pipeline: &Pipeline, instances: &[Instance]) -> Vec<Vec<Seen>> {
+    let rendered = |one: &Instance| -> Vec<Option<DepthMap>> {
+        let refiner = pipeline.estimator.refiners[one.class].as_ref();
+        let known = refiner.zip(one.best());
+        let views = pipeline.views.iter();
+        let map = |view: &super::view::View| {
+            let (refiner, best) = known?;
+            refiner.depth_map(view.camera, &best.world_from_obj)
         };
-        Self {
-            maps: instances.par_iter().map(of_instance).collect(),
-            settled: instances
-                .iter()
-                .map(|one| pipeline.is_settled(one))
-                .collect(),
-        }
-    }
-
-    /// Share of what a view would show of an instance that no settled one hides; 1 where this is not
-    /// known.
-    pub fn share(
-        &self,
-        pipeline: &Pipeline,
-        instances: &[Instance],
-        of: usize,
-        view: usize,
-    ) -> f64 {
-        let mut all = 0;
-        let mut seen = 0;
-        for (_, point) in self.front(pipeline, instances, of, view) {
-            all += 1;
-            seen += usize::from(!self.is_hidden(of, view, &point));
-        }
-        match all {
-            0 => 1.0,
-            all => f64::from(seen as u32) / f64::from(all),
-        }
-    }
-
-    /// The points of an instance that a view shows, with their places in the world frame, metres.
-    pub fn seen<'a>(
-        &'a self,
-        pipeline: &'a Pipeline,
-        instances: &'a [Instance],
-        of: usize,
-        view: usize,
-    ) -> impl Iterator<Item = (&'a SurfacePoint, Point3<f64>)> {
-        let front = self.front(pipeline, instances, of, view);
-        front.filter(move |(_, point)| !self.is_hidden(of, view, point))
-    }
-
-    /// The points that the instance itself does not hide.
-    fn front<'a>(
-        &'a self,
-        pipeline: &'a Pipeline,
-        instances: &'a [Instance],
-        of: usize,
-        view: usize,
-    ) -> impl Iterator<Item = (&'a SurfacePoint, Point3<f64>)> {
-        let class = &pipeline.estimator.bundle.classes[instances[of].class];
-        let tolerance = pipeline.config().refine.occlusion_tolerance[0] * class.diameter_m;
-        let seen = self.maps[of][view].as_ref().zip(instances[of].best());
-        seen.into_iter().flat_map(move |(map, best)| {
-            let points = class.points.iter();
-            let placed = points.map(|one| (one, best.world_from_obj * Point3::from(one.position)));
-            placed.filter(move |(_, point)| map.behind(point) < tolerance)
-        })
-    }
-
-    fn is_hidden(&self, of: usize, view: usize, point: &Point3<f64>) -> bool {
-        let others = self.maps.iter().zip(&self.settled).enumerate();
-        let mut others = others.filter(|(other, (_, settled))| *other != of && **settled);
-        others.any(|(_, (maps, _))| {
-            let map = maps[view].as_ref();
+        views.map(map).collect()
+    };
+    let maps: Vec<_> = instances.par_iter().map(rendered).collect();
+    let settled: Vec<usize> = (0..instances.len())
+        .filter(|&one| pipeline.is_settled(&instances[one]))
+        .collect();
+    let is_hidden = |of: usize, view: usize, point: &Point3<f64>| {
+        let mut others = settled.iter().filter(|other| **other != of);
+        others.any(|&other| {
+            let map = maps[other][view].as_ref();
             map.is_some_and(|map| map.behind(point) > 0.0)
         })
-    }
+    };
+    let of_view = |of: usize, view: usize| {
+        let class = &pipeline.estimator.bundle.classes[instances[of].class];
+        let tolerance = pipeline.config().refine.occlusion_tolerance[0] * class.diameter_m;
+        let Some((map, best)) = maps[of][view].as_ref().zip(instances[of].best()) else {
+            return Seen {
+                share: 1.0,
+                points: Vec::new(),
+            };
+        };
+        let placed = class
+            .points
+            .iter()
+            .map(|one| (one.color, best.world_from_obj * Point3::from(one.position)));
+        let front: Vec<_> = placed
+            .filter(|(_, point)| map.behind(point) < tolerance)
+            .collect();
+        let count = front.len();
+        let points: Vec<_> = front
+            .into_iter()
+            .filter(|(_, point)| !is_hidden(of, view, point))
+            .collect();
+        Seen {
+            share: match count {
+                0 => 1.0,
+                count => points.len() as f64 / count as f64,
+            },
+            points,
+        }
+    };
+    let each = (0..instances.len()).into_par_iter();
+    each.map(|of| {
+        let views = 0..pipeline.views.len();
+        views.map(|view| of_view(of, view)).collect()
+    })
+    .collect()
 }

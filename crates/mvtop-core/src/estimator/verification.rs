@@ -1,12 +1,11 @@
 //! Views compared with each other, instances rejected, and results gathered.
 
 use nalgebra::Isometry3;
-use rayon::prelude::*;
 
 use super::instance::Instance;
-use super::occlusion::Surfaces;
+use super::occlusion::Seen;
 use super::pipeline::{Clock, Pipeline};
-use super::{Estimator, color_check, grouping, next_view, rig_check, view};
+use super::{Estimator, color_check, grouping, next_view, occlusion, rig_check, view};
 use crate::Result;
 use crate::prediction::{CameraPose, ObjectPose, Prediction, Timings, Warning};
 use crate::scorer::{PoseEvidence, Scored, ViewEvidence};
@@ -22,8 +21,8 @@ impl Pipeline<'_> {
         clock: &mut Clock,
     ) -> Result<Prediction> {
         let (Estimator { bundle, .. }, rig) = (self.estimator, self.rig);
-        let surfaces = Surfaces::new(self, &instances);
-        self.occlude(&mut instances, &surfaces);
+        let seen = occlusion::seen(self, &instances);
+        self.occlude(&mut instances, &seen);
         let hopeless = self.config().search.hopeless;
         let compared: Vec<_> = instances
             .iter()
@@ -35,7 +34,7 @@ impl Pipeline<'_> {
             )
             .collect();
         let checked = rig_check::check(self, &instances, &compared);
-        let exchanged = color_check::check(self, &instances, &surfaces)?;
+        let exchanged = color_check::check(self, &instances, &seen)?;
         let rig_deviation = checked.deviation;
         let ref_from_world = rig.cameras()[reference].world_from_cam().inverse();
         let least = match self.options.boxes {
@@ -98,19 +97,11 @@ impl Pipeline<'_> {
     }
 
     /// Lets views count as much as settled instances leave of an instance in sight.
-    fn occlude(&self, instances: &mut [Instance], surfaces: &Surfaces) {
-        let shares: Vec<Vec<f64>> = (0..instances.len())
-            .into_par_iter()
-            .map(|of| {
-                let views = 0..self.views.len();
-                let share = |view| surfaces.share(self, instances, of, view);
-                views.map(share).collect()
-            })
-            .collect();
-        for (instance, shares) in instances.iter_mut().zip(shares) {
+    fn occlude(&self, instances: &mut [Instance], seen: &[Vec<Seen>]) {
+        for (instance, seen) in instances.iter_mut().zip(seen) {
             self.rescore(instance, |_, views| {
                 for one in views {
-                    one.visible *= shares[one.view];
+                    one.visible *= seen[one.view].share;
                 }
             });
             instance.sort();

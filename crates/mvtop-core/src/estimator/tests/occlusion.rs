@@ -5,7 +5,7 @@ use super::instances::candidate;
 use super::*;
 use crate::estimator::color_check;
 use crate::estimator::instance::Instance;
-use crate::estimator::occlusion::Surfaces;
+use crate::estimator::occlusion::seen;
 use crate::estimator::pipeline::Pipeline;
 use crate::prediction::WarningCode;
 use crate::scorer::Scorer;
@@ -61,9 +61,8 @@ fn shares(instances: &[Instance]) -> [[f64; 3]; 2] {
     let (images, options) = (painted_images(&rig), PredictOptions::default());
     let network = estimator.network.as_ref();
     let pipeline = Pipeline::new(&estimator, network, &rig, &images, &options).unwrap();
-    let surfaces = Surfaces::new(&pipeline, instances);
-    let share = |of, view| surfaces.share(&pipeline, instances, of, view);
-    [0, 1].map(|of| [0, 1, 2].map(|view| share(of, view)))
+    let seen = seen(&pipeline, instances);
+    [0, 1].map(|of| [0, 1, 2].map(|view| seen[of][view].share))
 }
 
 /// `brick_pose` moved by a share of the way to a camera.
@@ -111,8 +110,8 @@ fn exchanged_red_and_blue_are_told_by_the_colors_of_probable_poses() {
         let network = estimator.network.as_ref();
         let pipeline = Pipeline::new(&estimator, network, &rig, &images, &options).unwrap();
         let instances = [instance(brick_pose(), log_odds)];
-        let surfaces = Surfaces::new(&pipeline, &instances);
-        let warning = color_check::check(&pipeline, &instances, &surfaces).unwrap();
+        let seen = seen(&pipeline, &instances);
+        let warning = color_check::check(&pipeline, &instances, &seen).unwrap();
         warning.map(|one| one.code)
     };
     assert_eq!(warned(false, 5.0), None);
