@@ -4,6 +4,7 @@ import dataclasses
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -168,6 +169,23 @@ def test_from_nothing_to_a_bundle(dataset, tmp_path, closeups):
     manifest = json.loads((tmp_path / "run" / "bundle" / "model.json").read_text())
     assert manifest["preset"] == "tiny" and ("closeup" in manifest) == bool(closeups)
     assert (tmp_path / "run" / "poses" / "weights.pt").exists() == bool(closeups)
+
+
+def test_a_report_has_as_many_scenes_as_the_time_allows(dataset, tmp_path, monkeypatch, capsys):
+    assert pipeline.scenes_in_time(10.0, 0.5) == 20
+    assert pipeline.scenes_in_time(-3.0, 0.5) == pipeline.LEAST_REPORTED
+    calls = []
+    monkeypatch.setattr(pipeline, "_ended_well", calls.append)
+    settings = runconfig.load(config_of(dataset, tmp_path), ["generate.scenes=2"])
+    monkeypatch.setattr(pipeline, "test_split", lambda _: "train")
+    scenes = bop.whole_scenes(Path(dataset) / "train")
+    for most, noted in ((1, True), (len(scenes), False)):
+        pipeline.report(settings, tmp_path, most)
+        command = calls.pop()
+        listed = json.loads(Path(command[command.index("--targets") + 1]).read_text())
+        assert sorted({one["scene_id"] for one in listed}) == [int(x.name) for x in scenes[:most]]
+        assert len(listed) == sum(len(bop.read_images(scene)) for scene in scenes[:most])
+        assert (f"{most} of {len(scenes)} scenes" in capsys.readouterr().out) == noted
 
 
 def test_crops_without_the_object_show_nothing_of_it(dataset):

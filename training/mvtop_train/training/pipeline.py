@@ -14,6 +14,7 @@ from pathlib import Path
 
 from ..data import bank, batches, bop, search
 from ..errors import UserError
+from ..files import write_text
 from ..network import lite
 from . import (
     calibrate,
@@ -28,6 +29,7 @@ from .validate import pose_views, validate
 
 MOST_VIEWS = 4  # in the report
 LEAST_TRAINING = 0.15  # share of all minutes
+LEAST_REPORTED = 8  # scenes
 RENDERED = 75  # scenes a minute by each core, of four views of a dozen parts
 
 
@@ -93,12 +95,17 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
     found = thresholds_of(settings, model)
     print(found)
     export(settings, weights, folder / "bundle", found)
-    calibrated(settings, folder / "bundle")
-    print(json.dumps(evaluate(settings, folder, model, step), indent=1))
-    stages.done("thresholds, export, calibration, evaluation")
+    stages.done("thresholds, export")
+    begun = stages.left()
+    scenes = calibrated(settings, folder / "bundle")
+    scene_minutes = (begun - stages.left()) / max(scenes, 1)
+    stages.done("calibration")
     if settings.generate.mesh:
-        report(settings, folder)
+        report(settings, folder, scenes_in_time(stages.left(), scene_minutes))
         stages.done("report")
+    else:
+        print(json.dumps(evaluate(settings, folder, model, step), indent=1))
+        stages.done("evaluation")
     print(f"{folder}: {minutes - stages.left():.1f} minutes of {minutes:g}")
 
 
@@ -208,11 +215,22 @@ def export(settings: runconfig.RunConfig, weights: Path, bundle: Path, found):
     ])  # fmt: skip
 
 
-def calibrated(settings: runconfig.RunConfig, bundle: Path):
-    """Fits what the bundle stores about its poses, on the held-out scenes of the training split."""
+def calibrated(settings: runconfig.RunConfig, bundle: Path) -> int:
+    """Fits what the bundle stores about its poses, on the held-out scenes of the training split;
+    how many these are."""
     scenes = bop.scenes_of(held_images(settings))
     if not calibrate.calibrate(bundle, scenes, settings.known()):
         print(f"note: {bundle} is not calibrated, poses have no confidence: {calibrate.TOO_FEW}")
+    return len(scenes)
+
+
+def scenes_in_time(left: float, scene_minutes: float) -> int:
+    """How many scenes the report may have, to be there in time, but `LEAST_REPORTED` at least.
+
+    - left: minutes for the report
+    - scene_minutes: what the calibration took for each of its scenes, which is more
+    """
+    return max(int(left / max(scene_minutes, 1e-6)), LEAST_REPORTED)
 
 
 def _ended_well(command: list[str]):
@@ -238,14 +256,29 @@ def held_images(settings: runconfig.RunConfig) -> list[bop.Image]:
     return scenes.held_images or scenes.images
 
 
-def report(settings: runconfig.RunConfig, folder: Path):
-    """What a user would get: images in, poses out, on scenes that were never trained on."""
+def report(settings: runconfig.RunConfig, folder: Path, most: int):
+    """What a user would get: images in, poses out, on scenes that were never trained on.
+
+    - most: scenes at most
+    """
     scenes = bop.whole_scenes(Path(settings.data) / test_split(settings))
+    if len(scenes) > most:
+        print(f"note: the report is of {most} of {len(scenes)} scenes, as the time allows")
+    shown = [(scene, bop.read_images(scene)) for scene in scenes[:most]]
     # Scenes that not all cameras see are taken with as many as do.
-    views = min(MOST_VIEWS, max(len(bop.read_images(scene)) for scene in scenes))
+    views = min(MOST_VIEWS, max(len(images) for _, images in shown))
+    # As of BOP 2024: which images are evaluated.
+    targets = [
+        {"scene_id": int(scene.name), "im_id": image.number}
+        for scene, images in shown
+        for image in images
+    ]
+    listed = folder / "report-targets.json"
+    write_text(listed, json.dumps(targets) + "\n")
     _ended_well([
         str(Path(sys.executable).with_name("mvtop-cli")), "eval", "bop",
         "--dataset", settings.data, "--split", test_split(settings), "--views", str(views),
-        "--model", str(folder / "bundle"), "--report", str(folder / "report"), "--force",
+        "--targets", str(listed), "--model", str(folder / "bundle"),
+        "--report", str(folder / "report"), "--force",
     ])  # fmt: skip
     print(f"what to expect of it: {folder / 'report' / 'report.html'}")
