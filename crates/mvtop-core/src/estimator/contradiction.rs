@@ -137,3 +137,25 @@ fn alone_of_class(pipeline: &Pipeline, instances: &[Instance], a: usize, b: usiz
     }
     counts.values().map(|[in_a, in_b]| 2 * in_a.min(in_b)).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The same numbers as in `training/tests/test_calibrate.py`.
+    #[test]
+    fn ratio_by_hand() {
+        let config = RigConfig {
+            unconfirmed_true: 0.1,
+            unconfirmed_wrong: 0.8,
+            ..RigConfig::default()
+        };
+        let counts = Counts {
+            confirmed: 1,
+            unconfirmed: 3,
+        };
+        let by_hand = 3.0 * 8.0_f64.ln() + (2.0_f64 / 9.0).ln();
+        assert!((counts.ratio(&config) - by_hand).abs() < 1e-12);
+        assert_eq!(Counts::default().ratio(&config), 0.0);
+    }
+}
