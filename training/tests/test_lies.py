@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mvtop_train.errors import UserError
-from mvtop_train.evaluation import groups, lies, running, shots
+from mvtop_train.evaluation import groups, lies, noticed, running, shots, tellings
 from mvtop_train.evaluation.sets import TestSet
 from mvtop_train.network.config import ObjectClass
 
@@ -17,7 +17,9 @@ REPO = Path(__file__).parents[2]
 NUT = ObjectClass(1, "nut", 0.1)
 K = np.array([[500.0, 0, 40], [0, 510, 30], [0, 0, 1]])
 SIZE = (80, 60)
-EVERY = {name: (kind, lie) for kind, of_kind in lies.LIES.items() for name, lie in of_kind.items()}
+EVERY = {
+    name: (kind, lie) for kind, of_kind in tellings.LIES.items() for name, lie in of_kind.items()
+}
 
 
 def look(x: float, turn_deg: float = 0.0) -> np.ndarray:
@@ -120,29 +122,37 @@ def test_the_fisheye_image_shows_what_the_pinhole_image_shows():
     assert columns.mean() == pytest.approx(160 + 300 * np.deg2rad(20), abs=1.0)
 
 
-def named(group: groups.Group, foreign=None, kinds=lies.DEFAULT) -> list[tuple[str, str]]:
+def named(group: groups.Group, foreign=None, kinds=tellings.DEFAULT) -> list[tuple[str, str]]:
     rng = np.random.default_rng(0)
-    found = lies.tellings(shots.of_group(group), kinds, rng, foreign)
+    found = tellings.tellings(shots.of_group(group), kinds, rng, foreign)
     return [(one.name, one.variant) for one in found]
 
 
 def test_wrong_orders_are_all_of_few_images_and_some_of_many():
     rng = np.random.default_rng(0)
-    assert lies.orders(2, rng) == [(1, 0)]
-    assert len(lies.orders(3, rng)) == len(set(lies.orders(3, rng)) - {(0, 1, 2)}) == 5
+    assert tellings.orders(2, rng) == [(1, 0)]
+    assert len(tellings.orders(3, rng)) == len(set(tellings.orders(3, rng)) - {(0, 1, 2)}) == 5
     for views in (4, 11):
-        found = lies.orders(views, rng)
+        found = tellings.orders(views, rng)
         assert len(set(found)) == 6 and tuple(range(views)) not in found
         assert all(sorted(order) == list(range(views)) for order in found)
 
 
 def test_each_group_is_told_what_can_be_told_of_it(three):
-    orders = [variant for name, variant in named(three) if name == lies.ORDER]
+    orders = [variant for name, variant in named(three) if name == tellings.ORDER]
     assert orders == ["0 2 1", "1 0 2", "1 2 0", "2 0 1", "2 1 0"]
     names = [name for name, _ in named(three, kinds=("gross",))]
-    assert lies.REPEATED in names and lies.REPEATED_LAST in names and lies.FOREIGN not in names
+    assert (
+        tellings.REPEATED in names
+        and tellings.REPEATED_LAST in names
+        and tellings.FOREIGN not in names
+    )
     pair = [name for name, _ in named(made(2), foreign=lambda: None)]
-    assert pair.count(lies.ORDER) == 1 and lies.FOREIGN in pair and lies.REPEATED_LAST not in pair
+    assert (
+        pair.count(tellings.ORDER) == 1
+        and tellings.FOREIGN in pair
+        and tellings.REPEATED_LAST not in pair
+    )
     # Only images of ideal pinhole cameras can be bent to those of another lens.
     assert any("equidistant" in name for name, _ in named(three, kinds=("more",)))
     lens = mvtop.Camera(K, SIZE, model="fisheye", distortion=[0.0] * 4, id="c0")
@@ -168,7 +178,9 @@ def as_first_image_shows(group: groups.Group, said: shots.Shots) -> np.ndarray:
 def test_poses_are_judged_in_the_frame_of_the_camera_that_took_the_first_image(three):
     true = shots.of_group(three)
     rng = np.random.default_rng(0)
-    for telling in lies.tellings(true, lies.LIES, rng, lambda: shots.of_group(made(2, 7))[-1]):
+    for telling in tellings.tellings(
+        true, tellings.LIES, rng, lambda: shots.of_group(made(2, 7))[-1]
+    ):
         said = telling.change(true, rng)
         (one,) = lies.judged(three, said, [estimate(as_first_image_shows(three, said))])
         assert one["right"] and one["rot_err_deg"] < 1e-3 and one["t_err_mm"] < 1e-3, telling
@@ -214,7 +226,7 @@ LINES = [
 
 
 def test_what_is_counted_worked_by_hand():
-    told = lies.summary(LINES)
+    told = noticed.summary(LINES)
     axes = told["lies"]["OpenGL axes"]
     assert (axes["groups"], axes["told"], axes["refused"], axes["noticed"]) == (2, 2, 1, 1.0)
     assert (axes["poses"], axes["wrong"], axes["doubted"], axes["sure_wrong"]) == (2, 1, 1.0, 0)
@@ -226,26 +238,28 @@ def test_what_is_counted_worked_by_hand():
     assert told["kinds"]["gross"]["noticed"] == 2 / 3 and told["kinds"]["fine"]["noticed"] == 0
     # True groups are no lies.
     assert (told["all"]["told"], told["all"]["poses"], told["all"]["sure_wrong"]) == (4, 8, 1)
-    rows = lies.table(told).splitlines()
+    rows = noticed.table(told).splitlines()
     assert rows[2] == "| none | 2 | 2 | 0 | 50 % | 2 | 1 | 0 % | 1 | 50.0 % |"
     assert rows[-1] == "| **all lies** | 2 | 4 | 1 | 50 % | 8 | 6 | 33 % | 1 | 12.5 % |"
-    assert "12.50 % of 8 poses" in lies.totals(told) and "50.00 % of 2 true" in lies.totals(told)
+    assert "12.50 % of 8 poses" in noticed.totals(told) and "50.00 % of 2 true" in noticed.totals(
+        told
+    )
 
 
 def test_bounds_that_are_not_kept_are_told():
-    told = lies.summary(LINES)
+    told = noticed.summary(LINES)
 
     def faults(**bounds) -> list[str]:
-        return lies.faults(told, bounds)
+        return noticed.faults(told, bounds)
 
     assert faults(most_sure_wrong=0.125, most_false_alarms=0.5, least_noticed_gross=0.6) == []
     assert faults(most_sure_wrong=None, least_noticed_fine=0.0) == []
     (wrong,) = faults(most_sure_wrong=0.1)
     assert wrong == "--most-sure-wrong: expected 0.1 at most, got 0.1250"
     assert len(faults(most_false_alarms=0.4, least_noticed_gross=0.7, least_noticed_fine=0.1)) == 3
-    told = lies.summary(LINES[:2])  # of true groups alone
+    told = noticed.summary(LINES[:2])  # of true groups alone
     assert "got none" in faults(most_sure_wrong=0.1)[0] and faults(most_false_alarms=1.0) == []
-    told = lies.summary(LINES[2:3])  # no pose is no wrong one
+    told = noticed.summary(LINES[2:3])  # no pose is no wrong one
     assert faults(most_sure_wrong=0.0) == []
 
 
@@ -318,8 +332,8 @@ def test_lines_tell_what_became_of_each_lie(run, tmp_path):
     (axes,) = (one for one in lines if one["lie"] == "OpenGL axes")
     assert (axes["refused"], axes["poses"]) == ("made up", [])
     swapped = next(one for one in lines if one["variant"] == "1 0 2")
-    assert not swapped["poses"][0]["right"] and swapped["lie"] == lies.ORDER
-    (index,) = (n for n, one in enumerate(lines) if one["lie"] == lies.FOREIGN)
+    assert not swapped["poses"][0]["right"] and swapped["lie"] == tellings.ORDER
+    (index,) = (n for n, one in enumerate(lines) if one["lie"] == tellings.FOREIGN)
     assert (seen[index]["c2"] == run.groups[1].images["c2"]).all()
     assert (seen[index]["c0"] == run.groups[0].images["c0"]).all()
     assert json.loads(json.dumps(lines)) == lines
@@ -386,30 +400,30 @@ def test_wrong_calibrations_of_the_example_are_noticed(tmp_path):
     """One pair: the lies that leave no room for a pose that fits."""
     out = tmp_path / "lies.jsonl"
     example = lies.set_of(str(REPO / "examples/mvball"), None)
-    lines = lies.run(out, [example], REPO / "models/mvball", kinds=list(lies.LIES))
-    noticed = {line["lie"] for line in lines if line["refused"] or line["warnings"]}
-    assert "none" not in noticed
-    assert noticed >= {
+    lines = lies.run(out, [example], REPO / "models/mvball", kinds=list(tellings.LIES))
+    names = {line["lie"] for line in lines if line["refused"] or line["warnings"]}
+    assert "none" not in names
+    assert names >= {
         "last camera rolled by 90 degrees", "translations 1000 times too long",
         "translations 1000 times too short", "direction swapped, first camera as world",
         "rotations transposed, first camera as world", "OpenGL axes",
         "order of quaternions, first camera as world", "focal lengths 1.5 times too long",
-        "images of half the size", lies.ORDER, "last image upside down",
+        "images of half the size", tellings.ORDER, "last image upside down",
     }  # fmt: skip
     (true,) = (line for line in lines if line["lie"] == "none")
     assert [pose["class"] for pose in true["poses"]] == ["mvball"]
-    told = lies.summary(lines)
+    told = noticed.summary(lines)
     assert told["lies"]["translations 1000 times too long"]["refused"] == 1
-    assert lies.table(told).count("\n") == 2 + len(told["lies"]) + 3 + 1
+    assert noticed.table(told).count("\n") == 2 + len(told["lies"]) + 3 + 1
 
 
 def test_wrong_images_and_calibrations_of_several_objects_are_noticed(tmp_path):
     """Four objects in three views: every gross lie, and no pose that is wrong, sure and silent."""
     example = lies.set_of(str(REPO / "examples/ycbv4"), None)
-    kinds = [lies.TRUE, "gross"]
-    told = lies.summary(
+    kinds = [tellings.TRUE, "gross"]
+    told = noticed.summary(
         lies.run(tmp_path / "lies.jsonl", [example], REPO / "models/ycbv4", kinds=kinds)
     )
-    assert told["kinds"][lies.TRUE]["noticed"] == 0
+    assert told["kinds"][tellings.TRUE]["noticed"] == 0
     assert told["kinds"]["gross"]["noticed"] == 1 and told["kinds"]["gross"]["told"] == 15
     assert told["all"]["sure_wrong"] == 0

@@ -14,12 +14,9 @@ stopped goes on there. Needs mvtop's wheel (`make wheel`).
 
 import argparse
 import datetime
-import itertools
 import json
-import math
-import zlib
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -30,126 +27,14 @@ from ..errors import UserError, argument_parser, asking_mvtop, command
 from ..files import read_text
 from . import running, shots
 from .groups import Group, Planned, classes_of
+from .noticed import faults, key_of, summary, table, totals
 from .outcomes import WITHIN_DEG, WITHIN_M, errors
 from .sets import TestSet, fixed
-from .shots import Lie, Shot, Shots, of_all, of_last, placed, relative
+from .shots import Shot, Shots
+from .tellings import DEFAULT, LIES, generator, tellings
 
 FORMAT = 1
-ORDERS = 6  # wrong orders of images that are told of a group, at most
-SURE, UNSURE = 0.9, 0.5  # confidence above and below
 DIGITS = 6  # of numbers in lines
-TRUE = "none"
-DEFAULT = (TRUE, "gross", "fine")
-
-# By kind and name. Wrong orders and foreign images depend on the group: `tellings`.
-ORDER, REPEATED, REPEATED_LAST = "wrong order of images", "first image for all", "first for last"
-FOREIGN = "last image of another scene"
-LIES: dict[str, dict[str, Lie]] = {
-    TRUE: {"none": lambda shots, rng: shots},
-    "gross": {
-        "last image mirrored": of_last(shots.mirrored),
-        "last image upside down": of_last(shots.upside_down),
-        "red and blue exchanged": of_all(shots.red_as_blue),
-        "last camera rolled by 90 degrees": shots.rolled(90),
-        "direction of poses swapped": placed(np.linalg.inv),
-        "OpenGL axes": placed(shots.opengl),
-        "rotations transposed": placed(shots.transposed),
-        "order of quaternions": placed(shots.quaternion_misread),
-    },
-    "fine": {
-        "translations 1 % too long": shots.scaled(1.01),
-        "translations 2 % too long": shots.scaled(1.02),
-        "translations 5 % too long": shots.scaled(1.05),
-        "translations 2 % too short": shots.scaled(0.98),
-        "translations 5 % too short": shots.scaled(0.95),
-        "last camera turned by 1 degree": shots.turned(1),
-        "last camera turned by 2 degrees": shots.turned(2),
-        "last camera moved by 10 mm": shots.moved(0.01),
-        "last camera moved by 20 mm": shots.moved(0.02),
-        "focal lengths 3 % too long": of_all(shots.focal(1.03)),
-        "last focal length 3 % too long": of_last(lambda s, rng: shots.focal(1.03)(s)),
-        "last principal point off by 10 px": shots.principal_point(10),
-    },
-    "more": {  # which docs/warnings.md had before
-        "last camera turned by 5 degrees": shots.turned(5),
-        "last camera moved by 50 mm": shots.moved(0.05),
-        "last camera rolled by 10 degrees": shots.rolled(10),
-        "translations 10 % too long": shots.scaled(1.1),
-        "translations 1000 times too long": shots.scaled(1000),
-        "translations 1000 times too short": shots.scaled(1e-3),
-        "direction swapped, first camera as world": relative(np.linalg.inv),
-        "rotations transposed, first camera as world": relative(shots.transposed),
-        "order of quaternions, first camera as world": relative(shots.quaternion_misread),
-        "focal lengths 1.1 times too long": of_all(shots.focal(1.1)),
-        "focal lengths 1.5 times too long": of_all(shots.focal(1.5)),
-        "last focal length 1.1 times too long": of_last(lambda s, rng: shots.focal(1.1)(s)),
-        "last principal point off by 30 px": shots.principal_point(30),
-        "images of half the size": of_all(shots.halved),
-        "equidistant read as pinhole": shots.fisheye_read_as("pinhole", ()),
-        "equidistant read as radtan": shots.fisheye_read_as(
-            "pinhole", (0.05, -0.02, 0.01, -0.005)
-        ),
-    },
-}  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Telling:
-    """A lie about one group."""
-
-    kind: str
-    name: str
-    change: Lie
-    variant: str = ""  # of lies that are told of a group several times
-
-
-def generator(seed: int, *names: str) -> np.random.Generator:
-    """Of its own for each, so that neither limit nor order of groups changes what another draws."""
-    return np.random.default_rng([seed, zlib.crc32("\0".join(names).encode())])
-
-
-def orders(views: int, rng: np.random.Generator) -> list[tuple[int, ...]]:
-    """The wrong orders of images; of more than three so many at random."""
-    right = tuple(range(views))
-    if math.factorial(views) - 1 <= ORDERS:
-        return [order for order in itertools.permutations(right) if order != right]
-    found: dict[tuple[int, ...], None] = {}
-    while len(found) < ORDERS:
-        order = tuple(rng.permutation(views).tolist())
-        if order != right:
-            found[order] = None
-    return list(found)
-
-
-def tellings(
-    true: Shots,
-    kinds: Iterable[str],
-    rng: np.random.Generator,
-    foreign: Callable[[], Shot] | None,
-) -> list[Telling]:
-    """The lies that can be told of a group.
-
-    - rng: draws orders
-    - foreign: gives the last camera of another scene; None: there is no other
-    """
-    views, found = len(true), []
-    for kind in kinds:
-        if kind == "gross":
-            for order in orders(views, rng):
-                name = " ".join(map(str, order))
-                found.append(Telling(kind, ORDER, shots.ordered(order), name))
-            found.append(Telling(kind, REPEATED, shots.ordered((0,) * views)))
-            if views > 2:  # of two that is the same
-                last = (*range(views - 1), 0)
-                found.append(Telling(kind, REPEATED_LAST, shots.ordered(last)))
-            if foreign is not None:
-                change = of_last(lambda s, rng: replace(s, image=foreign().image, taken_by=None))
-                found.append(Telling(kind, FOREIGN, change))
-        ideal = all(shot.model == "pinhole" and not shot.distortion for shot in true)
-        for name, lie in LIES[kind].items():
-            if ideal or not name.startswith("equidistant"):
-                found.append(Telling(kind, name, lie))
-    return found
 
 
 def _rounded(x: float | None) -> float | None:
@@ -322,7 +207,7 @@ def run(
             if (why := one.missing(limit)) is not None:
                 raise UserError(f"{why}; fix: another --set")
             planned = one.planned(classes, None)
-            known = {_key(line) for line in lines}
+            known = {key_of(line) for line in lines}
             for number, plan in enumerate(tqdm(planned[:limit], unit="group", desc=one.name)):
                 other = _of_another_scene(planned, number)
                 for line in _told(one, plan, other, kinds, seed, known, ask):
@@ -330,10 +215,6 @@ def run(
                     file.write(json.dumps(line) + "\n")
                     file.flush()
     return lines
-
-
-def _key(line: dict) -> tuple:
-    return tuple(line[key] for key in ("set", "views", "group", "lie", "variant"))
 
 
 def _of_another_scene(planned: list[Planned], number: int) -> Planned | None:
@@ -380,118 +261,10 @@ def _told(
             "set": one.name, "group": plan.name, "scene": plan.scene, "views": len(true),
             "kind": telling.kind, "lie": telling.name, "variant": telling.variant,
         }  # fmt: skip
-        if _key(about) not in known:
+        if key_of(about) not in known:
             rng = generator(seed, one.name, plan.name, telling.name, telling.variant)
             told = telling.change(true, rng)
             yield about | ask(group, told, trust_unit)
-
-
-def counts(lines: list[dict]) -> dict:
-    """What some lies amount to; of poses that are wrong, how many are doubted, and how many sure:
-    not warned of, and of a confidence above 0.9."""
-    poses = [(pose, bool(line["warnings"])) for line in lines for pose in line["poses"]]
-    wrong = [(pose["confidence"], warned) for pose, warned in poses if not pose["right"]]
-    doubted = [warned or (sure is not None and sure < UNSURE) for sure, warned in wrong]
-    sure = [not warned and sure is not None and sure > SURE for sure, warned in wrong]
-    codes = sorted({code for line in lines for code in line["warnings"]})
-    return {
-        "groups": len({_key(line)[:3] for line in lines}),
-        "told": len(lines),
-        "refused": sum(line["refused"] is not None for line in lines),
-        "codes": {code: sum(code in line["warnings"] for line in lines) for code in codes},
-        "noticed": _share(sum(bool(line["refused"] or line["warnings"]) for line in lines), lines),
-        "poses": len(poses),
-        "wrong": len(wrong),
-        "doubted": _share(sum(doubted), wrong),
-        "sure_wrong": sum(sure),
-        "sure_wrong_share": _share(sum(sure), poses),
-    }
-
-
-def _share(count: int, of: list) -> float | None:
-    return count / len(of) if of else None
-
-
-def summary(lines: list[dict]) -> dict:
-    """`lies` by name, each with its kind; `kinds`; and `all` lies, true groups left out."""
-    names = dict.fromkeys((line["kind"], line["lie"]) for line in lines)
-    places = {kind: place for place, kind in enumerate(LIES)}
-    names = sorted(names, key=lambda pair: places[pair[0]])
-
-    def of(**wanted: str) -> dict:
-        return counts([x for x in lines if all(x[k] == v for k, v in wanted.items())])
-
-    return {
-        "lies": {name: {"kind": kind} | of(kind=kind, lie=name) for kind, name in names},
-        "kinds": {kind: of(kind=kind) for kind in dict.fromkeys(kind for kind, _ in names)},
-        "all": counts([line for line in lines if line["kind"] != TRUE]),
-    }
-
-
-HEAD = ["", "groups", "told", "refused", "noticed", "poses", "wrong", "of these doubted"]
-HEAD += ["wrong and sure", "of all poses"]
-
-
-def table(told: dict) -> str:
-    """Markdown of a summary."""
-
-    def percent(share: float | None, digits: int = 0) -> str:
-        return "–" if share is None else f"{100 * share:.{digits}f} %"
-
-    def row(name: str, one: dict) -> list:
-        return [
-            name, one["groups"], one["told"], one["refused"], percent(one["noticed"]), one["poses"],
-            one["wrong"], percent(one["doubted"]), one["sure_wrong"],
-            percent(one["sure_wrong_share"], 1),
-        ]  # fmt: skip
-
-    rows = [HEAD, ["---"] * len(HEAD)]
-    for kind, whole in told["kinds"].items():
-        rows += [row(name, one) for name, one in told["lies"].items() if one["kind"] == kind]
-        if kind != TRUE:
-            rows.append(row(f"**all {kind}**", whole))
-    if told["all"]["told"]:
-        rows.append(row("**all lies**", told["all"]))
-    return "".join("| " + " | ".join(str(cell) for cell in row) + " |\n" for row in rows)
-
-
-def totals(told: dict) -> str:
-    """The two figures that count most, in a line each."""
-    every, true = told["all"], told["kinds"].get(TRUE)
-    text = ""
-    if every["poses"]:
-        share = 100 * every["sure_wrong_share"]
-        text += f"wrong, not warned of, above {SURE}: {share:.2f} % of {every['poses']} poses "
-        text += "under lies\n"
-    if true:
-        text += f"false alarms: {100 * true['noticed']:.2f} % of {true['told']} true groups\n"
-    return text
-
-
-def faults(told: dict, bounds: dict[str, float | None]) -> list[str]:
-    """A sentence for each bound that is not kept.
-
-    - bounds: shares by name, as the options have them; None: not asked for
-    """
-    kinds, every = told["kinds"], told["all"]
-    values = {
-        "most_sure_wrong": (every["sure_wrong_share"] or 0.0) if every["told"] else None,
-        "most_false_alarms": kinds[TRUE]["noticed"] if TRUE in kinds else None,
-        "least_noticed_gross": kinds["gross"]["noticed"] if "gross" in kinds else None,
-        "least_noticed_fine": kinds["fine"]["noticed"] if "fine" in kinds else None,
-    }
-    sentences = []
-    for name, bound in bounds.items():
-        value, most = values[name], name.startswith("most")
-        if bound is None:
-            continue
-        option = f"--{name.replace('_', '-')}"
-        if value is None:
-            sentences.append(f"{option}: expected what it is of, got none; fix: run it with --kind")
-        elif value > bound if most else value < bound:
-            word = "most" if most else "least"
-            sentences.append(f"{option}: expected {bound:g} at {word}, got {value:.4f}")
-    return sentences
 
 
 BOUNDS = {
