@@ -171,7 +171,7 @@ pictures: tables  ## poses from one and from two views, drawn beside each other:
 bench: .venv/run.done  ## criterion benches
 	$(RUNTIME) cargo bench -p mvtop-benches
 
-bench-peers: .venv/test.done $(MVTOP)  ## beside other runtimes on the same network, times and memory: docs/performance.md
+bench-peers: .venv/test.done $(MVTOP)  ## beside other runtimes on the same network, times and memory: docs/benchmarks.md
 	$(PY) benches/peers.py --out out/peers
 
 # Always asked: cargo knows best what is stale.

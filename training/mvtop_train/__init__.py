@@ -3,7 +3,8 @@
 import os
 import sys
 
-# Read when ONNX Runtime is loaded, which else writes files and asks for a host: docs/security.md.
+# Read when ONNX Runtime is loaded, which else writes files and asks for a host:
+# docs/explanation/security.md.
 os.environ["ORT_DISABLE_TELEMETRY"] = "1"
 # Both are read when MuJoCo or the GL library load, so they come before any of its imports.
 os.environ.setdefault("MUJOCO_GL", "egl")

@@ -6,7 +6,7 @@
 The first writes the weights of the confidence, the limits of a true rig and the least confidence of
 an object into `model.json`; with --weights also the detector's thresholds. The second changes
 nothing: it says how reliable confidences are on another split, by number of views. See
-docs/training.md.
+docs/how-to/train.md.
 """
 
 from pathlib import Path

@@ -6,7 +6,7 @@
 
 Every scene is drawn from (seed, split, scene number) alone, so that a run can be stopped, split
 into shards and resumed without changing the data. Scenes that are whole are left as they are. See
-docs/data.md.
+docs/how-to/data-sets.md.
 """
 
 import dataclasses

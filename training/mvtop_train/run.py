@@ -8,7 +8,7 @@ Scenes are rendered by all cores while the network already trains on those that 
 training ends when the time is nearly over, its learning rate annealed. Networks with close-ups
 learn their poses in a second stage, in `poses/`. A second call goes on where a killed one was. The
 run folder gets `bundle/`, `evaluation.json` or of your own parts `report/`, and all that `train.py`
-writes. See docs/parts.md.
+writes. See docs/tutorials/your-own-part.md.
 """
 
 import math

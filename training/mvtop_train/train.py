@@ -4,7 +4,8 @@
     torchrun --nproc_per_node 2 -m mvtop_train.train --config training/runs/small-gpu.toml
 
 Writes `last.pt` (weights, their moving average, optimiser, step), `weights.pt` (the average, half
-precision), `log.jsonl`, TensorBoard's files and the config to the run folder. See docs/training.md.
+precision), `log.jsonl`, TensorBoard's files and the config to the run folder. See
+docs/how-to/train.md.
 """
 
 from .errors import argument_parser, command

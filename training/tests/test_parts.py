@@ -326,7 +326,8 @@ def test_bad_rigs_are_one_sentence(tmp_path, change, message):
     path.write_text(json.dumps(content))
     with pytest.raises(UserError) as error:
         rig.load(path)
-    assert message in str(error.value) and str(error.value).endswith("fix: see docs/rig.md")
+    assert message in str(error.value)
+    assert str(error.value).endswith("fix: see docs/reference/rig-file.md")
 
 
 def test_samples_of_a_data_set_hold_its_poses(dataset, tmp_path):

@@ -49,7 +49,7 @@ pub fn find(named: Option<&Path>) -> Result<Found> {
     look("models/mvball", "model", "model.json").map_err(|tried| {
         Failure(format!(
             "no model bundle found, tried {tried}; `pip install` of mvtop's wheel brings one along, \
-             docs/training.md says how to train one; name it with --model or $MVTOP_MODEL"
+             docs/how-to/train.md says how to train one; name it with --model or $MVTOP_MODEL"
         ))
     })
 }

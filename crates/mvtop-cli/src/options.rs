@@ -59,7 +59,8 @@ pub struct NetworkArgs {
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub threads: usize,
 
-    /// Change a setting of the inference, as in `search.settled=0.8` (docs/inference.md); may be repeated
+    /// Change a setting of the inference, as in `search.settled=0.8` (docs/reference/inference.md); may
+    /// be repeated
     #[arg(long = "set", value_name = "KEY=VALUE", value_parser = setting)]
     pub settings: Vec<(String, serde_json::Value)>,
 }

@@ -1,5 +1,5 @@
 //! What is given of the objects in a scene: boxes to use instead of detecting, or the whole truth to
-//! compare with. `docs/output.md` describes both files.
+//! compare with. `docs/reference/json.md` describes both files.
 
 use std::collections::BTreeMap;
 use std::path::Path;

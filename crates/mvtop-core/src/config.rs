@@ -274,8 +274,9 @@ impl InferenceConfig {
         let mut config = self.clone();
         for (path, value) in overrides {
             let refused = |what: String| {
-                let text =
-                    format!("inference setting `{path}`: {what}; docs/inference.md lists them");
+                let text = format!(
+                    "inference setting `{path}`: {what}; docs/reference/inference.md lists them"
+                );
                 Error::Input(text)
             };
             let mut tree = serde_json::to_value(&config).map_err(|e| refused(e.to_string()))?;

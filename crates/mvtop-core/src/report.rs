@@ -1,4 +1,4 @@
-//! A prediction as JSON. `docs/output.md` describes it.
+//! A prediction as JSON. `docs/reference/json.md` describes it.
 
 use std::collections::BTreeMap;
 

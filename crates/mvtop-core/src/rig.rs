@@ -1,4 +1,5 @@
-//! A rig: calibrated cameras in one world frame. `docs/rig.md` describes its file format.
+//! A rig: calibrated cameras in one world frame. `docs/reference/rig-file.md` describes its file
+//! format.
 
 mod fields;
 mod parse;

@@ -1,6 +1,7 @@
 //! Data sets in BOP's layout: scenes, models, targets, results, and how views are put together.
 //!
-//! All lengths are metres here and millimetres in the files. `docs/bop.md` says what is read.
+//! All lengths are metres here and millimetres in the files. `docs/how-to/evaluate-on-bop.md` says
+//! what is read.
 //!
 //! Source: <https://github.com/thodan/bop_toolkit/blob/master/docs/bop_datasets_format.md>.
 

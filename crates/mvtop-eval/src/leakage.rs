@@ -7,7 +7,7 @@
 //! poses that coincide in translation alone are counted, but not as recurring.
 //!
 //! Source: Ranftl et al., MVTOP, section 8, which found the training data of YCB-V to hold poses of
-//! its test split. `docs/audit.md` says more.
+//! its test split. `docs/how-to/audit-leakage.md` says more.
 
 mod grid;
 mod shape;

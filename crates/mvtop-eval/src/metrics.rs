@@ -2,8 +2,8 @@
 //!
 //! Every error is in the unit of the points that it is measured on (degrees and pixels where the
 //! name or the text says so), smaller is better, and a pose that was not found counts as
-//! [`f64::INFINITY`]. `docs/bop.md` lists them; `fixtures/metrics.safetensors` holds what the
-//! BOP toolkit gives for the same poses.
+//! [`f64::INFINITY`]. `docs/how-to/evaluate-on-bop.md` lists them; `fixtures/metrics.safetensors`
+//! holds what the BOP toolkit gives for the same poses.
 
 mod depth;
 mod kernel;

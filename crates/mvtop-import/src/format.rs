@@ -101,8 +101,9 @@ pub fn recognise(sources: &[Source]) -> Checked<Format> {
             };
             let all = Format::ALL.map(Format::name).join(", ");
             Err(format!(
-                "{found}; name it as `format` (--from), one of {all} (docs/calibrations.md says what each has), \
-                 or write a rig.json by hand (docs/rig.md)"
+                "{found}; name it as `format` (--from), one of {all} \
+                 (docs/how-to/import-a-calibration.md says what each has), \
+                 or write a rig.json by hand (docs/reference/rig-file.md)"
             ))
         }
     }

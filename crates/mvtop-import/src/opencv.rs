@@ -204,7 +204,7 @@ fn all_used(id: &str, unused: &Value, camera: &DraftCamera) -> Checked<()> {
         if !used {
             return Err(format!(
                 "camera `{id}`: the key `{key}` looks like a part of its {what} and is not known; give it by a \
-                 name that docs/calibrations.md lists, or leave it out if it is none"
+                 name that docs/how-to/import-a-calibration.md lists, or leave it out if it is none"
             ));
         }
     }

@@ -39,7 +39,7 @@ impl Rig {
         rig(cameras, reference, trust_unit)
     }
 
-    /// Reads a rig file (docs/rig.md).
+    /// Reads a rig file (docs/reference/rig-file.md).
     ///
     /// Raises OSError where it cannot be read, ValueError where it is refused.
     #[classmethod]
@@ -48,7 +48,9 @@ impl Rig {
         Ok(Self(Arc::new(rig)))
     }
 
-    /// Makes a rig of the calibration files of another program (docs/calibrations.md).
+    /// Makes a rig of the calibration files of another program.
+    ///
+    /// docs/how-to/import-a-calibration.md says what to type.
     ///
     /// What the files cannot say is asked for by these names:
     ///

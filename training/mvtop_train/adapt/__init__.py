@@ -1,1 +1,1 @@
-"""A network learns from unlabelled photographs of its user's own cell (docs/adapt.md)."""
+"""Training on unlabelled photographs of the user's cell (docs/tutorials/your-photographs.md)."""

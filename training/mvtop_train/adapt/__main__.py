@@ -6,7 +6,7 @@
 Photographs are `photos/EXPOSURE/CAMERA.png`, or scenes in BOP layout without --rig. Poses that are
 sure are learnt from, beside rendered scenes; --out gets `bundle/`, `accepted.html` with pictures of
 what was learnt from, and `accepted.txt`, in which lines can be struck out for the next call. See
-docs/adapt.md.
+docs/tutorials/your-photographs.md.
 """
 
 from pathlib import Path
@@ -46,7 +46,7 @@ def main():
     add("--minutes", type=float, default=20.0, help="for everything")
     add("--min-confidence", type=float, default=0.9, metavar="P", help="of an accepted pose")
     add("--min-views", type=int, default=3, metavar="N", help="that speak for an accepted pose")
-    add("--only-show", action="store_true", help="end with the page of what is accepted")
+    add("--only-show", action="store_true", help="stop after writing accepted.html")
     add("--force", action="store_true", help="replace a bundle that is in --out")
     made = parser.add_argument_group("how the bundle was made; of one by `run` that is known")
     add = made.add_argument

@@ -125,7 +125,7 @@ class Judge:
 
     def _views(self, found, part: Exposure, given: bool = False) -> dict[str, bool]:
         """By camera that should show an object whether its view speaks for the pose: whether its
-        share of the log-odds is positive (docs/confidence.md).
+        share of the log-odds is positive (docs/explanation/confidence.md).
 
         - given: whether boxes were given, so that detection tells nothing
         """

@@ -65,7 +65,7 @@ def read(images: Path, rig: Path | None, least: int) -> list[Exposure]:
 
 
 def _of_folders(images: Path, rig: Path) -> list[Exposure]:
-    with asking_mvtop("see docs/rig.md"):
+    with asking_mvtop("see docs/reference/rig-file.md"):
         import mvtop  # loads its compiled part
 
         cameras = mvtop.Rig.load(rig).cameras
@@ -90,7 +90,7 @@ def _of_scenes(images: Path) -> list[Exposure]:
     found = []
     for folder in folders:
         shots = sorted(bop.read_images(folder), key=lambda image: image.number)
-        with asking_mvtop("see docs/bop.md"):
+        with asking_mvtop("see docs/how-to/evaluate-on-bop.md"):
             rig, _ = bop.rig_of(shots)
         paths = {camera.id: shot.path for camera, shot in zip(rig.cameras, shots, strict=True)}
         found.append(Exposure(folder.name, rig, paths))

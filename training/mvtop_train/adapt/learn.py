@@ -71,7 +71,7 @@ def source_of(bundle: Path, weights: Path | None, asked: dict, changes: list[str
     if configs.preset(about["preset"], ()).shares_backbone:
         raise UserError(
             f"{bundle}: expected a network of preset lite, whose detector learns by itself, got "
-            f"{about['preset']}; fix: train one (docs/parts.md)"
+            f"{about['preset']}; fix: train one (docs/tutorials/your-own-part.md)"
         )
     of_run = {key: getattr(run, key) for key in OF_RUN} if run else {}
     fields = TRAINING | of_run | {key: value for key, value in asked.items() if value is not None}
@@ -119,8 +119,8 @@ def train(settings: runconfig.RunConfig, photographs: Path, folder: Path) -> Pat
 
 
 def interim(source: Source, settings: runconfig.RunConfig, weights: Path, bundle: Path):
-    """A bundle of weights between two rounds, with thresholds and calibration of the source, whose
-    evidence means the same."""
+    """A bundle of weights between two iterations, with thresholds and calibration of the source,
+    whose evidence means the same."""
     about = description.read(source.bundle)
     detector = about["detector"]
     score = detector["score_threshold"]

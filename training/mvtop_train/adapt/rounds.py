@@ -18,7 +18,7 @@ from .labels import Labels
 
 LEAST_LABELS = 20  # objects in images, all together
 MOST_ROUNDS = 3
-BETWEEN = 1.5  # minutes for export and acceptance after a round
+BETWEEN = 1.5  # minutes for export and acceptance after an iteration
 CALIBRATION = 0.25  # share of the minutes
 LEAST_SCENES = 20  # that it is fitted on
 

@@ -5,7 +5,7 @@ Beside BOP's own files a scene has `coords/IM.png`: the object-frame position of
 object pixel, coded in 8 bits per axis, 0 meaning "not the object"; its first pixel is the corner of
 `bbox_visib` (of the image, where there is none). Data sets of others lack it, and at times
 `scene_gt_info.json`: both may be absent. `scene_unsure.json`, of photographs, has by image the
-boxes in which an object may be or not. See docs/data.md.
+boxes in which an object may be or not. See docs/how-to/data-sets.md.
 """
 
 import itertools
@@ -172,7 +172,8 @@ def is_whole(folder: Path) -> bool:
 
 def read_images(folder: Path) -> list[Image]:
     """All images of a scene, with every instance of every object."""
-    with asking_mvtop("see docs/data.md; of a scene that was generated, delete the folder"):
+    fix = "see docs/how-to/data-sets.md; of a scene that was generated, delete the folder"
+    with asking_mvtop(fix):
         import mvtop  # loads its compiled part
 
         found = mvtop.bop.read_scene(folder, whole=True)

@@ -385,7 +385,7 @@ def _infos(root: Path) -> dict:
 
 def read_infos(path: Path) -> dict:
     """What BOP's `models_info.json` says of each object, by its id (`mvtop.bop.ModelInfo`)."""
-    with asking_mvtop("see docs/data.md"):
+    with asking_mvtop("see docs/how-to/data-sets.md"):
         import mvtop  # loads its compiled part
 
         return mvtop.bop.read_models_info(path)

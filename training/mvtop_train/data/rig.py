@@ -1,4 +1,4 @@
-"""Cameras of a rig file (docs/rig.md), to render through; mvtop reads and checks it."""
+"""Cameras of a rig file (docs/reference/rig-file.md), to render through; mvtop checks it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,7 +32,7 @@ class Camera:
 
 def load(path: Path) -> list[Camera]:
     """All cameras; one sentence on what is wrong with the file otherwise."""
-    with asking_mvtop("see docs/rig.md"):
+    with asking_mvtop("see docs/reference/rig-file.md"):
         import mvtop
 
         rig = mvtop.Rig.load(path)

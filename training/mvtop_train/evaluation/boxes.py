@@ -32,7 +32,7 @@ class Visible:
 
 class Detector:
     """What the first network of a bundle finds in single images, as inference shows them to it,
-    without tiles (docs/inference.md).
+    without tiles (docs/explanation/pipeline.md).
 
     names       of its classes
     threshold   score from which inference takes a box

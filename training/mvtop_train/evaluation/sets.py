@@ -108,7 +108,7 @@ def _balls(folder: Path, count: int) -> str | None:
 
 
 def _ycbv4(folder: Path, scenes: int) -> str | None:
-    """Renders scenes of the four YCB objects, as in docs/ycbv4.md."""
+    """Renders scenes of the four YCB objects, as in docs/models/ycbv4.md."""
     meshes = {number: MESHES / f"obj_{number:06d}.obj" for number in YCBV4}
     for path in (*meshes.values(), BACKGROUNDS):
         if not path.exists():

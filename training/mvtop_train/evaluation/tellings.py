@@ -44,7 +44,7 @@ LIES: dict[str, dict[str, Lie]] = {
         "last focal length 3 % too long": of_last(lambda s, rng: shots.focal(1.03)(s)),
         "last principal point off by 10 px": shots.principal_point(10),
     },
-    "more": {  # which docs/warnings.md had before
+    "more": {  # further changes
         "last camera turned by 5 degrees": shots.turned(5),
         "last camera moved by 50 mm": shots.moved(0.05),
         "last camera rolled by 10 degrees": shots.rolled(10),

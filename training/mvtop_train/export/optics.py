@@ -18,7 +18,7 @@ UNTIL = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-15)  # OpenCV 
 
 @dataclass(frozen=True)
 class Camera:
-    """Frames and pixels as in docs/rig.md."""
+    """Frames and pixels as in docs/reference/rig-file.md."""
 
     id: str
     width: int

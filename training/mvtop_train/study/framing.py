@@ -5,7 +5,7 @@
 
 Reads samples as `mvtop-cli eval samples` does, disturbs their images in memory (where the camera is
 another one afterwards, its calibration is, too), and predicts with and without refinement, boxes
-detected. Prints the table of docs/results.md, and writes what it is made of, one line for each
+detected. Prints the table of docs/benchmarks.md, and writes what it is made of, one line for each
 sample, disturbance and way, to `--out`; a run that was stopped goes on there. Needs mvtop's wheel
 (`make wheel`).
 """

@@ -1,4 +1,4 @@
-"""The pictures of docs/results.md, drawn from results (`results.Results`)."""
+"""The pictures of docs/benchmarks.md, drawn from results (`results.Results`)."""
 
 from pathlib import Path
 

@@ -1,6 +1,6 @@
 """Results of `mvtop-cli eval samples --out`: reading them, and what many of them amount to.
 
-One line is one object of the truth (docs/output.md). Where an object was not found, its numbers are
+One line is one object of the truth (docs/reference/json.md). Where it was not found, numbers are
 NaN here; statistics of errors are over the found ones, as in the summary that `eval` prints.
 """
 

@@ -5,7 +5,7 @@
         --sets 6 --out out/rigs.jsonl
 
 Takes scenes that were all rendered through one rig of pinhole cameras, in groups of `--sets`; of
-each group the last camera stands wrong in several ways. Prints the table of docs/calibrations.md,
+each group the last camera stands wrong in several ways. Prints the table of docs/benchmarks.md,
 and writes what it is made of, one line for each group and lie; a run that was stopped goes on
 there. Errors are of the last camera against the first.
 """

@@ -1,4 +1,4 @@
-"""Evaluate a model under many conditions and write the tables and pictures of docs/results.md.
+"""Evaluate a model under many conditions and write the tables and pictures of docs/benchmarks.md.
 
     python -m mvtop_train.study.tables --model models/mvball --pairs 100      (or: make tables)
 

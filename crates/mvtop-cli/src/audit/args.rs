@@ -24,7 +24,7 @@ within their own split are counted as `repeated`, and are no leak.
 
 The histogram: with --meshes, ADD of each pose of split a to the nearest of all poses of its object
 in b, in bins of 1 % of the diameter; without, the angle to the pose with the same translation, in
-bins of 1 degree. docs/audit.md says more.
+bins of 1 degree. docs/how-to/audit-leakage.md says more.
 
 Examples:
   Does training show poses of the test split? (YCB-V, in the layout of BOP)

@@ -91,7 +91,7 @@ pub fn percent(part: u64, whole: u64) -> f64 {
     100.0 * part as f64 / whole.max(1) as f64
 }
 
-/// `docs/audit.md` describes it.
+/// `docs/how-to/audit-leakage.md` describes it.
 pub fn json(result: &Audited) -> Result<String> {
     #[derive(Serialize)]
     struct Source<'a> {

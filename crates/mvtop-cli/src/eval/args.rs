@@ -24,7 +24,7 @@ pub enum Eval {
 #[derive(Args)]
 #[command(after_help = "\
 A sample is a folder with rig.json, truth.json and one image for each camera, <ID>.png or .jpg.
-docs/output.md says what --json and --out hold, and what the noise is exactly.
+docs/reference/json.md says what --json and --out hold, and what the noise is exactly.
 
 Examples:
   Detected boxes, all views; one line of JSON per object of the truth to look into:
@@ -61,8 +61,8 @@ pub struct SamplesArgs {
 #[derive(Args)]
 #[command(group = ArgGroup::new("results"))]
 #[command(after_help = "\
-docs/bop.md says what is read, which views go together, what is written, and what the metrics are.
-The same command goes on after an interruption.
+docs/how-to/evaluate-on-bop.md says what is read, which views go together, what is written, and what
+the metrics are. The same command goes on after an interruption.
 
 Examples:
   Two frames of a scene at a time, and a page with plots of the results:

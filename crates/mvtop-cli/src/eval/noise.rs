@@ -2,7 +2,7 @@
 //!
 //! Each is drawn from a generator of its own, seeded by its name, so that it depends on neither the
 //! order of samples nor the number of views, and grows in proportion to its size: a camera is turned
-//! about the same axis by 0.5 and by 2 degrees. `docs/output.md` gives the recipe.
+//! about the same axis by 0.5 and by 2 degrees. `docs/reference/json.md` gives the recipe.
 
 use clap::Args;
 use mvtop_core::annotations::GivenBoxes;

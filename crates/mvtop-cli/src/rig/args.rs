@@ -24,8 +24,8 @@ pub enum Rig {
 #[derive(Args)]
 #[command(after_help = "\
 The format is recognised where it can be. What a file cannot say is asked for by the flag's name;
-what a rig file cannot express is refused, or fitted with the error in px. docs/calibrations.md says
-what to type, by format.
+what a rig file cannot express is refused, or fitted with the error in px.
+docs/how-to/import-a-calibration.md says what to type, by format.
 
 Examples:
   A stereo pair of OpenCV, calibrated with squares of 25 mm, images of 1280 x 720:

@@ -34,7 +34,11 @@ fn commands_of_help_and_documents_are_understood() {
         );
         assert!(commands(text).len() > 1, "no examples in:\n{text}");
     }
-    for file in ["README.md", "docs/bop.md", "docs/audit.md"] {
+    for file in [
+        "README.md",
+        "docs/how-to/evaluate-on-bop.md",
+        "docs/how-to/audit-leakage.md",
+    ] {
         let text = std::fs::read_to_string(root().join(file)).unwrap();
         assert!(!commands(&text).is_empty(), "{file}");
         texts.push(text);

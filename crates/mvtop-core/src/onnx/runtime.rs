@@ -51,7 +51,7 @@ impl Runtime {
     /// they do not load, nothing else is tried. A library that any user may change is never loaded,
     /// nor one that was not named and lies in the current folder or belongs to another user.
     ///
-    /// The library's own telemetry is off; see `docs/security.md`.
+    /// The library's own telemetry is off; see `docs/explanation/security.md`.
     ///
     /// # Errors
     /// [`Error::Runtime`] when a library that was asked for cannot be loaded, is too old, or

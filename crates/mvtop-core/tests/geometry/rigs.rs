@@ -214,7 +214,7 @@ fn causes_can_be_matched_on() {
 
 #[test]
 fn the_documented_example_is_a_rig() {
-    let docs = include_str!("../../../../docs/rig.md");
+    let docs = include_str!("../../../../docs/reference/rig-file.md");
     let example = docs
         .split("```json")
         .nth(1)

@@ -1,4 +1,4 @@
-//! `docs/inference.md` has a row for each setting of the inference, with its default.
+//! `docs/reference/inference.md` has a row for each setting of the inference, with its default.
 
 use mvtop_core::config::InferenceConfig;
 use serde_json::Value;
@@ -24,7 +24,7 @@ fn docs_list_every_setting_with_its_default() {
     let mut settings = Vec::new();
     leaves("", &serde_json::from_str(&text).unwrap(), &mut settings);
 
-    let docs = include_str!("../../../../docs/inference.md");
+    let docs = include_str!("../../../../docs/reference/inference.md");
     let rows = docs.lines().filter_map(|line| line.strip_prefix("| `"));
     let rows: Vec<(&str, &str)> = rows
         .map(|row| {

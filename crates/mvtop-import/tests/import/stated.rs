@@ -100,7 +100,7 @@ fn a_camera_matrix_is_3_by_3_whatever_its_name() {
         &Options::default(),
     );
     assert!(
-        error.contains("docs/calibrations.md") && error.contains("rig.json"),
+        error.contains("docs/how-to/import-a-calibration.md") && error.contains("rig.json"),
         "{error}"
     );
 }

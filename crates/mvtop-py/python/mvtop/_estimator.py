@@ -53,7 +53,7 @@ class Estimator:
         - ort_lib: ONNX Runtime's library; by default $ORT_DYLIB_PATH, else the one of the installed
           package `onnxruntime`. One process can use only one.
         - inference: settings that replace the bundle's, by dotted path, as {"search.settled": 0.8}
-          (docs/inference.md)
+          (docs/reference/inference.md)
 
         Raises OSError where a file cannot be read, mvtop.Error where the bundle, the library or the
         provider cannot be used.

@@ -377,7 +377,9 @@ class Rig:
     @classmethod
     def import_(cls, /, paths: SupportsGetItem[int, str | PathLike[str]], *, format: str | None = None, scale: SupportsFloat | SupportsIndex | None = None, unit: str | None = None, image_size: tuple[SupportsIndex, SupportsIndex] | None = None, image_sizes: dict[str, tuple[SupportsIndex, SupportsIndex]] | None = None, direction: str | None = None, model: str | None = None, max_angle: SupportsFloat | SupportsIndex | None = None, image: SupportsIndex | None = None, rectified: bool = False, trust_unit: bool = False) -> tuple[Rig, list[str]]:
         """
-        Makes a rig of the calibration files of another program (docs/calibrations.md).
+        Makes a rig of the calibration files of another program.
+
+        docs/how-to/import-a-calibration.md says what to type.
 
         What the files cannot say is asked for by these names:
 
@@ -399,7 +401,7 @@ class Rig:
     @classmethod
     def load(cls, /, path: str | PathLike[str]) -> Rig:
         """
-        Reads a rig file (docs/rig.md).
+        Reads a rig file (docs/reference/rig-file.md).
 
         Raises OSError where it cannot be read, ValueError where it is refused.
         """

@@ -41,7 +41,7 @@ class PredictionWarning:
     """What makes poses doubtful, though it is no error."""
 
     code: str
-    """What it is, for programs: "one_color" for an image that shows nothing (docs/warnings.md)."""
+    """Its code, for programs, as "one_color"; docs/reference/warnings.md lists them."""
     camera: str | None
     """Id of the camera that it is about; None where it is not one."""
     object: int | None
@@ -88,7 +88,7 @@ class Sigma:
 
 @dataclass(frozen=True)
 class Refinement:
-    """How the refinement of a pose on the images went (docs/refinement.md)."""
+    """How the refinement of a pose on the images went (docs/explanation/refinement.md)."""
 
     accepted: bool
     """Whether the images fit the refined pose better; otherwise the one before was kept."""
@@ -169,7 +169,7 @@ class ObjectPose:
     it was made as the shipped ones; None of a model that was not calibrated."""
     evidence: dict[str, Any] | None
     """What the confidence is made of: `log_odds`, `pose` and `views`, terms by name
-    (docs/confidence.md)."""
+    (docs/explanation/confidence.md)."""
     hypotheses: list[Hypothesis]
     """The poses that it may have, far from each other: this one first, then by probability."""
     next_view: str | None

@@ -79,7 +79,7 @@ class Prediction:
         )
 
     def to_json(self) -> str:
-        """What `mvtop-cli infer --json` prints (docs/output.md)."""
+        """What `mvtop-cli infer --json` prints (docs/reference/json.md)."""
         return self._json
 
     def to_dict(self) -> dict[str, Any]:

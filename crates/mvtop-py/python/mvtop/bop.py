@@ -1,4 +1,4 @@
-"""Data sets in BOP's layout, and scores of results in its format (docs/bop.md).
+"""Data sets in BOP's layout, and scores of results in its format (docs/how-to/evaluate-on-bop.md).
 
 Read as `mvtop-cli eval bop` reads them, in metres.
 """
@@ -41,8 +41,8 @@ def evaluate(
     - vsd_delta_mm: how far a surface may lie behind the measured one and still count as seen
     - report: folder for summary.json, groups.jsonl and report.html; what an evaluation of the same
       files wrote there is gone on with, with force=True begun anew
-    - returns: of one file what summary.json holds (docs/bop.md); of several that, by the files'
-      names without their ending
+    - returns: of one file what summary.json holds (docs/how-to/evaluate-on-bop.md); of several
+      that, by the files' names without their ending
 
     Raises OSError for files that are not there, ValueError for what is refused. Warnings go to
     stderr.

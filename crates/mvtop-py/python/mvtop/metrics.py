@@ -1,4 +1,7 @@
-"""Errors of poses against the truth, under the names they were published by (docs/bop.md)."""
+"""Errors of poses against the truth, under their published names.
+
+docs/how-to/evaluate-on-bop.md lists them.
+"""
 
 from mvtop._mvtop import (
     Mesh,

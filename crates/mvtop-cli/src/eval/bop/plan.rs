@@ -292,7 +292,7 @@ fn of_network(
     if classes.is_empty() {
         return Err(Failure(
             "the model knows none of the objects in --objects; leave it out to evaluate those it \
-             knows, or give a --model that was trained on this data set (docs/training.md)"
+             knows, or give a --model that was trained on this data set (docs/how-to/train.md)"
                 .into(),
         ));
     }
@@ -303,7 +303,7 @@ fn of_network(
         return Err(Failure(format!(
             "{}: expected object {id} in models_info.json, as the model's class `{}` has this id, got \
              none; choose objects with --objects, say which object a class is with --map NAME=ID, or \
-             give a --model that was trained on this data set (docs/training.md)",
+             give a --model that was trained on this data set (docs/how-to/train.md)",
             root.display(),
             classes[id]
         )));

@@ -278,7 +278,7 @@ fn class_of_another_number_is_evaluated_where_it_is_mapped() {
     });
     let error = refusal(&eval(&dataset, &report, &["--views", "2"]));
     assert!(
-        error.contains("--map NAME=ID") && error.contains("docs/training.md"),
+        error.contains("--map NAME=ID") && error.contains("docs/how-to/train.md"),
         "{error}"
     );
     let error = refusal(&eval(&dataset, &report, &["--map", "ball=7"]));

@@ -137,11 +137,11 @@ fn wrong_settings_are_told_by_one_sentence() {
     for (given, parts) in [
         (
             "search.setled=0.5",
-            ["`search.setled`", "docs/inference.md"],
+            ["`search.setled`", "docs/reference/inference.md"],
         ),
         ("search.settled=\"x\"", ["`search.settled`", "expected f64"]),
         ("search.settled=3", ["`search.settled`", "expected 0 to 1"]),
-        ("search=3", ["`search`", "docs/inference.md"]),
+        ("search=3", ["`search`", "docs/reference/inference.md"]),
     ] {
         let args = ["infer", "--example", "--model", "models/mvball", "--set"];
         let error = refusal(&mvtop(&[&args[..], &[given]].concat()));
