@@ -48,9 +48,9 @@ pub struct TilingConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AssociationConfig {
-    /// How far a box may be off, in place and in size, as a share of its half side. So the rays of two
-    /// boxes pass each other at twice this share of the apparent radius at most, and an apparent
-    /// radius is off by one plus this share, as a factor, at most. Not measured.
+    /// Tolerance of a box in center and size, as a share of its half side: two rays may pass each other
+    /// at twice this share of the apparent radius, and radii may differ by the factor of one plus this
+    /// share. Not measured.
     pub box_tolerance: f64,
 }
 
@@ -58,7 +58,7 @@ pub struct AssociationConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PnpConfig {
-    /// Rotations that the search starts from; 64 are about 50 degrees apart.
+    /// Initial rotations of the search; 64 are about 50 degrees apart.
     pub starts: usize,
     /// Correspondences that the search uses; the final steps use all.
     pub search_correspondences: usize,
@@ -66,9 +66,9 @@ pub struct PnpConfig {
     pub align_scales: Vec<f64>,
     /// Robust scales of the Gauss-Newton steps, in diameters; the last one defines an inlier.
     pub newton_scales: Vec<f64>,
-    /// Temperature of their probabilities: p ~ exp(inlier share / temperature).
+    /// Temperature of the poses' probabilities: p ~ exp(inlier share / temperature).
     pub temperature: f64,
-    /// Fewest correspondences of a pose.
+    /// Least number of correspondences of a pose.
     pub min_correspondences: usize,
     /// Least trust of a correspondence, 0 to 1.
     pub min_trust: f64,
@@ -91,31 +91,31 @@ pub struct SearchConfig {
     pub schedule: Vec<Proposer>,
     /// An instance is settled when its confidence is this high.
     pub settled: f64,
-    /// Candidates whose log-odds before refinement are lower are not refined; fitted so that one in 200
-    /// right poses is lost. All are refined where there is none.
+    /// Candidates with lower log-odds before refinement are not refined. Calibration loses one in 200
+    /// correct poses by it. Without a value all are refined.
     pub min_initial_log_odds: Option<f64>,
-    /// Instances that are not settled and whose confidence is lower get no further proposals.
+    /// Unsettled instances of lower confidence get no further proposals.
     pub hopeless: f64,
-    /// Instances that a proposer works on, at most, the most confident first, and those looked for in
-    /// tiles: bounds the time.
+    /// Largest number of instances that a proposer or the tiling works on, the most confident first:
+    /// bounds the time.
     pub max_instances: usize,
-    /// Poses that differ by less, but for symmetries, are one candidate, degrees.
+    /// Poses that differ by less, up to symmetry, are one candidate, degrees.
     pub merge_deg: f64,
-    /// Candidates of an instance, at most.
+    /// Largest number of candidates of an instance.
     pub max_candidates: usize,
-    /// Views whose crop is the decoder's anchor in turn, at most.
+    /// Largest number of anchor views of the decoder.
     pub max_anchors: usize,
-    /// Turns of the augmented crops about their axes, degrees: as far as most are in training.
+    /// Roll angles of the augmented crops, degrees: the range of most training crops.
     pub rolls_deg: Vec<f64>,
-    /// Turn of the perturbed poses, degrees.
+    /// Rotation angle of the perturbed poses, degrees.
     pub perturbation_deg: f64,
-    /// Share of an object's projection inside the image from which a view is expected to show it.
+    /// A view should show an object if at least this share of its projection is inside the image.
     pub min_in_image: f64,
-    /// Two instances are duplicates when their distance is below this share of their radii's sum.
+    /// Two instances are duplicates when their distance is below this share of the sum of their radii.
     pub duplicate_distance: f64,
-    /// Overlap (IoU) of a detected box with a projected object from which they are the same.
+    /// Least overlap (IoU) of a detected box and a projected object that are the same.
     pub same_box_iou: f64,
-    /// Overlap (IoU) of two boxes from which their crops are the same. Not measured.
+    /// Least overlap (IoU) of two boxes with the same crop. Not measured.
     pub same_crop_iou: f64,
     /// Instances of lower confidence are rejected.
     pub min_confidence: f64,
@@ -137,8 +137,8 @@ pub enum Proposer {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RigConfig {
-    /// Standard deviation of a detected box: of its center and of the logarithm of its size, as shares
-    /// of its side. Fitted on pairs of the ball.
+    /// Standard deviation of a detected box: center and log size, as shares of its side. Fitted on pairs
+    /// of the ball.
     pub box_sigma: [f64; 2],
     /// Prior of a single view's own pose about the joint one: degrees, and a share of the distance.
     pub view_prior: [f64; 2],
@@ -146,36 +146,34 @@ pub struct RigConfig {
     pub min_contour_inliers: f64,
     /// Factor on the covariance of a single view's pose: its contour points err together.
     pub covariance_factor: f64,
-    /// Least standard deviations of a single view's pose by contours: across its ray in diameters,
-    /// along it as a share of the distance, and of its rotation in radians.
+    /// Least standard deviations of a single view's pose by contours: across its ray (diameters),
+    /// along it (share of the distance), rotation (radians).
     pub contour_floor: [f64; 3],
-    /// The same of a pose by its box alone, which ends where something hides the object. Chosen on
-    /// held-out scenes of `models/ycbv4`, with true rigs.
+    /// The same three of a single view's pose by its box. Chosen on held-out scenes of `models/ycbv4`.
     pub box_floor: [f64; 3],
-    /// How far a camera of a wrong rig may be off, one standard deviation: degrees and metres.
+    /// Standard deviation of a camera's error in a wrong rig: degrees and metres.
     pub camera_prior: [f64; 2],
     /// Standard deviation of a mesh's scale against the real object, as a share.
     pub mesh_scale_sigma: f64,
-    /// Share of objects that one of two cameras of a true rig shows and the other does not, although
-    /// it should. Fitted.
+    /// True rig: share of objects that one camera of a pair shows and the other should show, but does
+    /// not. Fitted.
     pub unconfirmed_true: f64,
-    /// The same share of a wrong rig. Not measured.
+    /// The same share for a wrong rig. Not measured.
     pub unconfirmed_wrong: f64,
-    /// Negative correlation of the objects' colors (red against blue) with the images from which red
-    /// and blue are taken to be exchanged. Not measured.
+    /// Red and blue count as exchanged if the colors of objects and images correlate below minus this.
+    /// Not measured.
     pub exchanged_correlation: f64,
-    /// Where no pose is probable: what the detector's best score gains, at least, if they are. Not
-    /// measured.
+    /// Without a probable pose: least gain of the best detector score when red and blue are exchanged
+    /// back. Not measured.
     pub exchanged_gain: f64,
-    /// Limits of a true rig, each exceeded by one in a hundred groups of held-out scenes: of what
-    /// corrections of the cameras gain,
+    /// Limit of the gain by corrections of the cameras, standard deviations. One in a hundred held-out
+    /// groups with a true rig exceeds this limit, and each of the next two.
     pub max_camera_deviation: f64,
-    /// of what a scale gains,
+    /// Limit of the gain by a scale of the rig or of its focal lengths, standard deviations.
     pub max_scale_deviation: f64,
-    /// and of an object's boxes against each other, standard deviations (objects without a mesh).
+    /// Limit of the disagreement of an object's boxes, standard deviations (objects without a mesh).
     pub max_box_deviation: f64,
-    /// Log-likelihood ratio by which two cameras do not show the same objects from which the rig is
-    /// doubted: ten to one.
+    /// Limit of the log-likelihood ratio by which two cameras do not show the same objects: ten to one.
     pub max_contradiction: f64,
 }
 

@@ -98,7 +98,7 @@ pub use image::ViewImage;
 pub use prediction::Prediction;
 pub use rig::Rig;
 
-// The example of the README, compiled.
+// The example of the documentation, compiled.
 #[cfg(doctest)]
-#[doc = include_str!("../../../README.md")]
-struct Readme;
+#[doc = include_str!("../../../docs/reference/rust.md")]
+struct Documentation;

@@ -18,8 +18,7 @@ pub struct Stage {
     pub side_px: [f64; 2],
     /// Share of the crop's side that the object's box takes.
     pub fill: f64,
-    /// Distance between samples of a correspondence line in each iteration, px of the crop (M3T's
-    /// `scales`, 6 to 1 px there).
+    /// Distance of samples on a correspondence line, per iteration, px of the crop (M3T: `scales`).
     pub steps_px: Vec<f64>,
 }
 
@@ -31,14 +30,13 @@ pub struct TextureConfig {
     pub contrast: [f32; 3],
     /// Radius of the blur in the first and the last pass of the search, shares of the diameter.
     pub blur: [f64; 2],
-    /// Reach and step of the first and of the last search about the axis of a round part, degrees. The
-    /// last one reaches two standard deviations of the angle found to each side.
+    /// Reach and step of the first and the last search about the axis of a round part, degrees.
     pub search_deg: [[f64; 2]; 2],
     /// Least normalised cross-correlation (NCC) at which the angle found is accepted.
     pub min_correlation: f64,
     /// Largest standard deviation of the radius of a round part, share of the diameter.
     pub max_unevenness: f64,
-    /// Displacement with which the texture gain compares, share of the projected diameter.
+    /// Displacement for the texture gain, share of the projected diameter.
     pub displacement: f64,
 }
 
@@ -59,25 +57,22 @@ pub struct RefineConfig {
     pub coarse_only_steps_px: Vec<f64>,
     /// Number of contour points per view (M3T uses 200 lines); not measured.
     pub contour_points: f64,
-    /// Least distance of contour points, and distance at which both sides of an edge are sampled, px
-    /// of the crop; not measured.
+    /// Least distance of contour points, and sampling distance from an edge, px of the crop; not
+    /// measured.
     pub contour_margin_px: f64,
-    /// Depth tolerance of the visibility test at silhouettes, at other edges and for texture, shares
-    /// of the diameter; not measured.
+    /// Depth tolerance of the visibility test, at silhouettes, other edges and texture, diameters; not
+    /// measured.
     pub occlusion_tolerance: [f64; 3],
     /// Amplitude of the smoothed step function of a correspondence line (M3T's `function_amplitude`, same value).
     pub function_amplitude: f64,
-    /// Width of the band around the silhouette that gives the background's histogram, px of the crop
-    /// (M3T uses 20 px); not measured.
+    /// Width of the background band around the silhouette, px of the crop (M3T uses 20 px); not
+    /// measured.
     pub background_band_px: usize,
-    /// Added to the squared color gradient, of 1: on lines with steps up to the first fine one, and on
-    /// longer lines; not measured.
+    /// Added to the squared color gradient, on short and on long lines; not measured.
     pub gradient_floor: [f64; 2],
-    /// Chromaticity difference at which two segments are equally likely, and the largest log-odds by
-    /// chromaticity; not measured.
+    /// Chromaticity difference with equal odds of two segments, and the largest log-odds; not measured.
     pub chromaticity: [f64; 2],
-    /// Largest displacement and largest standard deviation of an inlier, px of the crop; poses are
-    /// compared with line steps of the first one; not measured.
+    /// Largest displacement and standard deviation of an inlier, px of the crop; not measured.
     pub inlier_px: [f64; 2],
     /// Number of neighbouring lines with one common error, which count as one; not measured.
     pub correlated_lines: f64,
@@ -85,8 +80,7 @@ pub struct RefineConfig {
     pub information_deflation: f64,
     /// Least eigenvalue of an observable direction, share of the largest one; not measured.
     pub observability_floor: f64,
-    /// How much worse outline or inner edges may be separated at an accepted pose, bits per pixel; not
-    /// measured.
+    /// Tolerated loss of separation at an accepted pose, bits per pixel; not measured.
     pub accept_margin_bits: f64,
     /// Comparison of the texture with the images.
     pub texture: TextureConfig,
