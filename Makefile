@@ -49,7 +49,7 @@ MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
 .PHONY: help demo test built-tests test-rust test-python lint fuzz soak miri fixtures eval accuracy test-accuracy accuracy-baseline detector \
-  lies tables pictures bench bench-peers wheel release-wheel test-wheel stubs licences test-ray
+  lies tables pictures bench bench-peers wheel release-wheel test-wheel stubs reference site licences test-ray
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -70,6 +70,7 @@ test-rust: .venv/run.done
 
 test-python: .venv/test.done $(MVTOP)
 	scripts/need-gl.sh
+	$(PY) -m pytest -q scripts # links and generated pages of the docs
 	$(PY) -m pytest -q training/tests
 	$(PY) -m mvtop_train.export.fixtures --check
 
@@ -106,6 +107,12 @@ test-wheel: .venv/test.done $(MVTOP)
 stubs: .venv/data.done  ## write the types of the Python module's compiled part anew
 	$(PY) -m maturin generate-stubs --profile release --locked -m crates/mvtop-py/Cargo.toml \
 	  --out crates/mvtop-py/python
+
+reference: $(MVTOP)  ## write the generated pages of docs/reference anew
+	$(PY) scripts/reference.py
+
+site: .venv/site.done  ## the documentation as a site, in out/site
+	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict
 
 licences:  ## gather the licences of the crates that the wheel is built of anew
 	scripts/licences.py --out crates/mvtop-py/THIRD-PARTY-LICENCES.txt
@@ -182,6 +189,10 @@ $(CLI):
 .venv/run.done: requirements.txt
 	python3 -m venv .venv
 	$(PY) -m pip install --quiet --disable-pip-version-check -r requirements.txt
+	touch $@
+
+.venv/site.done: .venv/run.done scripts/site-requirements.txt
+	$(PY) -m pip install --quiet --disable-pip-version-check -r scripts/site-requirements.txt
 	touch $@
 
 # The extras of training/pyproject.toml; each brings along what it builds on.

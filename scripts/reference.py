@@ -12,6 +12,7 @@ made of the doc comments and defaults in crates/mvtop-core/src/config.rs and ref
 
 import argparse
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -33,9 +34,11 @@ NOT_MEASURED = re.compile(r"[.;,]? (?:all of it is )?not measured(?=[.;]|$)", re
 CLI_HEAD = """\
 # Command line
 
-Written by `scripts/reference.py` from `mvtop-cli ... --help`; `make reference` renews it. Examples are in `--help` and the how-to pages.
+Written by `scripts/reference.py` from `mvtop-cli ... --help`; `make reference` renews it. Examples
+are in `--help` and the how-to pages.
 
-Exit codes: 0 success, 2 an error (one sentence on stderr), 3 a pose that `infer --min-confidence` does not accept.
+Exit codes: 0 success, 2 an error (one sentence on stderr), 3 a pose that `infer --min-confidence`
+does not accept.
 """
 
 
@@ -47,9 +50,12 @@ class Drift(Exception):
 
 
 def help_of(cli: Path, *command: str) -> str:
-    done = subprocess.run([cli, *command, "--help"], capture_output=True, text=True, check=True)
-    text = "\n".join(line.rstrip() for line in done.stdout.strip().splitlines())
-    return re.sub(r"^Options:\n(?=\n|\Z)", "", HELP.sub("", text + "\n"), flags=re.MULTILINE).strip()
+    done = subprocess.run(
+        [cli, *command, "--help"],
+        capture_output=True, text=True, check=True, env={**os.environ, "COLUMNS": "100"},
+    )  # fmt: skip
+    text = "\n".join(line.rstrip() for line in done.stdout.strip().splitlines()) + "\n"
+    return re.sub(r"^Options:\n(?=\n|\Z)", "", HELP.sub("", text), flags=re.MULTILINE).strip()
 
 
 def subcommands(text: str) -> list[str]:
@@ -180,7 +186,7 @@ def fields_of(body: str, named: dict[str, str]) -> dict[str, object]:
 
 
 def defaults(source: str, named: dict[str, str]) -> dict[str, dict]:
-    pattern = r"impl Default for (\w+) \{\s*fn default\(\) -> Self \{\s*Self \{\n(.*?)\n        \}\n"
+    pattern = r"impl Default for (\w+) \{\s*fn default\(\) -> Self \{\s*Self \{\n(.*?)\n {8}\}\n"
     return {m[1]: fields_of(m[2], named) for m in re.finditer(pattern, source, re.DOTALL)}
 
 
@@ -221,8 +227,9 @@ def settings_tables() -> str:
     for name, kind, comment in known["InferenceConfig"]:
         if kind not in known:
             raise Drift(f"no struct {kind}")
-        table = ["| setting | default | meaning |", "|---|---|---|", *rows(name, kind, known, given)]
-        parts.append(f"### `{name}`\n\n{comment}\n\n" + "\n".join(table) + "\n")
+        head = ["| setting | default | meaning |", "|---|---|---|"]
+        table = "\n".join([*head, *rows(name, kind, known, given)])
+        parts.append(f"### `{name}`\n\n{comment}\n\n{table}\n")
     return "\n".join(parts)
 
 
