@@ -1,5 +1,6 @@
 //! What holds of every command's arguments.
 
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use tempfile::TempDir;
@@ -14,6 +15,18 @@ fn commands(text: &str) -> Vec<String> {
         .filter_map(|line| line.strip_prefix("mvtop-cli "))
         .map(|line| line.split(['#', '>']).next().unwrap().trim().to_owned())
         .collect()
+}
+
+/// The pages in a folder and those below.
+fn markdown(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            markdown(&path, found);
+        } else if path.extension().is_some_and(|name| name == "md") {
+            found.push(path);
+        }
+    }
 }
 
 #[test]
@@ -34,15 +47,14 @@ fn commands_of_help_and_documents_are_understood() {
         );
         assert!(commands(text).len() > 1, "no examples in:\n{text}");
     }
-    for file in [
-        "README.md",
-        "docs/how-to/evaluate-on-bop.md",
-        "docs/how-to/audit-leakage.md",
-    ] {
-        let text = std::fs::read_to_string(root().join(file)).unwrap();
-        assert!(!commands(&text).is_empty(), "{file}");
-        texts.push(text);
-    }
+    let mut files = vec![root().join("README.md")];
+    markdown(&root().join("docs"), &mut files);
+    let pages = files
+        .iter()
+        .map(|file| std::fs::read_to_string(file).unwrap());
+    let pages: Vec<String> = pages.filter(|text| !commands(text).is_empty()).collect();
+    assert!(pages.len() > 5, "{files:?}");
+    texts.extend(pages);
     let nothing = TempDir::new().unwrap();
     for command in texts.iter().flat_map(|text| commands(text)) {
         let output = Command::new(env!("CARGO_BIN_EXE_mvtop-cli"))
