@@ -7,13 +7,14 @@ use tempfile::TempDir;
 
 use crate::{mvtop, refusal, root, stdout};
 
-/// The command lines of a text, each in one line and without what a shell would make of the rest.
+/// The command lines of a text, each in one line, without quotes and what a shell would make of the rest.
 fn commands(text: &str) -> Vec<String> {
     let text = text.replace("\\\n", " ");
     let lines = text.lines().map(str::trim);
     lines
         .filter_map(|line| line.strip_prefix("mvtop-cli "))
-        .map(|line| line.split(['#', '>']).next().unwrap().trim().to_owned())
+        .map(|line| line.split(['#', '>']).next().unwrap().trim())
+        .map(|line| line.replace('\'', ""))
         .collect()
 }
 
