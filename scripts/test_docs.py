@@ -11,7 +11,11 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
     [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
-    + [page for folder in ("benches", "models", "crates/*") for page in ROOT.glob(f"{folder}/*.md")]
+    + [
+        page
+        for folder in ("benches", "examples", "models", "crates/*")
+        for page in ROOT.glob(f"{folder}/*.md")
+    ]
 )
 SOURCES = [
     path
