@@ -62,6 +62,11 @@ test:  ## every test, format and lint check
 	$(MAKE) --no-print-directory -j2 .venv/test.done built-tests # pip unpacks while cargo compiles
 	$(MAKE) --no-print-directory lint test-rust test-python test-wheel test-accuracy
 
+check: lint test-rust links  ## format, lint, Rust tests, links of the docs: minutes, without PyTorch
+
+links:
+	scripts/check-links.py
+
 built-tests:
 	cargo test --release --workspace --no-run
 
@@ -74,7 +79,7 @@ test-python: .venv/test.done $(MVTOP)
 	$(PY) -m pytest -q training/tests
 	$(PY) -m mvtop_train.export.fixtures --check
 
-lint: .venv/test.done
+lint: .venv/lint.done
 	cargo fmt --all --check
 	rustfmt --check --edition 2024 crates/mvtop-core/src/camera/*.rs # declared by a macro, which cargo fmt does not read
 	cargo clippy --release --workspace --all-targets -- -D warnings
@@ -85,7 +90,7 @@ lint: .venv/test.done
 	$(PY) -m ruff format --check training crates/mvtop-py
 	$(PY) -m ruff format --check --config crates/mvtop-py/pyproject.toml examples benches
 
-wheel: $(MVTOP)  ## the Python wheel, in target/wheels and installed in .venv
+wheel: $(MVTOP) $(WHEELS)/built-train  ## the Python wheels of mvtop, installed in .venv, and of mvtop-train, in target/wheels
 
 # As old a glibc as onnxruntime's own wheels ask for; zig links against any. On PATH, as maturin
 # calls `python -m ziglang`.
@@ -195,9 +200,14 @@ $(CLI):
 	$(PY) -m pip install --quiet --disable-pip-version-check -r scripts/site-requirements.txt
 	touch $@
 
-# The extras of training/pyproject.toml; each brings along what it builds on.
-.venv/%.done: .venv/run.done training/pyproject.toml
-	$(PY) -m pip install --quiet --disable-pip-version-check -e 'training[$*]'
+# Exact versions; the ranges that mvtop-train asks for are in training/pyproject.toml.
+.venv/lint.done: .venv/run.done training/requirements/lint.txt
+	$(PY) -m pip install --quiet --disable-pip-version-check -r training/requirements/lint.txt
+	touch $@
+
+.venv/%.done: .venv/run.done training/pyproject.toml $(wildcard training/requirements/*.txt)
+	$(PY) -m pip install --quiet --disable-pip-version-check -r training/requirements/$*.txt
+	$(PY) -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e training
 	touch $@
 
 $(MVTOP): $(WHEELS)/built
@@ -215,4 +225,12 @@ $(SHIPPED)/model/model.json: $(wildcard models/mvball/* examples/mvball/*)
 $(WHEELS)/built: .venv/data.done $(SHIPPED)/model/model.json Cargo.toml Cargo.lock $(shell find crates -type f -not -path '*/tests/*')
 	rm -f $(WHEELS)/mvtop-*.whl
 	$(PY) -m maturin build --release --strip --locked -m crates/mvtop-py/Cargo.toml --out $(WHEELS)
+	touch $@
+
+# Without training/build, whose files of before would be in the wheel.
+$(WHEELS)/built-train: .venv/data.done $(shell find training/mvtop_train training/pyproject.toml training/README.md -type f -not -name '*.pyc')
+	rm -rf $(WHEELS)/mvtop_train-*.whl training/build
+	$(PY) -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation \
+	  --wheel-dir $(WHEELS) ./training
+	rm -rf training/build
 	touch $@

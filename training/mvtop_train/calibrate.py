@@ -1,7 +1,7 @@
 """Fit what a bundle stores about its own poses, on scenes that its training left out.
 
-    python -m mvtop_train.calibrate --bundle models/mine --data data/mine
-    python -m mvtop_train.calibrate --bundle models/mine --data data/mine --split test
+    mvtop-train calibrate --bundle models/mine --data data/mine
+    mvtop-train calibrate --bundle models/mine --data data/mine --split test
 
 The first writes the weights of the confidence, the limits of a true rig and the least confidence of
 an object into `model.json`; with --weights also the detector's thresholds. The second changes

@@ -35,13 +35,13 @@ def asking_mvtop(fix: str):
     try:
         yield
     except ImportError:
-        raise UserError("mvtop: expected its wheel, got none installed; fix: make wheel") from None
+        raise UserError(
+            "mvtop: expected its wheel, got none installed; fix: pip install mvtop"
+        ) from None
     except (OSError, ValueError) as error:
         raise UserError(f"{error}; fix: {fix}") from None
 
 
-def argument_parser(doc: str) -> argparse.ArgumentParser:
+def argument_parser(doc: str, kind=argparse.ArgumentParser) -> argparse.ArgumentParser:
     """For a command whose module says `doc`, shown as it is written there."""
-    return argparse.ArgumentParser(
-        description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    return kind(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)

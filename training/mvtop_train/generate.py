@@ -1,8 +1,8 @@
 """Generate scenes in BOP layout: MV-ball, or your own part through your own rig.
 
-    python -m mvtop_train.generate --out data/mvball --scenes 3000 --seed 1 --workers 2
-    python -m mvtop_train.generate --out data/mvball --paper --split train easy hard
-    python -m mvtop_train.generate --out data/part --mesh part.obj --mesh-unit mm --rig rig.json
+    mvtop-train generate --out data/mvball --scenes 3000 --seed 1 --workers 2
+    mvtop-train generate --out data/mvball --paper --split train easy hard
+    mvtop-train generate --out data/part --mesh part.obj --mesh-unit mm --rig rig.json
 
 Every scene is drawn from (seed, split, scene number) alone, so that a run can be stopped, split
 into shards and resumed without changing the data. Scenes that are whole are left as they are. See
@@ -12,6 +12,7 @@ docs/how-to/data-sets.md.
 import dataclasses
 import os
 
+from . import shipped
 from .data.objects import UNITS
 from .errors import UserError, argument_parser, command
 from .synthesis import generate
@@ -50,8 +51,8 @@ def main():
     parser.add_argument("--shard", default="0/1", metavar="I/N", help="do scenes I, I+N, ...")
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     own = parser.add_argument_group("your own part")
-    own.add_argument("--mesh", action="append", help="obj, stl or ply file; once for each part")
-    own.add_argument("--mesh-unit", choices=UNITS, help="of the mesh file")
+    own.add_argument("--mesh", action="append", help="obj, stl, ply or step; once for each part")
+    own.add_argument("--mesh-unit", choices=UNITS, help="of the meshes; step files state theirs")
     own.add_argument("--name", action="append", help="of each part; its file's name if left out")
     own.add_argument(
         "--id",
@@ -62,8 +63,8 @@ def main():
     own.add_argument(
         "--rig",
         action="append",
-        help="rig.json: the cameras that will look at the parts; of several, "
-        "each scene has one at random; any rig if left out",
+        help="rig.json, or a name of `list`: the cameras that will look at the parts; "
+        "of several, each scene has one at random; any rig if left out",
     )
     own.add_argument("--instances", type=int, default=1, help="of each part in a scene, at most")
     own.add_argument("--backgrounds", help="folder of pictures to lay on floors and other things")
@@ -75,6 +76,7 @@ def main():
             raise UserError(
                 f"--{option}: expected at least 1, got {getattr(args, option)}; fix: leave it out"
             )
+    args.rig = [str(shipped.rig(path)) for path in args.rig or ()]
     recipe, work = generate.prepare(args)
     try:
         for split in args.split:

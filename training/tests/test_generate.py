@@ -264,7 +264,9 @@ def test_without_opengl_one_sentence_says_so(module, dataset, tmp_path):
         [sys.executable, "-m", f"mvtop_train.{module}", *options],
         env=os.environ | {"MUJOCO_GL": "nonsense"}, capture_output=True, text=True,
     )  # fmt: skip
-    assert made.returncode == 1 and made.stderr.startswith("error: no off-screen OpenGL (")
+    assert made.returncode == 1 and made.stderr.startswith(
+        "error: rendering: expected off-screen OpenGL, got "
+    )
     assert made.stderr.count("\n") == 1 and "; fix: " in made.stderr
 
 

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from mvtop_train import run
+from mvtop_train import run, shipped
 from mvtop_train.errors import UserError
 from mvtop_train.files import read_json
 from mvtop_train.network import config as configs
 from mvtop_train.network import losses
 from mvtop_train.training import own_parts, runconfig
 
-RUNS = sorted((Path(__file__).parents[1] / "runs").glob("*.toml"))
+RUNS = sorted(shipped.FOLDER.glob(f"*{shipped.CONFIG}"))
 
 
 @pytest.fixture

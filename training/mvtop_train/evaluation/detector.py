@@ -1,7 +1,7 @@
 """How often the detector finds what single images show, before any pose.
 
-    python -m mvtop_train.evaluation.detector --model models/ycbv4 --out out/detector.json
-    python -m mvtop_train.evaluation.detector --model runs/mine/bundle --data runs/mine/data
+    mvtop-train detector --model models/ycbv4 --out out/detector.json
+    mvtop-train detector --model runs/mine/bundle --data runs/mine/data
 
 Takes the test sets that ask for the model's objects (`evaluation/sets.py`), or a data set in BOP
 layout, image by image, as they are and under conditions (`evaluation/conditions.py`). An object

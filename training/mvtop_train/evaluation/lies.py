@@ -1,8 +1,8 @@
 """Wrong calibrations and wrong images: how many are noticed, and what poses come of the others.
 
-    python -m mvtop_train.evaluation.lies run --model models/ycbv4 --set path-ycb-3 \\
+    mvtop-train lies run --model models/ycbv4 --set path-ycb-3 \\
         --out out/lies.jsonl
-    python -m mvtop_train.evaluation.lies show out/lies.jsonl --json
+    mvtop-train lies show out/lies.jsonl --json
 
 `run` tells each kind of lie about each group of a set, and predicts. A set is one of
 `evaluation/sets.py`, a data set in BOP's layout, or a folder of samples; groups share no image. A

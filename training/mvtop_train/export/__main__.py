@@ -1,6 +1,6 @@
 """Export a trained network as a bundle: `model.json` beside its ONNX graphs (`bundle.py`).
 
-    python -m mvtop_train.export --weights runs/small-cpu/weights.pt --out models/mvball
+    mvtop-train export --weights runs/small-cpu/weights.pt --out models/mvball
 
 The deformable sampling is the custom operator `mvtop::DeformableSampling`; `--portable` writes
 standard operators instead.

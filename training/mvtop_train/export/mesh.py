@@ -1,6 +1,6 @@
 """Meshes of a bundle's objects, on which `mvtop-cli infer` refines poses: `<class>.mesh.ply`.
 
-    python -m mvtop_train.export.mesh --bundle models/mine --data data/mine
+    mvtop-train mesh --bundle models/mine --data data/mine
 
 Adds them to a bundle that was exported without; its networks stay as they are. Without --data: the
 MV-ball. Meshes of more than 2,000 triangles are decimated, with colors taken from the surface.

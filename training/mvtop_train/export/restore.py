@@ -1,6 +1,6 @@
 """Weights of a run from a bundle, to train on from what is shipped: `init` of a run's config.
 
-    python -m mvtop_train.export.restore --bundle models/ycbv4 --data data/ycbv4 \\
+    mvtop-train restore --bundle models/ycbv4 --data data/ycbv4 \\
         --out runs/ycbv4-shipped/weights.pt
 
 They are as good as the bundle stores them. What it does not store is put in anew: normalisation

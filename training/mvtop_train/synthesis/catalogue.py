@@ -1,6 +1,6 @@
 """Industrial parts made by a script, with the symmetries that they have by construction.
 
-    python -m mvtop_train.synthesis.catalogue --out data/catalogue
+    mvtop-train catalogue --out data/catalogue
 
 Writes BOP's `models/`: PLY meshes in mm and `models_info.json`, as `--mesh` of
 `mvtop_train.generate` takes them. Six parts without texture: a hex nut (turns by sixths, and upside

@@ -1,6 +1,6 @@
 """Object coordinates for a data set of others, from its poses and its mesh.
 
-    python -m mvtop_train.synthesis.coordinates --data data/lm --split train_real --object 5
+    mvtop-train coordinates --data data/lm --split train_real --object 5
 
 Renders the mesh (models/, PLY) in each image's pose and writes `coords/` beside `rgb/`, as `bop.py`
 describes it. BOP's `mask_visib/`, where it is there, tells which pixels show the object; without it

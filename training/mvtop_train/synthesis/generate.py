@@ -16,13 +16,14 @@ from tqdm import tqdm
 
 from ..data import bop, objects, pairs, rig
 from ..errors import UserError
+from . import cad
 from .gl import open_gl
 from .recipe import MIN_PIXELS, PAPER_IMAGES, SPLITS, PartFile, Recipe, hemispheres, views_per_scene
 from .workers import run_workers, while_asked_for
 
 NUMBERED = re.compile(r"obj_(\d{6})")  # as BOP's meshes are
 LAST_ID = 999_999  # of six digits
-MESHES = (".obj", ".stl", ".ply")
+MESHES = (".obj", ".stl", ".ply", *cad.ENDINGS)
 SAME_SIZE = 0.1  # by how much, as a share, a part's diameter may be another than is told of it
 
 
@@ -97,7 +98,7 @@ def prepare(args) -> tuple[Recipe, object]:
         recipe = Recipe(args.seed, "", size)
         _begin(out, args.split, recipe, [(objects.ball(), objects.ball_mesh())])
         return recipe, _ball_work
-    if args.mesh_unit is None:
+    if args.mesh_unit is None and not all(map(cad.is_step, args.mesh)):
         raise UserError("--mesh-unit: expected with --mesh, got none; fix: --mesh-unit mm")
     listed = part_files(args)
     rigs = tuple(map(str, args.rig or ()))
@@ -105,8 +106,11 @@ def prepare(args) -> tuple[Recipe, object]:
     for path in (*args.mesh, *rigs):
         if Path(path).is_file():
             digest.update(Path(path).read_bytes())
+        if cad.is_step(path):
+            digest.update(f"{cad.CHORD} {cad.ANGLE}".encode())
+    meshes = tuple(as_mesh(part, out) for part in listed)
     recipe = Recipe(
-        args.seed, "", (args.width, 0), "+".join(part.name for part in listed), listed,
+        args.seed, "", (args.width, 0), "+".join(part.name for part in listed), meshes,
         args.instances, rigs, args.backgrounds, digest.hexdigest()[:16],
     )  # fmt: skip
     open_gl()  # refuses what would come up in every worker
@@ -140,6 +144,15 @@ def prepare(args) -> tuple[Recipe, object]:
             )
     _begin(out, args.split, recipe, known)
     return recipe, _part_work
+
+
+def as_mesh(part: PartFile, out: Path) -> PartFile:
+    """The part; of a STEP file, its triangles below `out`, in metres."""
+    if not cad.is_step(part.mesh):
+        return part
+    made = out / "cad" / f"{part.id:06d}.glb"
+    cad.to_mesh(part.mesh, part.unit, made)
+    return replace(part, mesh=str(made), unit="m")
 
 
 def _begin(out: Path, splits: list[str], recipe: Recipe, known):

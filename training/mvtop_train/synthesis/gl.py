@@ -19,6 +19,7 @@ def open_gl():
         return mujoco.GLContext(640, 480)
     except Exception as error:
         raise UserError(
-            f"no off-screen OpenGL ({type(error).__name__}: {error}); "
-            "fix: apt-get install libegl1 libgl1-mesa-dri, or set MUJOCO_GL=osmesa"
+            f"rendering: expected off-screen OpenGL, got {type(error).__name__}: {error}; "
+            "fix: apt-get install libegl1 libgl1-mesa-dri libopengl0 (Debian, Ubuntu), or dnf "
+            "install mesa-libEGL mesa-dri-drivers libglvnd-opengl (Fedora)"
         ) from None

@@ -1,7 +1,7 @@
 """Render held-out samples as a user would have them: a rig file, one image per camera, the truth.
 
-    python -m mvtop_train.synthesis.samples --out out/eval --split hard --seed 7 --views 2
-    python -m mvtop_train.synthesis.samples --out out/part --data data/part --split test --count 100
+    mvtop-train samples --out out/eval --split hard --seed 7 --views 2
+    mvtop-train samples --out out/part --data data/part --split test --count 100
 
 A sample is a folder with rig.json, <camera>.png and truth.json. Views alternate between the
 hemispheres, so that every two neighbours determine the pose; one view gives the same scenes and
