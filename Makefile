@@ -62,6 +62,7 @@ test:  ## every test, format and lint check
 	$(MAKE) --no-print-directory -j2 .venv/test.done built-tests # pip unpacks while cargo compiles
 	$(MAKE) --no-print-directory lint test-rust test-python test-wheel test-accuracy
 
+.PHONY: check links
 check: lint test-rust links  ## format, lint, Rust tests, links of the docs: minutes, without PyTorch
 
 links:
