@@ -95,11 +95,12 @@ wheel: $(MVTOP) $(WHEELS)/built-train  ## the Python wheels of mvtop, installed 
 
 # As old a glibc as onnxruntime's own wheels ask for; zig links against any. On PATH, as maturin
 # calls `python -m ziglang`.
-release-wheel: .venv/release.done $(SHIPPED)/model/model.json  ## the wheel for every Linux with glibc 2.28 (2018) or newer, in out/wheels
-	rm -f out/wheels/mvtop-*.whl
+release-wheel: .venv/release.done $(SHIPPED)/model/model.json $(WHEELS)/built-train  ## both wheels, for every Linux with glibc 2.28 (2018) or newer, in out/wheels
+	rm -f out/wheels/mvtop-*.whl out/wheels/mvtop_train-*.whl
 	PATH="$(CURDIR)/.venv/bin:$$PATH" $(PY) -m maturin build --release --strip --locked --zig \
 	  --compatibility manylinux_2_28 -m crates/mvtop-py/Cargo.toml --out out/wheels
 	scripts/try-wheel.sh out/wheels/mvtop-*.whl
+	cp $(WHEELS)/mvtop_train-*.whl out/wheels
 
 test-wheel: .venv/test.done $(MVTOP)
 	scripts/try-wheel.sh $(WHEELS)/mvtop-*.whl
