@@ -34,6 +34,8 @@ COMMANDS = {
     "samples": Command("synthesis.samples", "render held-out samples of MV-ball"),
     "coordinates": Command("synthesis.coordinates", "add object coordinates to a data set"),
     "detector": Command("evaluation.detector", "measure the boxes of single images"),
+    "dataset-report": Command("evaluation.dataset_report", "draw a contact sheet of scenes"),
+    "reliability": Command("evaluation.reliability", "how often confident poses are right"),
     "lies": Command("evaluation.lies", "measure how many wrong rigs and images are noticed"),
 }
 LIST = "list"  # of what is shipped

@@ -18,7 +18,7 @@ from tqdm import tqdm
 from mvtop_train import generate as command
 from mvtop_train.data import bop, objects, pairs, rendered
 from mvtop_train.errors import UserError
-from mvtop_train.study import dataset_report
+from mvtop_train.evaluation import dataset_report
 from mvtop_train.synthesis import catalogue, generate, recipe, scenes, workers
 
 

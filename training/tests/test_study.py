@@ -14,10 +14,12 @@ from mvtop_train.data.bank import Bank
 from mvtop_train.data.boxes import amodal_boxes
 from mvtop_train.data.views import ViewMaker, collate
 from mvtop_train.errors import UserError
+from mvtop_train.evaluation import reliability
 from mvtop_train.network import config
 from mvtop_train.network.model import Mvtop, decoder_boxes
-from mvtop_train.study import baselines, canonical, reliability, variants
-from mvtop_train.study.baselines import late_fusion, rotation_bins, vote
+from mvtop_train.network.voting import rotation_bins
+from mvtop_train.study import baselines, canonical, variants
+from mvtop_train.study.baselines import late_fusion, vote
 from mvtop_train.training.checkpoint import TrainingState, load_weights
 
 POINTS = mvball.bounding_points(100)

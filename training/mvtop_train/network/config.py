@@ -7,18 +7,8 @@ from typing import Literal
 from ..errors import UserError
 
 LOS_CHANNELS = {"direction": 3, "origin_direction": 6, "plucker": 6, "plucker_origin": 9}
-# Where in this project what a config names is. The study's are named, not imported: what is
-# shipped does not need them.
-BACKBONES = {
-    "conv": "network.features:ConvBackbone",
-    "lite": "network.lite:LiteFeatures",
-    "resnet50_fpn": "study.paper:ResNetFpn",
-}
-GEOMETRIES = {
-    "rays": "network.geometry:RAYS",
-    "image": "study.paper:IMAGE",
-    "image_hypotheses": "study.baselines:IMAGE_HYPOTHESES",
-}
+BACKBONES = ("conv", "lite", "resnet50_fpn")  # `features.py`, `lite.py`
+GEOMETRIES = ("rays", "image", "image_hypotheses")  # `geometries.py`
 
 
 @dataclass(frozen=True)
@@ -37,9 +27,9 @@ class ObjectClass:
 class Config:
     """Everything that decides the shape of a network.
 
-    `geometry` chooses how positions enter it (`geometry.py`): "rays", only through lines of sight,
-    so that a network trained on crops runs on whole images; "image", the paper's and PoET's, in
-    fractions of the image (`study/paper.py`).
+    `geometry` chooses how positions enter it (`geometries.py`): "rays", only through lines of
+    sight, so that a network trained on crops runs on whole images; "image", the paper's and PoET's,
+    in fractions of the image (`paper.py`).
     """
 
     preset: str

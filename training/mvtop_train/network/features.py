@@ -12,8 +12,8 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from .config import BACKBONES, GEOMETRIES
-from .geometry import find
+from .geometries import geometry_of
+from .paper import ResNetFpn
 from .views import Cached, Pictures
 
 
@@ -99,6 +99,9 @@ class Found:
     trust: torch.Tensor | None = None  # [B * V, 1, h, w] logits: that the coordinates are right
 
 
+BACKBONES = {"conv": ConvBackbone, "resnet50_fpn": ResNetFpn}  # "lite" is `lite.LiteFeatures`
+
+
 class Features(nn.Module):
     """Images to pyramid levels, tokens and boxes; one view does not see another here.
 
@@ -107,9 +110,9 @@ class Features(nn.Module):
 
     def __init__(self, config):
         super().__init__()
-        self.backbone = find(BACKBONES[config.backbone])(config)
+        self.backbone = BACKBONES[config.backbone](config)
         self.detector = Detector(config.d_model, len(config.classes), config.strides[0])
-        self.encoder = find(GEOMETRIES[config.geometry]).encoder(config)
+        self.encoder = geometry_of(config).encoder(config)
         self.used = [config.strides.index(stride) for stride in config.pose_strides]
         # Training only: object coordinates of what a cell shows, 2x2 per cell. They teach the
         # backbone to tell the object's parts; nothing of it is exported.

@@ -1,6 +1,5 @@
-"""How positions enter a network, and with it the backbone: what a config names."""
+"""How positions enter a network."""
 
-import importlib
 from dataclasses import dataclass
 
 from .decoder import Decoder
@@ -19,9 +18,3 @@ class Geometry:
 # rays make the queries, offsets are in box units, and what a view contributes is turned into the
 # reference frame by the view's own rays (`attention.Lift`).
 RAYS = Geometry(Encoder, Decoder)
-
-
-def find(place: str):
-    """What `place` (`package.module:name`) of this project names."""
-    module, name = place.split(":")
-    return getattr(importlib.import_module(f"{__package__.rpartition('.')[0]}.{module}"), name)

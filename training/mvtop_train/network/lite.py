@@ -15,10 +15,9 @@ import torch.nn.functional as F
 from torch import nn
 
 from ..errors import UserError
-from .config import GEOMETRIES
 from .features import Conv, Detector, Found, Residual
 from .fixed import Fixed
-from .geometry import find
+from .geometries import geometry_of
 from .views import Cached, Pictures
 
 CHANNELS = (40, 112, 320)  # of the maps at strides 8, 16 and 32
@@ -172,7 +171,7 @@ class LiteFeatures(nn.Module):
         self.search = Upper(d)
         self.detector = Detector(FINE, len(config.classes), config.strides[0])
         self.look = Upper(d)
-        self.encoder = find(GEOMETRIES[config.geometry]).encoder(config)
+        self.encoder = geometry_of(config).encoder(config)
         self.places = nn.Sequential(*(Residual(FINE) for _ in range(PLACES)))
         for block in self.places:
             nn.init.zeros_(block.body[1][1].weight)  # the identity, to begin with

@@ -6,10 +6,9 @@ import torch
 from torch import nn
 
 from . import rays
-from .config import GEOMETRIES
 from .decoder import Boxes
 from .features import Features, Found
-from .geometry import find
+from .geometries import geometry_of
 from .lite import LiteFeatures
 from .views import Cached, Views
 
@@ -28,7 +27,7 @@ class Mvtop(nn.Module):
         super().__init__()
         self.config = config
         self.features = (LiteFeatures if config.backbone == "lite" else Features)(config)
-        self.decoder = find(GEOMETRIES[config.geometry]).decoder(config)
+        self.decoder = geometry_of(config).decoder(config)
 
     def forward(self, views: Views, poses: bool = True) -> Prediction:
         """Without `poses`, only what images say by themselves."""

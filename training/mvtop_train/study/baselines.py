@@ -4,7 +4,7 @@ Ours, small, and faithful to what the papers describe; each is given the known c
 - Late fusion (CosyPose, Labbe et al. 2020): one candidate per view; candidates that agree are
   refined together by their reprojections.
 - Voting (Li et al. 2018): the best K hypotheses of each view; the one that the others support most
-  wins. `HypothesisHeads` makes them.
+  wins. `network/voting.py` makes them.
 """
 
 import numpy as np
@@ -14,13 +14,9 @@ from scipy.spatial.transform import Rotation
 from torch import nn
 
 from ..network import pose
-from ..network.geometry import Geometry
-from ..network.layers import mlp
-from .paper import ImageDecoder, ImageEncoder
 
 INLIER = 0.02  # m, mean distance of model points: CosyPose's
 VOTE = 0.02  # m, sigma of Li et al.
-BINS = 512  # of rotations, 22 degrees apart
 
 
 def _moved(points, poses):
@@ -91,42 +87,6 @@ def vote(hypotheses, ref_from_cam, points) -> np.ndarray:
     support = (support * (view[:, None] != view[None])).sum(1)
     # Without any support the reference view's best is first.
     return in_ref[int(support.argmax())]
-
-
-def rotation_bins(count: int) -> np.ndarray:
-    """Rotations [count, 3, 3] spread evenly (super-Fibonacci spiral, Alexa 2022)."""
-    phi, psi = np.sqrt(2), 1.533751168755204288118041
-    s = np.arange(count) + 0.5
-    r, big_r = np.sqrt(s / count), np.sqrt(1 - s / count)
-    alpha, beta = 2 * np.pi * s / phi, 2 * np.pi * s / psi
-    quaternions = [r * np.sin(alpha), r * np.cos(alpha), big_r * np.sin(beta), big_r * np.cos(beta)]
-    return Rotation.from_quat(np.stack(quaternions, 1)).as_matrix()
-
-
-class HypothesisHeads(nn.Module):
-    """Scores of rotation bins, a rotation within each, and one translation (Li et al. 2018)."""
-
-    def __init__(self, config):
-        super().__init__()
-        d = config.d_model
-        self.scores, self.translation = mlp(d, d, d, BINS), mlp(d, d, d, 3)
-        self.within = mlp(d, d, d, 6 * BINS)
-        bins = torch.from_numpy(rotation_bins(BINS)).float()
-        self.register_buffer("bins", bins, persistent=False)
-
-    def forward(self, x, class_index, boxes):
-        """x [B, Q, C] -> logits [B, Q, n], rotations [B, Q, n, 3, 3], translation [B, Q, 3] m."""
-        identity = torch.tensor([1.0, 0, 0, 0, 1, 0], device=x.device)
-        within = 0.1 * self.within(x).unflatten(-1, (-1, 6)) + identity
-        rotations = pose.rotation_from_6d(within) @ self.bins
-        return self.scores(x), rotations, self.translation(x)
-
-
-class HypothesisDecoder(ImageDecoder):
-    parts = ImageDecoder.parts._replace(heads=HypothesisHeads)
-
-
-IMAGE_HYPOTHESES = Geometry(ImageEncoder, HypothesisDecoder)
 
 
 def hypothesis_loss(outputs, cam_from_obj):

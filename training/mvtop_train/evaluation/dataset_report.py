@@ -1,6 +1,6 @@
 """Look at a data set: a contact sheet and statistics of one split.
 
-    python -m mvtop_train.study.dataset_report --data data/mvball --split hard --out out/report
+    mvtop-train dataset-report --data data/mvball --split hard --out out/report
 
 Writes contact_sheet.png (pairs side by side, the amodal box drawn in), statistics.json and
 statistics.png. Works on any data set in BOP layout with one object per image.

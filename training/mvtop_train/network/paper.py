@@ -1,19 +1,18 @@
 """The paper's and PoET's own choices, which the shipped network has left behind.
 
 Positions are fractions of the image, the translation is regressed in metres, and lines of sight
-enter through the features alone. Preset `paper` and the study's variants name these classes
-(`network.config.GEOMETRIES`, `BACKBONES`).
+enter through the features alone. Preset `paper` and the study's variants have these classes.
 """
 
 import torch
 from torch import nn
 
-from ..network.attention import ProjectiveAttention
-from ..network.decoder import Decoder, Parts
-from ..network.encoder import Encoder
-from ..network.geometry import Geometry
-from ..network.heads import PoseHeads
-from ..network.layers import mlp, ring_offsets
+from .attention import ProjectiveAttention
+from .decoder import Decoder, Parts
+from .encoder import Encoder
+from .geometry import Geometry
+from .heads import PoseHeads
+from .layers import mlp, ring_offsets
 
 FREQUENCIES = 10  # of a box's sine encoding
 

@@ -2,7 +2,7 @@
 
     mvtop-cli eval samples samples --views 2 --out two.jsonl
     mvtop-cli eval samples samples --views 1 --out one.jsonl
-    python -m mvtop_train.study.reliability two.jsonl one.jsonl
+    mvtop-train reliability two.jsonl one.jsonl
 
 Each file, and of several all together: AUROC, expected calibration error, tenths of the poses.
 """
@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import UserError, argument_parser, command
-from ..evaluation.outcomes import WITHIN_DEG, WITHIN_M
-from ..evaluation.statistics import print_reliability
 from ..files import read_text
+from .outcomes import WITHIN_DEG, WITHIN_M
+from .statistics import print_reliability
 
 
 def read(path: Path) -> np.ndarray:
