@@ -65,8 +65,8 @@ test:  ## every test, format and lint check
 .PHONY: check links
 check: lint test-rust links  ## format, lint, Rust tests, links of the docs: minutes, without PyTorch
 
-links:
-	scripts/check-links.py
+links: .venv/lint.done
+	$(PY) -m pytest -q scripts
 
 built-tests:
 	cargo test --release --workspace --no-run
