@@ -23,13 +23,7 @@ pub use self::correspondences::{Correspondence, Correspondences};
 
 /// The poses that most correspondences agree with, the most probable first, with probabilities up to a
 /// factor; none where there are too few, or none of them can be.
-///
-/// - `starts`: further poses to start from
-pub fn solve(
-    config: &InferenceConfig,
-    all: &mut Correspondences,
-    starts: &[Isometry3<f64>],
-) -> Vec<Hypothesis> {
+pub fn solve(config: &InferenceConfig, all: &mut Correspondences) -> Vec<Hypothesis> {
     let InferenceConfig {
         pnp: config,
         search,
@@ -52,15 +46,12 @@ pub fn solve(
     }
     let (all, some) = (&*all, all.thinned(config.search_correspondences));
     let diameter = all.diameter;
-    let rotations = (0..config.starts).map(|n| spread_rotation(n, config.starts));
-    let there = rotations
-        .chain(starts.iter().map(|start| start.rotation))
-        .map(|rotation| Isometry3::from_parts(position.into(), rotation));
-    let starts: Vec<Isometry3<f64>> = there.chain(starts.iter().copied()).collect();
     let first_scale = config.newton_scales[0] * diameter;
-    let mut found: Vec<(f64, Isometry3<f64>)> = starts
+    let mut found: Vec<(f64, Isometry3<f64>)> = (0..config.starts)
         .into_par_iter()
-        .filter_map(|mut pose| {
+        .filter_map(|n| {
+            let rotation = spread_rotation(n, config.starts);
+            let mut pose = Isometry3::from_parts(position.into(), rotation);
             for scale in &config.align_scales {
                 pose = aligned(&some, &pose, scale * diameter)?;
             }

@@ -44,7 +44,7 @@ impl Pipeline<'_> {
         encoded
     }
 
-    /// Candidates of the decoder, or of PnP where crops have object coordinates.
+    /// Candidates of PnP where crops have object coordinates, else of the decoder.
     ///
     /// - `classes`, `rois`: of each object, by the groups' indices
     pub(super) fn network_candidates(
@@ -55,9 +55,13 @@ impl Pipeline<'_> {
         rois: &[Vec<Option<BBox>>],
     ) -> Result<Vec<Vec<Candidate>>> {
         let (bundle, config) = (&self.estimator.bundle, self.config());
-        let search = &config.search;
-        let mut hypotheses =
-            decoder::hypotheses(self.network, bundle, search, crops, groups, classes)?;
+        let mut hypotheses = match &crops.coordinates {
+            Some(_) => vec![Vec::new(); classes.len()],
+            None => {
+                let search = &config.search;
+                decoder::hypotheses(self.network, bundle, search, crops, groups, classes)?
+            }
+        };
         let mut correspondences = vec![None; classes.len()];
         if let Some(codes) = &crops.coordinates {
             for group in groups {
@@ -69,13 +73,7 @@ impl Pipeline<'_> {
                     let least = config.pnp.min_trust;
                     let codes = codes.view();
                     let mut all = Correspondences::new(crops, codes, group, extent, class, least);
-                    let decoded = hypotheses[query.object].first();
-                    let starts: Vec<_> =
-                        decoded.map(|one| one.world_from_obj).into_iter().collect();
-                    let solved = pnp::solve(config, &mut all, &starts);
-                    if !solved.is_empty() {
-                        hypotheses[query.object] = solved;
-                    }
+                    hypotheses[query.object] = pnp::solve(config, &mut all);
                     correspondences[query.object] = Some(Arc::new(all));
                 }
             }

@@ -248,14 +248,9 @@ impl Network for Painted<'_> {
         })
     }
 
-    /// Always the same, which is wrong: the coordinates tell the pose.
+    /// Never asked: the coordinates tell the pose.
     fn decode(&self, _: ArrayView3<f32>, _: &Queries) -> Result<Decoded> {
-        Ok(Decoded {
-            rotation_6d: array![[1.0, 0.0, 0.0, 0.0, 1.0, 0.0]],
-            translation: array![[0.0, 0.0, 1.0]],
-            sigma: array![[30.0, 0.05]],
-            hypotheses: None,
-        })
+        Err(Error::Input("decoded".into()))
     }
 
     fn provider(&self) -> &str {
