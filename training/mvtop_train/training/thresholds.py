@@ -12,6 +12,8 @@ from ..data.inputs import normalised
 from ..data.search import Searches
 from ..evaluation.matching import LEAST, assigned, peaks
 
+# Weight of recall in the F score: later stages reject false boxes, but find no others.
+BETA = 2.0
 RECALL = 0.98  # of all that the best threshold finds, kept by boxes that another view agrees with
 
 
@@ -53,8 +55,8 @@ def matched(boxes, scores, classes, truth, index):
 
 
 def choose(model, images, searches: Searches, batch: int = 8) -> Thresholds:
-    """The threshold with the best F1 over `images` (`bop.Image`), and the lower one for boxes that
-    lines of sight of another view confirm."""
+    """The threshold with the best F score (`BETA`) over `images` (`bop.Image`), and the lower one
+    for boxes that lines of sight of another view confirm."""
     config, device = model.config, next(model.parameters()).device
     found, wanted = [], 0
     rng = np.random.default_rng(0)
@@ -73,7 +75,8 @@ def choose(model, images, searches: Searches, batch: int = 8) -> Thresholds:
     score, iou = np.array(found).T
     right = np.cumsum(iou > 0)
     precision, recall = right / np.arange(1, len(right) + 1), right / wanted
-    best = int((2 * precision * recall / np.maximum(precision + recall, 1e-9)).argmax())
+    weighted = np.maximum(BETA**2 * precision + recall, 1e-9)
+    best = int(((1 + BETA**2) * precision * recall / weighted).argmax())
     enough = int(np.searchsorted(recall, RECALL * recall[-1]))
     good = iou[: best + 1][iou[: best + 1] > 0]
     agree = min(score[best], max(score[min(enough, len(score) - 1)], LEAST))
