@@ -30,7 +30,7 @@ def _light(x, rng):
     """Exposure and white balance, and light that falls off across the picture."""
     if rng.random() < 0.6:  # what a camera does by itself
         x = x * np.float32(np.clip(0.2 / max(x.mean(), 1e-3), 0.5, 4.0))
-    gain = np.exp(rng.normal(0, 0.45)).clip(0.3, 3.0) * np.exp(rng.normal(0, 0.13, 3))
+    gain = np.exp(rng.normal(0, 0.45)).clip(0.3, 3.0) * np.exp(rng.normal(0, 0.18, 3))
     x = x * gain.astype(np.float32)
     if rng.random() < 0.3:
         height, width = x.shape[:2]

@@ -14,7 +14,7 @@ from .composite import Composer
 from .objects import Object
 from .views import lies_on, warp
 
-ZOOM = (0.7, 2.5)  # of the scale at which inference shows the image
+ZOOM = (0.35, 2.5)  # of the scale at which inference shows the image
 AIMED = 0.7  # share of the pictures that are made around one of the objects
 SURE, UNSURE = 0.35, 0.1  # shares in sight from which an object shall, and may, be found
 MOST = 128  # objects in a picture
@@ -115,7 +115,7 @@ class Searches:
         if augment:
             middle = self._aim(image, middle, rng)
             zoom = np.exp(rng.uniform(*np.log(ZOOM)))
-            roll = rng.uniform(-np.pi, np.pi) if rng.random() < 0.25 else rng.normal(0, 0.3)
+            roll = rng.uniform(-np.pi, np.pi) if rng.random() < 0.4 else rng.normal(0, 0.3)
             shift = rng.uniform(-0.35, 0.35, 2) * size
         k = np.diag([fit * zoom * image.k[0, 0], fit * zoom * image.k[1, 1], 1.0])
         turn = roll_by(roll)
