@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from mvtop_train.data import letterbox
 from mvtop_train.errors import UserError
 from mvtop_train.evaluation import boxes, conditions, detector, groups, sets
 from mvtop_train.network.config import ObjectClass
@@ -141,6 +142,16 @@ def test_true_boxes_are_of_what_the_image_shows():
     assert one.truth(group, camera) == []
     group = SimpleNamespace(truth=(groups.Truth(NUT, pose, {"a": 0.9}),))
     assert one.truth(group, camera)[0].share == 0.9
+
+
+def test_large_images_are_shown_larger():
+    """The same cases as of `detector_input` in `mvtop-core/src/estimator/view.rs`."""
+    tiling = {"full_scale": 0.8, "max_input": 1.75}
+    for (width, height), expected in (
+        ((640, 480), (512, 384)), ((1280, 720), (800, 448)), ((320, 240), (512, 384)),
+        ((2448, 2048), (672, 544)), ((480, 640), (384, 512)),
+    ):  # fmt: skip
+        assert letterbox.input_size(512, 384, (height, width, 3), tiling) == expected
 
 
 def test_each_image_of_a_set_is_looked_at_once():

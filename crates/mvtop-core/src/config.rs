@@ -32,11 +32,16 @@ pub struct InferenceConfig {
     pub rig: RigConfig,
 }
 
-/// Large images shown to the detector in tiles, as an object may shrink below what it finds.
+/// How large images are shown to the detector: an object may shrink below what it finds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TilingConfig {
-    /// Images scaled by less than this to the detector's input are tiled. Not measured.
+    /// Scale at which images are shown, if `max_input` allows it; smaller ones are scaled to the
+    /// bundle's input. Objects are then as large as in training.
+    pub full_scale: f64,
+    /// Pixels of an image that the detector is shown, at most, as a multiple of the bundle's input.
+    pub max_input: f64,
+    /// Images shown at a smaller scale than this are also shown in tiles. Not measured.
     pub min_scale: f64,
     /// Magnification of a tile where another view expects an object. Not measured.
     pub guided_zoom: f64,
@@ -180,6 +185,8 @@ pub struct RigConfig {
 impl Default for TilingConfig {
     fn default() -> Self {
         Self {
+            full_scale: 0.8,
+            max_input: 1.75,
             min_scale: 0.5,
             guided_zoom: 2.0,
             full_zoom: 1.6,

@@ -48,6 +48,11 @@ pub trait Network: Send + Sync {
     /// - `memory`: `[V, N, C]`, of the views' pictures
     fn decode(&self, memory: ArrayView3<f32>, queries: &Queries) -> Result<Decoded>;
 
+    /// Whether [`Network::detect`] takes images of any size that its strides divide.
+    fn takes_any_size(&self) -> bool {
+        false
+    }
+
     /// What executes the dense layers, for example `cpu`.
     fn provider(&self) -> &str;
 }
@@ -342,6 +347,10 @@ impl Network for OnnxNetwork {
                 .then(|| Hypotheses::take(&mut outputs))
                 .transpose()?,
         })
+    }
+
+    fn takes_any_size(&self) -> bool {
+        self.closeup.is_some() && self.features.leaves_open("images", &[2, 3])
     }
 
     fn provider(&self) -> &str {

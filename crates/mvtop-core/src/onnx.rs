@@ -84,6 +84,8 @@ pub struct Session {
     path: PathBuf,
     inputs: Vec<String>,
     outputs: Vec<String>,
+    /// Lengths of the axes of each input; below 0 where the graph leaves one open.
+    shapes: Vec<Vec<i64>>,
     // ONNX Runtime's `Run` is thread-safe but `ort` asks for `&mut`. Nothing runs on rayon while
     // this is held, so a rayon task may wait for it.
     session: Mutex<ort::session::Session>,
@@ -93,8 +95,13 @@ impl Session {
     fn new(path: &Path, session: ort::session::Session) -> Self {
         let names =
             |outlets: &[ort::value::Outlet]| outlets.iter().map(|o| o.name().to_owned()).collect();
+        let shape = |outlet: &ort::value::Outlet| match outlet.dtype() {
+            ort::value::ValueType::Tensor { shape, .. } => shape.to_vec(),
+            _ => Vec::new(),
+        };
         Self {
             path: path.to_owned(),
+            shapes: session.inputs().iter().map(shape).collect(),
             inputs: names(session.inputs()),
             outputs: names(session.outputs()),
             session: Mutex::new(session),
@@ -104,6 +111,16 @@ impl Session {
     /// Names of the inputs that the graph declares.
     pub fn inputs(&self) -> &[String] {
         &self.inputs
+    }
+
+    /// Whether the graph leaves the lengths of these axes of an input open.
+    pub fn leaves_open(&self, input: &str, axes: &[usize]) -> bool {
+        let place = self.inputs.iter().position(|name| name == input);
+        place.is_some_and(|place| {
+            let shape = &self.shapes[place];
+            axes.iter()
+                .all(|&axis| shape.get(axis).is_some_and(|&length| length < 0))
+        })
     }
 
     /// Names of the outputs that the graph declares.

@@ -3,6 +3,22 @@
 import numpy as np
 from PIL import Image as PilImage
 
+COARSEST = 32  # px, stride of a detector's coarsest features
+
+
+def input_size(width: int, height: int, shape, tiling: dict[str, float]) -> tuple[int, int]:
+    """Width and height, px, at which a detector that takes any size is shown an image.
+
+    - width, height: of the bundle's input, px
+    - shape: (height, width) of the image
+    - tiling: `full_scale` and `max_input` of `inference.tiling`
+    """
+    h, w = shape[:2]
+    fitting = min(width / w, height / h)
+    largest = (tiling["max_input"] * width * height / (w * h)) ** 0.5
+    scale = max(min(tiling["full_scale"], largest), fitting)
+    return tuple(-(-round(side * scale) // COARSEST) * COARSEST for side in (w, h))
+
 
 def letterbox(rgb: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
     """The image resized to fit, and its scale per axis; nothing is padded here."""

@@ -1,5 +1,6 @@
 """A bundle's detector by itself, on one image, and the true boxes in it."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,13 +12,24 @@ import torch
 from .. import description
 from ..data import objects
 from ..data.boxes import around
-from ..data.letterbox import image_tensor, letterbox
-from ..errors import UserError
+from ..data.letterbox import image_tensor, input_size, letterbox
+from ..errors import UserError, asking_mvtop
 from ..files import read_json
 from .groups import Group
 from .matching import peaks
 
 LEAST = 0.01  # score of a box
+
+
+def tiling_of(about: dict) -> dict[str, float]:
+    """`inference.tiling` of a bundle: the core's own where it says nothing.
+
+    - about: its `model.json`
+    """
+    with asking_mvtop("make wheel"):
+        from mvtop._mvtop import default_inference  # loads its compiled part
+
+    return json.loads(default_inference())["tiling"] | about.get("inference", {}).get("tiling", {})
 
 
 @dataclass(frozen=True)
@@ -50,6 +62,9 @@ class Detector:
         file = bundle / about["graphs"]["features"]
         self._session = onnxruntime.InferenceSession(file, options)
         self._input = SimpleNamespace(**about["input"])
+        *_, height, _ = self._session.get_inputs()[0].shape
+        # A name, where the graph takes images of any size.
+        self._tiling = tiling_of(about) if isinstance(height, str) else None
         self.names = [one["name"] for one in about["classes"]]
         self.threshold = about["detector"]["score_threshold"]
         self._bounds = [_bounds(bundle, one) for one in about["classes"]]
@@ -59,13 +74,21 @@ class Detector:
 
         - rgb: [h, w, 3] uint8
         """
-        tensor = image_tensor(self._input, rgb)[None].astype(np.float32)
+        shown = self._shown(rgb.shape)
+        tensor = image_tensor(shown, rgb)[None].astype(np.float32)
         maps = self._session.run(["det_scores", "det_boxes"], {"images": tensor})
         ((boxes, scores, classes),) = peaks(*map(torch.from_numpy, maps), LEAST)
-        _, scale = letterbox(rgb, self._input.width, self._input.height)
+        _, scale = letterbox(rgb, shown.width, shown.height)
         boxes = (boxes + 0.5) / torch.tensor(np.tile(scale, 2)) - 0.5
         end = torch.tensor([*rgb.shape[1::-1]] * 2) - 0.5
         return boxes.clamp(torch.tensor(-0.5), end).float(), scores, classes
+
+    def _shown(self, shape) -> SimpleNamespace:
+        """The input for an image of this shape (height, width)."""
+        if self._tiling is None:
+            return self._input
+        width, height = input_size(self._input.width, self._input.height, shape, self._tiling)
+        return SimpleNamespace(**vars(self._input) | {"width": width, "height": height})
 
     def truth(self, group: Group, camera) -> list[Visible]:
         """What an image of a group shows of its true objects.

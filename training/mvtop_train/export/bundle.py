@@ -118,12 +118,14 @@ def graphs_of(model: Mvtop) -> dict[str, onnx.ModelProto]:
     config = model.config
     found = ["det_scores", "det_boxes"]
 
-    def of_pictures(module, height, width, shapes, outputs, axis="views"):
+    def of_pictures(module, height, width, shapes, outputs, axis="views", any_size=False):
         inputs = {"images": torch.zeros(2, 3, height, width)}
         if shapes:
             cells = sum(rows * columns for rows, columns in shapes)
             inputs["camera_rays"] = torch.zeros(2, cells, 3)
         free = {name: {0: axis} for name in [*inputs, *outputs]}
+        if any_size:
+            free["images"] |= {2: "height", 3: "width"}
         return graph_of(module(model), inputs, outputs, free)
 
     size, shapes = (config.height, config.width), config.decoder_shapes()
@@ -135,7 +137,10 @@ def graphs_of(model: Mvtop) -> dict[str, onnx.ModelProto]:
         module, outputs = ExportedDescriptions, ["memory", "coordinates"]
     side = config.closeup
     return {
-        "features": of_pictures(ExportedDetector, *size, (), found),
+        # Large images are shown larger (`mvtop-core/src/estimator/view.rs`).
+        "features": of_pictures(
+            ExportedDetector, *size, (), found, any_size=config.gives_coordinates
+        ),
         "decoder": _decoder_of(model),
         "closeup": of_pictures(module, side, side, shapes, outputs, "pictures"),
     }

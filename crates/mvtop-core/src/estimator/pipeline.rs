@@ -40,7 +40,8 @@ impl<'a> Pipeline<'a> {
         if options.refine == Some(true) {
             estimator.needs_mesh("refine", "do not ask for refinement")?;
         }
-        let views = view::gather(bundle, rig, images)?;
+        let tiling = network.takes_any_size().then_some(&estimator.config.tiling);
+        let views = view::gather(bundle, tiling, rig, images)?;
         let needed = options.min_views.max(1);
         if views.len() < needed {
             return Err(Error::TooFewImages {

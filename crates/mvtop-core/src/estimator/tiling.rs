@@ -13,7 +13,7 @@ use super::detections;
 use super::instance::Instance;
 use super::view::View;
 use crate::associate::LineOfSight;
-use crate::bundle::Bundle;
+use crate::bundle::{Bundle, Input};
 use crate::config::InferenceConfig;
 use crate::detect::{Detection, merged};
 use crate::image::{Letterbox, fill};
@@ -38,7 +38,7 @@ pub fn detect(
     boxes: &mut [Vec<Detection>],
 ) -> Result<()> {
     let tiling = &config.tiling;
-    let is_large = |view: &View| view.letterbox.su.max(view.letterbox.sv) < tiling.min_scale;
+    let is_large = |view: &View| scale(view) < tiling.min_scale;
     if !views.iter().any(is_large) {
         return Ok(());
     }
@@ -46,7 +46,7 @@ pub fn detect(
     if found.is_empty() {
         let everywhere = views.iter().enumerate().filter(|(_, view)| is_large(view));
         let tiles = everywhere
-            .flat_map(|(v, view)| all_of(v, view, tiling.full_zoom))
+            .flat_map(|(v, view)| all_of(v, view, &bundle.input, tiling.full_zoom))
             .collect();
         add(network, bundle, views, tiles, boxes)?;
         found = detections::detected(bundle, &config.association, radii, views, boxes);
@@ -55,18 +55,23 @@ pub fn detect(
         .iter()
         .filter(|object| object.views() == 1)
         .take(config.search.max_instances)
-        .flat_map(|object| guided(radii, views, object, tiling.guided_zoom))
+        .flat_map(|object| guided(radii, views, object, &bundle.input, tiling.guided_zoom))
         .filter(|tile| is_large(&views[tile.view]));
     add(network, bundle, views, places.collect(), boxes)
 }
 
+/// Pixels of the detector's input for each pixel of a view's image.
+fn scale(view: &View) -> f64 {
+    view.letterbox.su.max(view.letterbox.sv)
+}
+
 /// Four tiles that cover a view's image, fewer where it is much longer than the detector's input.
-fn all_of(v: usize, view: &View, zoom: f64) -> Vec<Tile> {
+fn all_of(v: usize, view: &View, input: &Input, zoom: f64) -> Vec<Tile> {
     let [width, height] = [view.camera.width(), view.camera.height()].map(f64::from);
     let corners = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)];
     let mut tiles: Vec<Tile> = Vec::new();
     for (u, v_px) in corners {
-        let tile = tile_at(v, view, Point2::new(u, v_px), zoom);
+        let tile = tile_at(v, view, Point2::new(u, v_px), input, zoom);
         let known = |known: &Tile| (known.left, known.top) == (tile.left, tile.top);
         if !tiles.iter().any(known) {
             tiles.push(tile);
@@ -80,6 +85,7 @@ fn guided<'a>(
     radii: &'a [[f64; 2]],
     views: &'a [View<'a>],
     object: &'a Instance,
+    input: &'a Input,
     zoom: f64,
 ) -> impl Iterator<Item = Tile> + 'a {
     let mut seen = views.iter().zip(&object.detections);
@@ -98,21 +104,17 @@ fn guided<'a>(
         let place = view.camera.intrinsics().project(&in_cam)?;
         let size = [view.camera.width(), view.camera.height()].map(f64::from);
         let inside = (0.0..size[0]).contains(&place.x) && (0.0..size[1]).contains(&place.y);
-        inside.then(|| tile_at(v, view, place, zoom))
+        inside.then(|| tile_at(v, view, place, input, zoom))
     })
 }
 
 /// The tile of a view's image about a place, moved into the image, that the detector is shown larger
 /// by a factor.
-fn tile_at(v: usize, view: &View, place: Point2<f64>, factor: f64) -> Tile {
-    let whole = &view.letterbox;
+fn tile_at(v: usize, view: &View, place: Point2<f64>, input: &Input, factor: f64) -> Tile {
     let image = [view.camera.width(), view.camera.height()];
-    let scale = factor * whole.su.max(whole.sv);
+    let scale = factor * scale(view);
     let side = |net: u32, image: u32| ((f64::from(net) / scale).floor() as u32).clamp(1, image);
-    let size = [
-        side(whole.net_width, image[0]),
-        side(whole.net_height, image[1]),
-    ];
+    let size = [side(input.width, image[0]), side(input.height, image[1])];
     let half = Vector2::from(size).map(f64::from) / 2.0;
     let corner = place - half;
     let start = |axis: usize| (corner[axis].max(0.0) as u32).min(image[axis] - size[axis]);
@@ -120,7 +122,7 @@ fn tile_at(v: usize, view: &View, place: Point2<f64>, factor: f64) -> Tile {
         view: v,
         left: start(0),
         top: start(1),
-        letterbox: Letterbox::new(size[0], size[1], whole.net_width, whole.net_height),
+        letterbox: Letterbox::new(size[0], size[1], input.width, input.height),
     }
 }
 

@@ -68,7 +68,7 @@ impl Tracker {
     /// [`Error::ImageSize`](crate::Error::ImageSize) and [`Error::Input`](crate::Error::Input) where
     /// they do not fit the rig; none is then taken over.
     pub fn update(&mut self, images: Vec<ViewImage>) -> Result<()> {
-        view::gather(&self.estimator.bundle, &self.rig, &images)?;
+        view::gather(&self.estimator.bundle, None, &self.rig, &images)?;
         for new in images {
             self.remove(new.camera);
             self.images.push(new);

@@ -182,6 +182,10 @@ impl Network for Cached<'_> {
         self.network.decode(memory, queries)
     }
 
+    fn takes_any_size(&self) -> bool {
+        self.network.takes_any_size()
+    }
+
     fn provider(&self) -> &str {
         self.network.provider()
     }

@@ -195,7 +195,7 @@ impl Scene {
     }
 
     fn views(&self) -> Vec<View<'_>> {
-        view::gather(&self.bundle, &self.rig, &self.images).unwrap()
+        view::gather(&self.bundle, None, &self.rig, &self.images).unwrap()
     }
 
     /// Posed at one place, detected at another in some views.
