@@ -153,6 +153,10 @@ pub enum Error {
         got: [u32; 2],
     },
 
+    /// A computation that was asked to end, see [`crate::cancel`].
+    #[error("interrupted before it was done, as was asked")]
+    Interrupted,
+
     /// Fewer images than are asked for.
     #[error("{}", too_few_images(*expected, *got))]
     TooFewImages {
@@ -192,6 +196,8 @@ pub enum ErrorKind {
     Data,
     /// A pose or rotation that is none.
     Pose,
+    /// It was asked to end.
+    Interrupted,
 }
 
 impl Error {
@@ -223,6 +229,7 @@ impl Error {
             | Self::TooFewImages { .. } => ErrorKind::Input,
             Self::Json { .. } | Self::Data(_) | Self::Annotations { .. } => ErrorKind::Data,
             Self::Pose(_) | Self::Rotation6d(_) => ErrorKind::Pose,
+            Self::Interrupted => ErrorKind::Interrupted,
         }
     }
 

@@ -35,7 +35,7 @@ use crate::network::{Network, OnnxNetwork};
 use crate::prediction::{ObjectPose, Prediction};
 use crate::refine::{self, Edge, Refiner};
 use crate::scorer::Scorer;
-use crate::{Error, Result, Rig, onnx};
+use crate::{Error, Result, Rig, cancel, onnx};
 
 pub use self::tracker::Tracker;
 
@@ -212,7 +212,9 @@ impl Estimator {
             Some(id) => rig.find("reference", id)?,
             None => rig.reference(),
         };
-        Pipeline::new(self, network, rig, images, options)?.predict(reference)
+        let prediction = Pipeline::new(self, network, rig, images, options)?.predict(reference);
+        cancel::check()?;
+        prediction
     }
 
     /// Where each image should show edges of an object's mesh at its pose, and whether it does, in the

@@ -19,6 +19,9 @@ pub mod transform;
 /// Boxes that are given and poses that are true, from files.
 pub mod annotations;
 
+/// Computations that end when it is asked.
+pub mod cancel;
+
 mod bbox;
 
 mod dispatch;

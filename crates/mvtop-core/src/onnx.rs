@@ -3,15 +3,18 @@
 //! The ONNX Runtime library is loaded when the program runs, so that any recent one will do; it is
 //! loaded once and stays until the process ends.
 
-use crate::{Error, Result};
+use self::bounds::{Bounds, Unfinished, bounded};
+use crate::{Error, Result, cancel};
 use ndarray::{ArrayD, ArrayView, ArrayViewD, CowArray, Dimension, IxDyn};
-use ort::session::SessionInputValue;
+use ort::session::{RunOptions, SessionInputValue};
 use ort::value::TensorRef;
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
+mod bounds;
 mod locate;
 mod operator;
 mod provider;
@@ -61,6 +64,14 @@ fn contiguous<T: Clone>(array: ArrayViewD<'_, T>) -> CowArray<'_, T, IxDyn> {
 }
 
 impl Tensor<'_> {
+    /// One that borrows nothing.
+    fn into_owned(self) -> Tensor<'static> {
+        match self {
+            Self::F32(array) => Tensor::F32(array.into_owned().into()),
+            Self::I64(array) => Tensor::I64(array.into_owned().into()),
+        }
+    }
+
     fn value(&self) -> ort::Result<SessionInputValue<'_>> {
         Ok(match self {
             Self::F32(array) => TensorRef::from_array_view(array)?.into(),
@@ -88,11 +99,18 @@ pub struct Session {
     shapes: Vec<Vec<i64>>,
     // ONNX Runtime's `Run` is thread-safe but `ort` asks for `&mut`. Nothing runs on rayon while
     // this is held, so a rayon task may wait for it.
-    session: Mutex<ort::session::Session>,
+    session: Arc<Mutex<ort::session::Session>>,
+    bounds: Bounds,
+    run: AtomicU8,
 }
 
+/// Of [`Session::run`]: not run yet, so that it is bounded; run within bounds; never came to an end.
+const FRESH: u8 = 0;
+const PROVEN: u8 = 1;
+const STUCK: u8 = 2;
+
 impl Session {
-    fn new(path: &Path, session: ort::session::Session) -> Self {
+    fn new(path: &Path, session: ort::session::Session, bounds: Bounds) -> Self {
         let names =
             |outlets: &[ort::value::Outlet]| outlets.iter().map(|o| o.name().to_owned()).collect();
         let shape = |outlet: &ort::value::Outlet| match outlet.dtype() {
@@ -104,7 +122,9 @@ impl Session {
             shapes: session.inputs().iter().map(shape).collect(),
             inputs: names(session.inputs()),
             outputs: names(session.outputs()),
-            session: Mutex::new(session),
+            session: Arc::new(Mutex::new(session)),
+            bounds,
+            run: AtomicU8::new(FRESH),
         }
     }
 
@@ -207,26 +227,63 @@ impl Session {
             return Err(self.error(format!("input `{missing}` was not given")));
         }
         let declared = |name: &str| self.inputs.iter().any(|declared| declared == name);
-        let mut values = Vec::with_capacity(inputs.len());
-        for (name, tensor) in inputs.iter().filter(|(name, _)| declared(name)) {
-            let value = tensor.value();
-            let value = value.map_err(|e| self.error(format!("input `{name}`: {e}")))?;
-            values.push((Cow::Borrowed(*name), value));
-        }
-
-        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
-        let values = session.run(values).map_err(|e| self.error(e.to_string()))?;
-        let mut arrays = HashMap::new();
-        for (name, value) in values.iter() {
-            let array = value
-                .try_extract_array::<f32>()
-                .map_err(|e| self.error(format!("output `{name}`: {e}")))?;
-            arrays.insert(name.to_owned(), array.into_owned());
-        }
+        let inputs = inputs.iter().filter(|(name, _)| declared(name));
+        cancel::check()?;
+        let cancel = cancel::current();
+        let options = RunOptions::new().map_err(|e| self.error(e.to_string()))?;
+        let options = Arc::new(options);
+        let stop = {
+            let options = options.clone();
+            move || drop(options.terminate())
+        };
+        let arrays = match self.run.load(Ordering::Relaxed) {
+            STUCK => return Err(self.error("has not come to an end before; load it anew".into())),
+            FRESH => {
+                let owned = |(name, tensor): &(&str, Tensor)| {
+                    ((*name).to_owned(), tensor.clone().into_owned())
+                };
+                let inputs: Vec<(String, Tensor<'static>)> = inputs.map(owned).collect();
+                let session = self.session.clone();
+                let work = move || {
+                    let inputs: Vec<_> = inputs.iter().map(|(n, t)| (n.as_str(), t)).collect();
+                    run(&session, &options, &inputs)
+                };
+                let done = bounded(self.bounds, &cancel, stop, work);
+                let done = done.map_err(|why| self.unfinished(why))?;
+                if done.is_ok() {
+                    self.run.store(PROVEN, Ordering::Relaxed);
+                }
+                done
+            }
+            _ => {
+                let inputs: Vec<_> = inputs.map(|(name, tensor)| (*name, tensor)).collect();
+                cancel.stopping(stop, || run(&self.session, &options, &inputs))
+            }
+        };
+        cancel::check()?;
         Ok(Outputs {
             path: self.path.clone(),
-            arrays,
+            arrays: arrays.map_err(|problem| self.error(problem))?,
         })
+    }
+
+    fn unfinished(&self, why: Unfinished) -> Error {
+        self.run.store(STUCK, Ordering::Relaxed);
+        match why {
+            Unfinished::Interrupted => {
+                // It heeded that, and its next run is bounded again; else it still holds the lock.
+                if self.session.try_lock().is_ok() {
+                    self.run.store(FRESH, Ordering::Relaxed);
+                }
+                Error::Interrupted
+            }
+            Unfinished::TooLong => self.error(format!(
+                "its first run took more than {} s, in which any network of mvtop's ends; use \
+                 another bundle",
+                self.bounds.seconds()
+            )),
+            Unfinished::Failed => self.error("its first run failed".into()),
+        }
     }
 
     fn error(&self, problem: String) -> Error {
@@ -235,6 +292,31 @@ impl Session {
             problem,
         }
     }
+}
+
+/// All outputs of a graph by name, or what went wrong.
+fn run(
+    session: &Mutex<ort::session::Session>,
+    options: &RunOptions,
+    inputs: &[(&str, &Tensor)],
+) -> Result<HashMap<String, ArrayD<f32>>, String> {
+    let mut values = Vec::with_capacity(inputs.len());
+    for (name, tensor) in inputs {
+        let value = tensor.value();
+        let value = value.map_err(|e| format!("input `{name}`: {e}"))?;
+        values.push((Cow::Borrowed(*name), value));
+    }
+    let mut session = session.lock().unwrap_or_else(PoisonError::into_inner);
+    let values = session.run_with_options(values, options);
+    let values = values.map_err(|e| e.to_string())?;
+    let mut arrays = HashMap::new();
+    for (name, value) in values.iter() {
+        let array = value
+            .try_extract_array::<f32>()
+            .map_err(|e| format!("output `{name}`: {e}"))?;
+        arrays.insert(name.to_owned(), array.into_owned());
+    }
+    Ok(arrays)
 }
 
 /// What a graph has computed.

@@ -86,6 +86,9 @@ pub fn detected(
     instances
 }
 
+/// Most objects whose boxes may be given: each takes its own time, half a second on two cores.
+const MOST_GIVEN: usize = 100;
+
 /// Objects whose boxes are given, in their order.
 pub fn given(
     bundle: &Bundle,
@@ -93,6 +96,13 @@ pub fn given(
     views: &[View],
     boxes: &[GivenBoxes],
 ) -> Result<Vec<Instance>> {
+    if boxes.len() > MOST_GIVEN {
+        return Err(Error::Input(format!(
+            "boxes: expected those of {MOST_GIVEN} objects at most, got {}; give them in several \
+             predictions",
+            boxes.len()
+        )));
+    }
     let mut objects = Vec::new();
     for (i, given) in boxes.iter().enumerate() {
         let role = format!("boxes of object {i}");

@@ -6,6 +6,7 @@ use super::instance::{Candidate, Instance};
 use super::pipeline::Pipeline;
 use super::reprojection::{self, Projection};
 use crate::bundle::Class;
+use crate::cancel;
 use crate::consistency::Sight;
 use crate::consistency::alone::{Alone, Difference, differences};
 use crate::network::DetectorMaps;
@@ -22,8 +23,12 @@ impl Pipeline<'_> {
         instances: &[&Instance],
         proposed: Vec<Vec<Candidate>>,
     ) -> Vec<Vec<Candidate>> {
+        let cancel = cancel::current();
         let one = |(instance, candidates): (&&Instance, Vec<Candidate>)| {
-            let one = |candidate| self.evaluated(instance, candidate);
+            let one = |candidate| match cancel.is_asked() {
+                true => candidate, // the prediction ends with an error
+                false => self.evaluated(instance, candidate),
+            };
             candidates.into_par_iter().map(one).collect()
         };
         let each = instances.par_iter().zip(proposed);

@@ -1,8 +1,9 @@
 //! The loaded ONNX Runtime library.
 
+use super::bounds::{Bounds, Unfinished, bounded};
 use super::locate::{self, Candidate, Surroundings};
 use super::{Provider, Session, SessionOptions, operator, trust};
-use crate::{Error, Result};
+use crate::{Error, Result, cancel};
 use ort::environment::Environment;
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -155,6 +156,39 @@ impl Runtime {
             path: path.to_owned(),
             problem: one_line(e),
         };
+        if !path.is_file() {
+            return Err(network_error(&"no such file"));
+        }
+        let bounds = Bounds {
+            // Drivers of other processors reserve much more than they use.
+            memory: Bounds::STRANGERS
+                .memory
+                .filter(|_| provider == Provider::Cpu),
+            ..Bounds::STRANGERS
+        };
+        let cancel = cancel::current();
+        let work = {
+            let (runtime, path, options) = (*self, path.to_owned(), options.clone());
+            move || runtime.load(&path, &options)
+        };
+        let session = bounded(bounds, &cancel, || (), work).map_err(|why| match why {
+            Unfinished::Interrupted => Error::Interrupted,
+            Unfinished::TooLong => network_error(&format!(
+                "loading it took more than {} s, in which any network of mvtop's is loaded; use \
+                 another bundle",
+                bounds.seconds()
+            )),
+            Unfinished::Failed => network_error(&"loading it failed"),
+        })??;
+        Ok(Session::new(path, session, bounds))
+    }
+
+    fn load(&self, path: &Path, options: &SessionOptions) -> Result<ort::session::Session> {
+        let provider = options.provider;
+        let network_error = |e: &dyn fmt::Display| Error::Network {
+            path: path.to_owned(),
+            problem: one_line(e),
+        };
         // ONNX Runtime registers the operators' domain per session but keeps it per process, and
         // fails when two sessions do so at the same time (seen in 1.20.1).
         static LOADING: Mutex<()> = Mutex::new(());
@@ -173,18 +207,14 @@ impl Runtime {
                     problem: one_line(&e),
                 })?;
         }
-        if !path.is_file() {
-            return Err(network_error(&"no such file"));
-        }
         let session = builder.commit_from_file(path);
-        let session = session.map_err(|e| match provider.takes() {
+        session.map_err(|e| match provider.takes() {
             Some(taken) => Error::Provider {
                 provider: provider.to_string(),
                 problem: format!("{} cannot be run; {taken}: {}", path.display(), end_of(&e)),
             },
             None => network_error(&e),
-        });
-        Ok(Session::new(path, session?))
+        })
     }
 }
 
