@@ -4,7 +4,7 @@ use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Lens, Plane};
 use crate::node::Node;
 use crate::source::Source;
-use crate::{Checked, Options, yaml};
+use crate::{Checked, Options, unknown, yaml};
 
 pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let mut cameras = Vec::new();
@@ -70,6 +70,7 @@ fn sensor(source: &Source) -> Option<String> {
 
 fn camera(id: String, node: &Node) -> Checked<DraftCamera> {
     let of = |problem: String| format!("{}: {problem}", node.place);
+    unknown::refuse(node, &["cam_dist"])?;
     let Some(matrix) = node.find(&["cam_K"]) else {
         return Err(of(
             "expected cam_K, got none; cameras given by cam_model are not read".into(),

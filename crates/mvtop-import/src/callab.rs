@@ -2,8 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use serde_json::Value;
+
 use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Lens, Plane};
+use crate::opencv::keys::{About, about};
 use crate::source::Source;
 use crate::{Checked, Options};
 
@@ -95,6 +98,18 @@ fn camera(place: &str, number: u32, fields: &Fields) -> Checked<DraftCamera> {
             ))),
         }
     };
+    for (key, text) in fields {
+        let known = ["k1", "k2", "k3", "p1", "p2"].contains(&key.as_str());
+        let value = text
+            .parse::<f64>()
+            .map_or(text.as_str().into(), Value::from);
+        if !known && about(key, &value) == Some(About::Lens) {
+            return Err(of(format!(
+                "the key `{key}` looks like a part of its lens and is not known; calibrate again with k1 to k3 \
+                 alone"
+            )));
+        }
+    }
     let [k1, k2, k3] = [one("k1")?, one("k2")?, one("k3")?];
     let [p1, p2] = [one("p1")?, one("p2")?];
     if [p1, p2] != [0.0; 2] {

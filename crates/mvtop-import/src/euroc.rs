@@ -4,7 +4,7 @@ use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Lens, Plane};
 use crate::node::Node;
 use crate::source::Source;
-use crate::{Checked, Options, yaml};
+use crate::{Checked, Options, unknown, yaml};
 
 pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
     let cameras = sources.iter().map(camera).collect::<Checked<_>>()?;
@@ -34,6 +34,7 @@ fn camera(source: &Source) -> Checked<DraftCamera> {
         Some(params) => params.numbers()?,
         None => Vec::new(),
     };
+    unknown::refuse(&top, &["distortion_model", "distortion_coefficients"])?;
     let name = top.get(&["distortion_model"])?;
     let body_from_sensor = top.get(&["T_BS"])?;
     // mav0/cam0/sensor.yaml: the folder names the camera.

@@ -6,7 +6,10 @@ use serde_json::Value;
 
 use crate::ros::hand_eye;
 use crate::source::Source;
-use crate::{Checked, anipose, camodocal, easymocap, xml, yaml};
+use crate::{
+    Checked, alicevision, anipose, camodocal, easymocap, matlab, mccalib, metashape, multical,
+    open3d, openmvg, xml, yaml,
+};
 
 /// A program's calibration files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,11 +39,25 @@ pub enum Format {
     EasyMocap,
     /// camodocal's cameras, and VINS' places of these.
     Camodocal,
+    /// OpenMVG: `sfm_data.json`.
+    OpenMvg,
+    /// AliceVision and Meshroom: `cameras.sfm`.
+    AliceVision,
+    /// Open3D: camera parameters or a trajectory.
+    Open3d,
+    /// Agisoft Metashape: cameras as XML.
+    Metashape,
+    /// multical: `calibration.json`.
+    Multical,
+    /// MC-Calib: `calibrated_cameras_data.yml`.
+    McCalib,
+    /// MATLAB: camera parameters as JSON.
+    Matlab,
 }
 
 impl Format {
     /// All of them.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 19] = [
         Self::OpenCv,
         Self::Ros,
         Self::Kalibr,
@@ -53,6 +70,13 @@ impl Format {
         Self::Anipose,
         Self::EasyMocap,
         Self::Camodocal,
+        Self::OpenMvg,
+        Self::AliceVision,
+        Self::Open3d,
+        Self::Metashape,
+        Self::Multical,
+        Self::McCalib,
+        Self::Matlab,
     ];
 
     /// What it is called, in lower case.
@@ -70,6 +94,13 @@ impl Format {
             Self::Anipose => "anipose",
             Self::EasyMocap => "easymocap",
             Self::Camodocal => "camodocal",
+            Self::OpenMvg => "openmvg",
+            Self::AliceVision => "alicevision",
+            Self::Open3d => "open3d",
+            Self::Metashape => "metashape",
+            Self::Multical => "multical",
+            Self::McCalib => "mccalib",
+            Self::Matlab => "matlab",
         }
     }
 
@@ -134,6 +165,9 @@ fn look(source: &Source) -> Checked<Option<Format>> {
     if xml::is_xml(text) && text.contains("<robot") {
         return Ok(Some(Format::Ros));
     }
+    if xml::is_xml(text) && metashape::is_it(text) {
+        return Ok(Some(Format::Metashape));
+    }
     let documents = yaml::documents(source)?;
     let Some(value) = documents.first() else {
         return Ok(None);
@@ -154,6 +188,18 @@ fn look(source: &Source) -> Checked<Option<Format>> {
         Some(Format::EasyMocap)
     } else if camodocal::is_it(value) {
         Some(Format::Camodocal)
+    } else if openmvg::is_it(value) {
+        Some(Format::OpenMvg)
+    } else if alicevision::is_it(value) {
+        Some(Format::AliceVision)
+    } else if open3d::is_it(value) {
+        Some(Format::Open3d)
+    } else if multical::is_it(value) {
+        Some(Format::Multical)
+    } else if mccalib::is_it(value) {
+        Some(Format::McCalib)
+    } else if matlab::is_it(value) {
+        Some(Format::Matlab)
     } else if has("frames") || has("camera_angle_x") {
         Some(Format::Nerf)
     } else if in_all("cam_K") || in_all("cam_model") {

@@ -6,7 +6,7 @@ use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Foreign, Lens, Plane};
 use crate::node::Node;
 use crate::source::Source;
-use crate::{Checked, Options, yaml};
+use crate::{Checked, Options, unknown, yaml};
 
 const CHAIN: &[&str] = &["T_cn_cnm1"];
 
@@ -88,6 +88,7 @@ fn poses(cameras: &[(&str, Node)], notes: &mut Vec<String>) -> Checked<Vec<Optio
 
 /// By the names of camera and distortion model, never by the number of coefficients.
 fn optics(node: &Node) -> Checked<(Plane, Lens)> {
+    unknown::refuse(node, &["distortion_model", "distortion_coeffs"])?;
     let of = |problem: String| format!("{}: {problem}", node.place);
     let intrinsics = node.get(&["intrinsics"])?;
     let distortion = match node.find(&["distortion_model"]) {

@@ -1,5 +1,6 @@
 //! Rigs from the calibration files of other programs: OpenCV, ROS, Kalibr, COLMAP, BOP, NeRF, DLR
-//! CalLab, HALCON, EuRoC, aniposelib, EasyMocap and camodocal.
+//! CalLab, HALCON, EuRoC, aniposelib, EasyMocap, camodocal, OpenMVG, AliceVision, Open3D, Metashape,
+//! multical, MC-Calib and MATLAB.
 //!
 //! Files differ in axes, direction, unit, order of quaternions, half a pixel and names of lenses. What
 //! a file says decides; what it cannot say is asked for by name ([`Options`]); what a rig cannot
@@ -7,6 +8,7 @@
 
 #![deny(missing_docs)]
 
+mod alicevision;
 mod anipose;
 mod bop;
 mod callab;
@@ -19,12 +21,19 @@ mod format;
 mod halcon;
 mod kalibr;
 mod lens;
+mod matlab;
+mod mccalib;
+mod metashape;
+mod multical;
 mod nerf;
 mod node;
+mod open3d;
 mod opencv;
+mod openmvg;
 mod options;
 mod ros;
 mod source;
+mod unknown;
 mod xml;
 mod yaml;
 
@@ -100,6 +109,13 @@ pub fn import(paths: &[PathBuf], options: &Options) -> Result<Imported> {
         Format::Anipose => anipose::read,
         Format::EasyMocap => easymocap::read,
         Format::Camodocal => camodocal::read,
+        Format::OpenMvg => openmvg::read,
+        Format::AliceVision => alicevision::read,
+        Format::Open3d => open3d::read,
+        Format::Metashape => metashape::read,
+        Format::Multical => multical::read,
+        Format::McCalib => mccalib::read,
+        Format::Matlab => matlab::read,
     };
     let (rig, notes) = read(&sources, options)
         .and_then(|draft| draft.finish(options))

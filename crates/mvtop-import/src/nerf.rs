@@ -8,7 +8,7 @@ use crate::draft::{self, Draft, DraftCamera, Pose, opencv_from_opengl};
 use crate::lens::{Lens, Plane};
 use crate::node::Node;
 use crate::source::Source;
-use crate::{Checked, Options, yaml};
+use crate::{Checked, Options, unknown, yaml};
 
 pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let [source] = sources else {
@@ -58,6 +58,9 @@ fn camera(top: &Node, frame: &Node, options: &Options) -> Checked<DraftCamera> {
             )
         })?;
     let [w, h] = size.map(f64::from);
+    for node in [top, frame] {
+        unknown::refuse(node, &["k1", "k2", "k3", "k4", "p1", "p2", "is_fisheye"])?;
+    }
     let focal = |key, angle, side: f64| -> Checked<Option<f64>> {
         Ok(match number(key)? {
             Some(focal) => Some(focal),

@@ -1,7 +1,7 @@
 //! OpenCV: FileStorage as YAML or JSON, of one camera, of a stereo pair, or of several cameras with
 //! `rvec` and `tvec` or `R` and `T` each; also other files with its names.
 
-mod keys;
+pub mod keys;
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;

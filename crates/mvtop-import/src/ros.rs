@@ -13,7 +13,7 @@ use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Lens, Plane};
 use crate::node::Node;
 use crate::source::Source;
-use crate::{Checked, Options, xml, yaml};
+use crate::{Checked, Options, unknown, xml, yaml};
 
 /// What to do about cameras whose places are not known.
 const POSING: &str = "a camera_info has no pose, so give a file of transforms as well (ros2 topic echo \
@@ -186,6 +186,8 @@ fn info(top: &Node, source: &Source, options: &Options) -> Checked<Info> {
         Some(r) => draft::rotation_and_translation(&of("R".into()), &r, [0.0; 3])?,
         None => Isometry3::identity(),
     };
+    let known = ["distortion_model", "distortion_coefficients"];
+    unknown::refuse(top, &known)?;
     let (plane, lens) = if options.rectified {
         let [fx, skew, cx, _, a, fy, cy, _, b, c, one, _] =
             p.ok_or_else(|| of("rectified images need P, got none".into()))?;

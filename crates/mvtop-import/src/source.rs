@@ -84,6 +84,13 @@ impl Source {
                 self.name
             ));
         }
+        if self.bytes.starts_with(b"MATLAB ") {
+            return Err(format!(
+                "{}: expected text, got a MAT-file, whose objects MATLAB alone reads; write JSON there with \
+                 `writelines(jsonencode(toStruct(params)), \"params.json\")` and give that",
+                self.name
+            ));
+        }
         let text = std::str::from_utf8(&self.bytes)
             .map_err(|_| format!("{}: expected text (UTF-8), got other bytes", self.name))?;
         Ok(text.strip_prefix('\u{feff}').unwrap_or(text))

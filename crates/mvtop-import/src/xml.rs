@@ -31,7 +31,7 @@ pub fn parse(text: &str) -> Checked<Value> {
     match root.tag_name().name() {
         "opencv_storage" => element(root, 0),
         got => Err(format!(
-            "expected OpenCV's `opencv_storage` or a URDF's `robot`, got XML of `{got}`"
+            "expected OpenCV's `opencv_storage`, a URDF's `robot` or Metashape's `document`, got XML of `{got}`"
         )),
     }
 }

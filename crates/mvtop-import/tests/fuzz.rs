@@ -3,6 +3,8 @@
 
 #[path = "../../mvtop-core/tests/fuzz/mutate.rs"]
 mod mutate;
+#[path = "import/formats/samples.rs"]
+mod samples;
 
 use mutate::{changed, edits};
 use mvtop_core::{Result, Rig};
@@ -272,6 +274,34 @@ fn rigs() -> Vec<(Options, Files)> {
         ),
         (named(Format::Camodocal), text(&[("a.yaml", CAMODOCAL)])),
         (named(Format::OpenCv), text(&[("a.xml", XML)])),
+        (
+            scaled(Format::OpenMvg),
+            text(&[("sfm_data.json", samples::OPENMVG)]),
+        ),
+        (
+            scaled(Format::AliceVision),
+            text(&[("cameras.sfm", samples::ALICEVISION)]),
+        ),
+        (
+            scaled(Format::Open3d),
+            text(&[("trajectory.json", samples::OPEN3D)]),
+        ),
+        (
+            scaled(Format::Multical),
+            text(&[("calibration.json", samples::MULTICAL)]),
+        ),
+        (
+            scaled(Format::McCalib),
+            text(&[("data.yml", &samples::mccalib(1, 0))]),
+        ),
+        (
+            named(Format::Matlab),
+            text(&[("stereo.json", samples::MATLAB)]),
+        ),
+        (
+            named(Format::Metashape),
+            text(&[("cameras.xml", samples::METASHAPE)]),
+        ),
     ]
 }
 
@@ -320,7 +350,7 @@ fn unchanged_files_are_read() {
 
 proptest! {
     #[test]
-    fn calibrations(edits in edits(), rig in 0..16usize, which in 0..2usize, named in any::<bool>()) {
+    fn calibrations(edits in edits(), rig in 0..23usize, which in 0..2usize, named in any::<bool>()) {
         let (mut options, mut files) = rigs().swap_remove(rig);
         options.format = options.format.filter(|_| named);
         let which = which % files.len();

@@ -1,10 +1,18 @@
 //! One file per format, each with a rig that is worked out by hand.
 
+mod alicevision;
 mod anipose;
 mod camodocal;
 mod easymocap;
 mod hand_eye;
+mod matlab;
+mod mccalib;
+mod metashape;
+mod multical;
+mod open3d;
 mod opencv_xml;
+mod openmvg;
+mod samples;
 mod scalars;
 
 const X: [f64; 3] = [1.0, 0.0, 0.0];

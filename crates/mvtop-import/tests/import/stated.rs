@@ -294,3 +294,36 @@ fn a_wide_lens_is_limited_to_the_angle_that_can_be_fitted() {
     let off = (pixel.x - 1100.0 * x - 640.0).hypot(pixel.y - 1100.0 * y - 480.0);
     assert!(off < 0.5, "{off} px: {:?}", imported.notes);
 }
+
+#[test]
+fn every_format_names_what_of_a_lens_it_does_not_know() {
+    let kalibr = "cam0:\n  camera_model: pinhole\n  intrinsics: [500, 500, 320, 240]\n  \
+                  resolution: [640, 480]\n  distortion_model: radtan\n  \
+                  distortion_coeffs: [0.1, 0, 0, 0]\n  xi: 0.5\n";
+    let ros = "image_width: 640\nimage_height: 480\ncamera_name: left\n\
+               camera_matrix: {rows: 3, cols: 3, data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}\n\
+               distortion_model: plumb_bob\ndistortion_coefficients: {data: [0.1, 0, 0, 0, 0]}\n\
+               thin_prism_dist: [0.1, 0.2]\n";
+    let nerf = r#"{"w": 640, "h": 480, "fl_x": 500, "cx": 320, "cy": 240, "k5": 0.1, "frames":
+        [{"file_path": "a.png", "transform_matrix":
+        [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}]}"#;
+    let bop = r#"{"0": {"cam_K": [500, 0, 320, 0, 500, 240, 0, 0, 1], "k1": 0.1}}"#;
+    let callab = "camera.0.A=[500 0 320; 0 500 240; 0 0 1]\ncamera.0.width=640\n\
+                  camera.0.height=480\ncamera.0.k4=0.1\n";
+    let euroc = "sensor_type: camera\nT_BS: {cols: 4, rows: 4, data: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, \
+                 1, 0, 0, 0, 0, 1]}\nresolution: [752, 480]\ncamera_model: pinhole\n\
+                 intrinsics: [458, 457, 367, 248]\ndistortion_model: radial-tangential\n\
+                 distortion_coefficients: [-0.28, 0.07, 0, 0]\nmirror_parameters: {xi: 0.7}\n";
+    for (file, text, key) in [
+        ("camchain.yaml", kalibr, "xi"),
+        ("left.yaml", ros, "thin_prism_dist"),
+        ("transforms.json", nerf, "k5"),
+        ("scene_camera.json", bop, "k1"),
+        ("a.cal", callab, "k4"),
+        ("sensor.yaml", euroc, "mirror_parameters"),
+    ] {
+        let error = refusal(&[(file, text)], &Options::default());
+        let expected = format!("`{key}` looks like a part of its lens");
+        assert!(error.contains(&expected), "{file}: {error}");
+    }
+}

@@ -40,6 +40,6 @@ fn opencv_xml_says_what_its_yaml_says() {
 
 #[test]
 fn other_xml_says_what_it_is() {
-    let error = refusal(&[("a.xml", "<document><chunk/></document>")], &scaled(1.0));
-    assert!(error.contains("got XML of `document`"), "{error}");
+    let error = refusal(&[("a.xml", "<project><chunk/></project>")], &scaled(1.0));
+    assert!(error.contains("got XML of `project`"), "{error}");
 }

@@ -1,0 +1,138 @@
+//! MATLAB's camera parameters as JSON: `jsonencode(toStruct(params))` of one camera or a stereo pair.
+//!
+//! Source: the documentation of `cameraParameters` and `stereoParameters`: pixels count from 1, so one is taken
+//! off the principal point. `IntrinsicMatrix` is the transpose of `K`, as `RotationOfCamera2` is that of OpenCV's
+//! R; `ImageSize` is rows and columns. Coefficients are OpenCV's, in two lists. `WorldUnits` is the unit.
+
+use serde_json::Value;
+
+use crate::draft::{self, Draft, DraftCamera, Pose};
+use crate::lens::{Lens, Plane};
+use crate::node::Node;
+use crate::source::Source;
+use crate::{Checked, Options, unknown, yaml};
+use nalgebra::Isometry3;
+
+const PAIR: [&str; 2] = ["CameraParameters1", "CameraParameters2"];
+/// What was read, and what is about other things.
+const KNOWN: [&str; 4] = [
+    "RadialDistortion",
+    "TangentialDistortion",
+    "Skew",
+    "NumRadialDistortionCoefficients",
+];
+
+/// Whether it is a camera, or a pair of these.
+pub fn is_it(value: &Value) -> bool {
+    let is_one = |value: &Value| {
+        ["RadialDistortion", "TangentialDistortion", "ImageSize"]
+            .iter()
+            .all(|key| value.get(key).is_some())
+    };
+    is_one(value) || PAIR.iter().all(|key| value.get(key).is_some_and(is_one))
+}
+
+pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
+    let mut cameras = Vec::new();
+    let mut units = Vec::new();
+    for source in sources {
+        let document = yaml::document(source)?;
+        let top = Node::new(&document, &source.name);
+        if !top.has(PAIR[0]) {
+            cameras.push(camera(&source.stem(), &top, None, &mut units)?);
+            continue;
+        }
+        let poses = [
+            Some(Pose::cam_from_world(Isometry3::identity())),
+            second(&top)?,
+        ];
+        for (index, (key, pose)) in PAIR.into_iter().zip(poses).enumerate() {
+            let id = format!("cam{}", index + 1);
+            cameras.push(camera(&id, &top.get(&[key])?, pose, &mut units)?);
+        }
+    }
+    let metres = match units.split_first() {
+        Some((first, others)) if others.iter().all(|other| other == first) => Some(*first),
+        _ => None,
+    };
+    Ok(Draft {
+        cameras,
+        metres,
+        posing: "give the stereoParameters of the pair",
+        notes: vec!["pixels count from 1 in MATLAB, so one was taken off principal points".into()],
+    })
+}
+
+/// The place of the second camera.
+fn second(top: &Node) -> Checked<Option<Pose>> {
+    if let Some(rotation) = top.find(&["RotationOfCamera2"]) {
+        let r: [f64; 9] = rotation.vector()?;
+        let r = std::array::from_fn(|i| r[3 * (i % 3) + i / 3]);
+        let t = top.get(&["TranslationOfCamera2"])?.vector()?;
+        let transform = draft::rotation_and_translation(&rotation.place, &r, t)?;
+        return Ok(Some(Pose::cam_from_world(transform)));
+    }
+    // Releases from 2022 on: what it maps to what is asked for.
+    let pose = |pose: Node| {
+        let matrix = pose.get(&["A"])?;
+        let transform = draft::rigid(&matrix.place, &matrix.matrix4()?)?;
+        Ok(Pose {
+            transform,
+            direction: None,
+        })
+    };
+    top.find(&["PoseCamera2"]).map(pose).transpose()
+}
+
+fn camera(id: &str, node: &Node, pose: Option<Pose>, units: &mut Vec<f64>) -> Checked<DraftCamera> {
+    let of = |problem: String| format!("{}: {problem}", node.place);
+    let matrix: [f64; 9] = match (node.find(&["K"]), node.find(&["IntrinsicMatrix"])) {
+        (Some(k), _) => k.vector()?,
+        (None, Some(transposed)) => {
+            let columns: [f64; 9] = transposed.vector()?;
+            std::array::from_fn(|i| columns[3 * (i % 3) + i / 3])
+        }
+        (None, None) => {
+            let [fx, fy] = node.get(&["FocalLength"])?.vector()?;
+            let [cx, cy] = node.get(&["PrincipalPoint"])?.vector()?;
+            let skew = node.find(&["Skew"]).map_or(Ok(0.0), |skew| skew.number())?;
+            [fx, skew, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
+        }
+    };
+    let plane = Plane::from_matrix(matrix).map_err(of)?;
+    let plane = Plane {
+        cx: plane.cx - 1.0,
+        cy: plane.cy - 1.0,
+        ..plane
+    };
+    let radial = node.get(&["RadialDistortion"])?.numbers()?;
+    let [p1, p2] = node.get(&["TangentialDistortion"])?.vector()?;
+    let [k1, k2, k3] = match radial.as_slice() {
+        &[k1, k2] => [k1, k2, 0.0],
+        &[k1, k2, k3] => [k1, k2, k3],
+        other => {
+            let got = other.len();
+            return Err(of(format!(
+                "expected 2 or 3 of RadialDistortion, got {got}"
+            )));
+        }
+    };
+    unknown::refuse(node, &KNOWN)?;
+    if let Some(unit) = node.find(&["WorldUnits"]) {
+        units.push(match unit.text()? {
+            "m" | "meters" => 1.0,
+            "cm" | "centimeters" => 0.01,
+            "mm" | "millimeters" => 0.001,
+            "in" | "inches" => 0.0254,
+            _ => return Err(unit.wrong("m, cm, mm or in")),
+        });
+    }
+    let [rows, columns] = node.get(&["ImageSize"])?.size()?;
+    Ok(DraftCamera {
+        id: draft::id(id),
+        size: Some([columns, rows]),
+        plane,
+        lens: Lens::brown_conrady(&[k1, k2, p1, p2, k3]).map_err(of)?,
+        pose,
+    })
+}
