@@ -30,11 +30,24 @@ pub struct ModelInfo(bop::ModelInfo);
 /// What is known of the images of a scene's folder, in the order of sensors and images; the images
 /// themselves are not opened.
 ///
-/// - whole: whether what is incomplete is refused, images that are listed but not unpacked and
-///   annotations without a camera, instead of left out
+/// Parameters
+/// ----------
+/// whole
+///     Whether what is incomplete is refused, images that are listed but not unpacked and
+///     annotations without a camera, instead of left out.
 ///
-/// Raises OSError for a file that cannot be read, ValueError for one that is not BOP's. Warns of what
-/// is doubtful: rotations that were made exact, images that are missing, cameras in metres.
+/// Raises
+/// ------
+/// OSError
+///     For a file that cannot be read.
+/// ValueError
+///     For one that is not BOP's.
+///
+/// Warns
+/// -----
+/// MvtopWarning
+///     Of what is doubtful: rotations that were made exact, images that are missing, cameras in
+///     metres.
 #[pyfunction]
 #[pyo3(signature = (folder, *, whole = false))]
 pub fn read_scene(py: Python, folder: PathBuf, whole: bool) -> PyResult<Vec<Image>> {
@@ -58,7 +71,12 @@ pub fn read_scene(py: Python, folder: PathBuf, whole: bool) -> PyResult<Vec<Imag
 
 /// What models_info.json says of each object, by its number.
 ///
-/// Raises OSError for a file that cannot be read, ValueError for one that is not BOP's.
+/// Raises
+/// ------
+/// OSError
+///     For a file that cannot be read.
+/// ValueError
+///     For one that is not BOP's.
 #[pyfunction]
 pub fn read_models_info(path: PathBuf) -> PyResult<BTreeMap<u32, ModelInfo>> {
     let infos = bop::load_infos(&path).map_err(python)?;
@@ -218,8 +236,12 @@ impl ModelInfo {
 
 /// The line of one pose, with its end.
 ///
-/// - cam_from_obj: (4, 4), metres; written as rows of the rotation and millimetres
-/// - time_s: what all poses of the image took, seconds; BOP's -1 where that is not known
+/// Parameters
+/// ----------
+/// cam_from_obj : array, (4, 4)
+///     Metres; written as rows of the rotation and millimetres.
+/// time_s
+///     What all poses of the image took, seconds; BOP's -1 where that is not known.
 #[pyfunction]
 pub fn bop_results_line(
     scene_id: u32,

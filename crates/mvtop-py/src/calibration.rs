@@ -103,9 +103,15 @@ impl RigCheck {
 
     /// How each other camera would be moved, if one stands where the rig says.
     ///
-    /// - base: id of that one; the reference by default
+    /// Parameters
+    /// ----------
+    /// base
+    ///     Id of that one; the reference by default.
     ///
-    /// Raises ValueError where the rig has no such camera.
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     Where the rig has no such camera.
     #[pyo3(signature = (base = None))]
     fn corrections(&self, base: Option<&str>) -> PyResult<Vec<RigCorrection>> {
         let index = match base {
@@ -123,8 +129,11 @@ impl RigCheck {
 
     /// The rig with the cameras of `off` where the images show them.
     ///
-    /// Raises ValueError where there are none, where the images tell too little of where one stands,
-    /// and where sets that were held out fit no better.
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     Where there are none, where the images tell too little of where one stands, and where
+    ///     sets that were held out fit no better.
     fn refined(&self, py: Python) -> PyResult<RefinedRig> {
         let cameras: Vec<usize> = self
             .observed

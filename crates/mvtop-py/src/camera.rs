@@ -33,15 +33,26 @@ type Pickled = (
 impl Camera {
     /// A camera from arrays.
     ///
-    /// - K: (3, 3), intrinsics in px: [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]
-    /// - size: width and height of its images, px
-    /// - distortion: of "pinhole" 0, 4, 5, 8, 12 or 14 of k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty, of
-    ///   "fisheye" k1 k2 k3 k4; also as rows or columns, as OpenCV returns them
-    /// - model: "pinhole" (Brown-Conrady) or "fisheye" (Kannala-Brandt)
-    /// - world_from_cam: (4, 4), camera frame to world frame, metres; the identity by default
-    /// - max_angle_deg: greatest angle from the optical axis at which the lens images anything
+    /// Parameters
+    /// ----------
+    /// K : array, (3, 3)
+    ///     Intrinsics in px: [[fx, skew, cx], [0, fy, cy], [0, 0, 1]].
+    /// size
+    ///     Width and height of its images, px.
+    /// distortion
+    ///     Of "pinhole" 0, 4, 5, 8, 12 or 14 of k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty, of
+    ///     "fisheye" k1 k2 k3 k4; also as rows or columns, as OpenCV returns them.
+    /// model
+    ///     "pinhole" (Brown-Conrady) or "fisheye" (Kannala-Brandt).
+    /// world_from_cam : array, (4, 4)
+    ///     Camera frame to world frame, metres; the identity by default.
+    /// max_angle_deg
+    ///     Greatest angle from the optical axis at which the lens images anything.
     ///
-    /// Raises ValueError for anything that hints at a mistake, as a rig file does.
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     For anything that hints at a mistake, as a rig file does.
     #[new]
     #[pyo3(signature = (K, size, *, distortion = None, model = "pinhole", world_from_cam = None, id = "cam0", max_angle_deg = None))]
     #[allow(non_snake_case, clippy::too_many_arguments)] // K is the name that everyone knows
@@ -108,9 +119,16 @@ impl Camera {
 
     /// Pixels at which the lens images points of the camera frame.
     ///
-    /// - points: (..., 3), any unit
-    /// - returns: (..., 2), px, also outside the image; NaN for what the lens cannot image: behind
-    ///   the camera, or past the angle at which the distortion would fold the image back
+    /// Parameters
+    /// ----------
+    /// points : array, (..., 3)
+    ///     Any unit.
+    ///
+    /// Returns
+    /// -------
+    /// array, (..., 2)
+    ///     Px, also outside the image; NaN for what the lens cannot image: behind the camera, or
+    ///     past the angle at which the distortion would fold the image back.
     fn project(&self, py: Python, points: ArrayLike) -> PyResult<F64> {
         let points = points.any_number("points", None, &[3])?;
         let intrinsics = self.0.intrinsics();
@@ -122,8 +140,15 @@ impl Camera {
 
     /// Directions of the rays that the lens images at pixels: the exact inverse of `project`.
     ///
-    /// - pixels: (..., 2), px
-    /// - returns: (..., 3), camera frame, of length 1; NaN where no ray meets the pixel
+    /// Parameters
+    /// ----------
+    /// pixels : array, (..., 2)
+    ///     Px.
+    ///
+    /// Returns
+    /// -------
+    /// array, (..., 3)
+    ///     Camera frame, of length 1; NaN where no ray meets the pixel.
     fn unproject(&self, py: Python, pixels: ArrayLike) -> PyResult<F64> {
         let pixels = pixels.any_number("pixels", None, &[2])?;
         let intrinsics = self.0.intrinsics();

@@ -8,8 +8,12 @@ use crate::process::compute;
 
 /// The command line `mvtop-cli`: `args` begin with the program's name. Returns the exit code.
 ///
-/// - shipped: the folder with the package's model and example
-/// - library: of ONNX Runtime, used where none is named; searched for by default
+/// Parameters
+/// ----------
+/// shipped
+///     The folder with the package's model and example.
+/// library
+///     Of ONNX Runtime, used where none is named; searched for by default.
 #[pyfunction]
 #[pyo3(signature = (args, shipped, library = None))]
 pub fn run_cli(
@@ -24,7 +28,10 @@ pub fn run_cli(
 
 /// What `mvtop-cli eval bop --json` prints; `args` follow these words.
 ///
-/// Raises ValueError for what it refuses.
+/// Raises
+/// ------
+/// ValueError
+///     For what it refuses.
 #[pyfunction]
 pub fn eval_bop(py: Python, args: Vec<OsString>) -> PyResult<String> {
     compute(py, || mvtop_cli::eval_bop(args))?.map_err(value)

@@ -5,11 +5,12 @@ use std::io;
 
 use mvtop_core::error::printable;
 use mvtop_core::{Error, ErrorKind};
-use pyo3::exceptions::{PyException, PyFileNotFoundError, PyUserWarning, PyValueError};
+use pyo3::exceptions::{PyException, PyFileNotFoundError, PyValueError};
 use pyo3::prelude::*;
 
 mod imported {
     pyo3::import_exception!(mvtop._error, Error);
+    pyo3::import_exception!(mvtop._error, MvtopWarning);
 }
 
 /// `ValueError` for values and shapes, `OSError` for files that cannot be read, `mvtop.Error` for
@@ -32,12 +33,12 @@ pub fn python(error: Error) -> PyErr {
     }
 }
 
-/// Python's warnings, which point at the caller's line.
+/// Python's warnings, `mvtop.MvtopWarning`, which point at the caller's line.
 pub fn warn(py: Python, sentences: &[String]) -> PyResult<()> {
     for sentence in sentences {
         // What is printable has no zero byte.
         let sentence = CString::new(printable(sentence)).unwrap_or_default();
-        PyErr::warn(py, &py.get_type::<PyUserWarning>(), &sentence, 1)?;
+        PyErr::warn(py, &py.get_type::<imported::MvtopWarning>(), &sentence, 1)?;
     }
     Ok(())
 }

@@ -11,16 +11,14 @@ use mvtop_core::bundle::Class;
 use mvtop_core::calibration::{Expected, observe};
 use mvtop_core::config::InferenceConfig;
 use mvtop_core::onnx::SessionOptions;
-use mvtop_core::report::Report;
-use mvtop_core::{
-    Estimator, Options, PredictOptions, Prediction, Tracker, ViewImage, image, overlay,
-};
+use mvtop_core::{Estimator, Options, PredictOptions, Tracker, ViewImage, image, overlay};
 use pyo3::prelude::*;
 
 use crate::calibration::RigCheck;
 use crate::convert::{self, F64, Rgb, shaped};
 use crate::error::{python, unless_interrupted, value};
-use crate::process::{compute, in_pool, let_forks_exit};
+use crate::prediction::NativePrediction;
+use crate::process::{compute, in_pool, interruptible, let_forks_exit};
 use crate::rig::Rig;
 
 /// An object's class, and its boxes by camera id.
@@ -39,27 +37,6 @@ pub struct NativeTracker {
     tracker: ManuallyDrop<Mutex<Tracker>>,
     rig: Arc<mvtop_core::Rig>,
     process: u32,
-}
-
-/// What the core's estimator answered.
-#[pyclass(frozen, module = "mvtop._mvtop")]
-pub struct NativePrediction {
-    prediction: Prediction,
-    rig: Arc<mvtop_core::Rig>,
-}
-
-#[pymethods]
-impl NativePrediction {
-    /// What `mvtop-cli infer --json` prints.
-    fn to_json(&self) -> PyResult<String> {
-        serde_json::to_string(&Report::new(&self.prediction, &self.rig))
-            .map_err(|cause| value(format!("report: {cause}")))
-    }
-
-    fn __repr__(&self) -> String {
-        let count = self.prediction.objects.len();
-        format!("NativePrediction({count} objects)")
-    }
 }
 
 /// All inference settings without a bundle, as JSON.
@@ -93,7 +70,8 @@ impl NativeEstimator {
             session,
             inference: inference.into_iter().map(parsed).collect::<PyResult<_>>()?,
         };
-        let estimator = compute(py, || Estimator::load(&bundle, &options))?.map_err(python)?;
+        let load = || in_pool(|| Estimator::load(&bundle, &options))?.map_err(python);
+        let estimator = interruptible(py, load)?;
         let_forks_exit();
         Ok(Self {
             estimator: ManuallyDrop::new(Arc::new(estimator)),
@@ -135,8 +113,8 @@ impl NativeEstimator {
         let rig = rig.core().clone();
         let images = load(py, &rig, images)?;
         let options = options(reference, boxes, min_views, refine);
-        let prediction = compute(py, || self.estimator.predict(&rig, &images, &options))?;
-        let prediction = prediction.map_err(python)?;
+        let predict = || in_pool(|| self.estimator.predict(&rig, &images, &options));
+        let prediction = interruptible(py, || predict()?.map_err(python))?;
         Ok(NativePrediction { prediction, rig })
     }
 
@@ -156,8 +134,9 @@ impl NativeEstimator {
             turn_deg: turn_sd_deg,
             shift_m: shift_sd_m,
         };
-        let observed = compute(py, || observe(&self.estimator, &rig, &sets, expected))?;
-        Ok(RigCheck::new(observed.map_err(python)?, rig))
+        let observe = || in_pool(|| observe(&self.estimator, &rig, &sets, expected));
+        let observed = interruptible(py, || observe()?.map_err(python))?;
+        Ok(RigCheck::new(observed, rig))
     }
 
     /// The images as arrays.
@@ -244,12 +223,12 @@ impl NativeTracker {
         refine: Option<bool>,
     ) -> PyResult<NativePrediction> {
         let options = options(reference, boxes, min_views, refine);
-        let prediction = py.detach(|| {
+        let prediction = interruptible(py, || {
             let tracker = &mut *self.lock();
-            in_pool(|| tracker.predict(&options))
+            in_pool(|| tracker.predict(&options))?.map_err(python)
         })?;
         Ok(NativePrediction {
-            prediction: prediction.map_err(python)?,
+            prediction,
             rig: self.rig.clone(),
         })
     }

@@ -8,6 +8,7 @@ mod convert;
 mod error;
 mod estimator;
 mod metrics;
+mod prediction;
 mod process;
 mod rays;
 mod rig;
@@ -40,12 +41,16 @@ mod _mvtop {
     #[pymodule_export]
     const PIPELINE_VERSION: u32 = mvtop_core::config::PIPELINE_VERSION;
     #[pymodule_export]
-    use super::estimator::{NativeEstimator, NativePrediction, NativeTracker, default_inference};
+    use super::estimator::{NativeEstimator, NativeTracker, default_inference};
     #[pymodule_export]
     use super::metrics::{
         Mesh, Surface, Symmetries, auc_exact, auc_poet, auc_posecnn, average_recall, recall,
         rotation_error_deg, translation_error, vsd,
     };
+    #[pymodule_export]
+    use super::prediction::NativePrediction;
+    #[pymodule_export]
+    const REPORT_SCHEMA_VERSION: u32 = mvtop_core::report::SCHEMA_VERSION;
     #[pymodule_export]
     use super::process::set_num_threads;
     #[pymodule_export]

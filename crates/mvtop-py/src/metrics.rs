@@ -23,8 +23,12 @@ impl Symmetries {
     /// The identity and the discrete symmetries, each followed by every turn about each axis, as in
     /// BOP's models_info.json.
     ///
-    /// - discrete: (S, 4, 4), without the identity, in the unit of the points
-    /// - continuous: axis and a point on it, (3,) each
+    /// Parameters
+    /// ----------
+    /// discrete : array, (S, 4, 4)
+    ///     Without the identity, in the unit of the points.
+    /// continuous
+    ///     Axis and a point on it, (3,) each.
     #[new]
     #[pyo3(signature = (discrete = None, continuous = vec![]))]
     fn new(
@@ -69,7 +73,11 @@ pub struct Surface {
 
 #[pymethods]
 impl Surface {
-    /// - points: (P, 3), object frame
+    ///
+    /// Parameters
+    /// ----------
+    /// points : array, (P, 3)
+    ///     Object frame.
     #[new]
     fn new(points: ArrayLike) -> PyResult<Self> {
         let points = points.any_number("points", Some(1), &[3])?;
@@ -128,7 +136,10 @@ impl Surface {
     /// MSPD: greatest distance of the points' pixels, px, for the symmetry where that is least
     /// (BOP); infinite where the lens cannot image a point.
     ///
-    /// - truth, estimate: object frame to camera frame
+    /// Parameters
+    /// ----------
+    /// truth, estimate
+    ///     Object frame to camera frame.
     #[pyo3(signature = (truth, estimate, camera, symmetries = None))]
     fn mspd(
         &self,
@@ -154,8 +165,12 @@ pub struct Mesh {
 
 #[pymethods]
 impl Mesh {
-    /// - vertices: (P, 3)
-    /// - triangles: three vertices' numbers each; both sides are seen
+    ///
+    /// Parameters
+    /// ----------
+    /// vertices : array, (P, 3)
+    /// triangles
+    ///     Three vertices' numbers each; both sides are seen.
     #[new]
     fn new(vertices: ArrayLike, triangles: Vec<[u32; 3]>) -> PyResult<Self> {
         let vertices = points3(&vertices.any_number("vertices", Some(1), &[3])?);
@@ -172,10 +187,20 @@ impl Mesh {
 
     /// Depth image, in the unit of the vertices and the pose.
     ///
-    /// - half_pixel: pixels are centered at (0.5, 0.5), as in bop_toolkit's renderers
-    /// - returns: (H, W), float32, of the camera's size; 0 where there is nothing
+    /// Parameters
+    /// ----------
+    /// half_pixel
+    ///     Pixels are centered at (0.5, 0.5), as in bop_toolkit's renderers.
     ///
-    /// Raises ValueError for a lens with distortion.
+    /// Returns
+    /// -------
+    /// array, (H, W), float32
+    ///     Of the camera's size; 0 where there is nothing.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     For a lens with distortion.
     #[pyo3(signature = (cam_from_obj, camera, *, half_pixel = false))]
     fn depth(
         &self,
@@ -200,12 +225,22 @@ impl Mesh {
 /// VSD: share of the visible pixels of both poses where the object's surfaces do not coincide
 /// (BOP).
 ///
-/// - estimate, truth: (H, W), depth images of the object, see Mesh.depth
-/// - measured: (H, W), depth image of the scene, 0 where nothing was measured
-/// - delta: how far a surface may lie behind the measured one and still be seen; BOP: 15 mm
-/// - taus: misalignment tolerances; BOP's shares of the diameter by default
-/// - diameter: divides distances where given, as BOP does
-/// - returns: one number for each tolerance, 0 to 1
+/// Parameters
+/// ----------
+/// estimate, truth : array, (H, W)
+///     Depth images of the object, see Mesh.depth.
+/// measured : array, (H, W)
+///     Depth image of the scene, 0 where nothing was measured.
+/// delta
+///     How far a surface may lie behind the measured one and still be seen; BOP: 15 mm.
+/// taus
+///     Misalignment tolerances; BOP's shares of the diameter by default.
+/// diameter
+///     Divides distances where given, as BOP does.
+///
+/// Returns
+/// -------
+/// One number for each tolerance, 0 to 1.
 #[pyfunction]
 #[pyo3(signature = (estimate, truth, measured, camera, *, delta, taus = None, diameter = None))]
 #[allow(clippy::too_many_arguments)] // as many as the definition has
@@ -237,8 +272,14 @@ pub fn vsd(
 
 /// Least angle between the estimated rotation and a symmetric one of the true, degrees.
 ///
-/// - truth, estimate: (..., 4, 4) poses or (..., 3, 3) rotations; one of the two may be a single one
-/// - returns: (...)
+/// Parameters
+/// ----------
+/// truth, estimate
+///     (..., 4, 4) poses or (..., 3, 3) rotations; one of the two may be a single one.
+///
+/// Returns
+/// -------
+/// array, (...)
 #[pyfunction]
 #[pyo3(signature = (truth, estimate, symmetries = None))]
 pub fn rotation_error_deg(
@@ -260,8 +301,14 @@ pub fn rotation_error_deg(
 /// Least distance between the estimated origin and a symmetric one of the true, in the unit of the
 /// poses.
 ///
-/// - truth, estimate: (..., 4, 4); one of the two may be a single one
-/// - returns: (...)
+/// Parameters
+/// ----------
+/// truth, estimate : array, (..., 4, 4)
+///     One of the two may be a single one.
+///
+/// Returns
+/// -------
+/// array, (...)
 #[pyfunction]
 #[pyo3(signature = (truth, estimate, symmetries = None))]
 pub fn translation_error(

@@ -3,11 +3,16 @@
 //! A forked process has only the thread that forked: rayon's global pool would be waited for
 //! forever, and so would the threads of a loaded network.
 
+use std::panic::resume_unwind;
 use std::process;
 use std::ptr;
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicPtr, AtomicUsize, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::{Mutex, OnceLock, PoisonError};
+use std::thread;
+use std::time::Duration;
 
+use mvtop_core::cancel::Cancel;
 use mvtop_core::onnx::check_threads;
 use pyo3::prelude::*;
 use rayon::ThreadPool;
@@ -33,9 +38,15 @@ struct Pool {
 /// Sets the number of threads that mvtop's own computations use, in this process and those that are
 /// forked from it. A network's are chosen where it is loaded.
 ///
-/// - count: 0 for one per processor, as it is at first; 1024 at most
+/// Parameters
+/// ----------
+/// count
+///     0 for one per processor, as it is at first; 1024 at most.
 ///
-/// Raises ValueError for more.
+/// Raises
+/// ------
+/// ValueError
+///     For more.
 #[pyfunction]
 pub fn set_num_threads(count: usize) -> PyResult<()> {
     check_threads(count).map_err(python)?;
@@ -51,6 +62,47 @@ pub fn note_first() {
 /// Does some work, in this process's own rayon threads and without Python's lock.
 pub fn compute<T: Send>(py: Python, work: impl FnOnce() -> T + Send) -> PyResult<T> {
     py.detach(|| in_pool(work))
+}
+
+/// How often Python is asked whether it was interrupted.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// The same for work that Ctrl-C ends: Python notes an interrupt and raises it when its main thread asks,
+/// so that this looks while another thread works. Work that panics is the caller's panic.
+pub fn interruptible<T: Send>(
+    py: Python,
+    work: impl FnOnce() -> PyResult<T> + Send,
+) -> PyResult<T> {
+    let cancel = Cancel::default();
+    let asked = cancel.clone();
+    thread::scope(|threads| {
+        let (send, done) = mpsc::channel();
+        let done = Mutex::new(done);
+        let worker = threads.spawn(move || {
+            let result = asked.scope(work);
+            drop(send);
+            result
+        });
+        let mut interrupt = None;
+        // Disconnected is done, or panicked.
+        let waits = || {
+            let done = done.lock().unwrap_or_else(PoisonError::into_inner);
+            done.recv_timeout(LOOK) == Err::<(), _>(RecvTimeoutError::Timeout)
+        };
+        while py.detach(waits) {
+            if interrupt.is_none()
+                && let Err(raised) = py.check_signals()
+            {
+                cancel.ask();
+                interrupt = Some(raised);
+            }
+        }
+        let done = py.detach(|| worker.join());
+        match interrupt {
+            Some(raised) => Err(raised),
+            None => done.unwrap_or_else(|panic| resume_unwind(panic)),
+        }
+    })
 }
 
 /// The same for work under a lock, to be taken outside: a thread of the pool that waits for a part

@@ -15,11 +15,19 @@ const MOST_CELLS: u64 = 1 << 24;
 
 /// Direction in which each cell of the network's feature maps looks, in the camera's own frame.
 ///
-/// - strides: of the levels, network pixels per cell
-/// - net_size: width and height of the network's input, px, into which the image is scaled to fit;
-///   the image's own by default
-/// - returns: (N, 3), float32, of length 1, levels in the order of strides, each row by row; 0 for
-///   cells that lie in the padding or that no ray meets
+/// Parameters
+/// ----------
+/// strides
+///     Of the levels, network pixels per cell.
+/// net_size
+///     Width and height of the network's input, px, into which the image is scaled to fit; the
+///     image's own by default.
+///
+/// Returns
+/// -------
+/// array, (N, 3), float32
+///     Of length 1, levels in the order of strides, each row by row; 0 for cells that lie in
+///     the padding or that no ray meets.
 #[pyfunction]
 #[pyo3(signature = (camera, strides, *, net_size = None))]
 pub fn camera_rays(
@@ -54,11 +62,20 @@ pub fn camera_rays(
 /// Lines of sight in the reference camera's frame: unit direction d, origin o, moment d x o, as the
 /// paper prints it (textbooks write o x d).
 ///
-/// - camera_rays: (N, 3), directions in the camera's frame; 0 where there is none
-/// - ref_from_cam: (4, 4), metres
-/// - encoding: "direction" [d], "origin_direction" [o, d], "plucker" [d, d x o] or
-///   "plucker_origin" [d, d x o, o]
-/// - returns: (N, 3, 6 or 9), float32; 0 where there is no ray
+/// Parameters
+/// ----------
+/// camera_rays : array, (N, 3)
+///     Directions in the camera's frame; 0 where there is none.
+/// ref_from_cam : array, (4, 4)
+///     Metres.
+/// encoding
+///     "direction" [d], "origin_direction" [o, d], "plucker" [d, d x o] or "plucker_origin" [d,
+///     d x o, o].
+///
+/// Returns
+/// -------
+/// array, (N, 3, 6 or 9), float32
+///     0 where there is no ray.
 #[pyfunction]
 #[pyo3(signature = (camera_rays, ref_from_cam, encoding = "plucker"))]
 pub fn encode_rays(
@@ -83,10 +100,18 @@ pub fn encode_rays(
 /// Lines of sight of a box: camera center o, direction d through the box's center, and how far the
 /// directions to its sides lie to the left and right, and above and below.
 ///
-/// - box: x0, y0, x1, y1, px of the image
-/// - ref_from_cam: (4, 4), metres
-/// - returns: (12,), float32, [o, d, 10 e_x, 10 e_y] in the reference camera's frame; None where a
-///   pixel of it has no ray
+/// Parameters
+/// ----------
+/// box
+///     x0, y0, x1, y1, px of the image.
+/// ref_from_cam : array, (4, 4)
+///     Metres.
+///
+/// Returns
+/// -------
+/// array, (12,), float32
+///     [o, d, 10 e_x, 10 e_y] in the reference camera's frame; None where a pixel of it has no
+///     ray.
 #[pyfunction]
 pub fn box_rays(
     camera: PyRef<Camera>,

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::io::{self, ErrorKind};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use mvtop_core::error::printable;
@@ -21,13 +22,22 @@ pub struct Rig(Arc<mvtop_core::Rig>);
 
 #[pymethods]
 impl Rig {
-    /// A rig of these cameras; `reference` is the id of the one in whose frame poses are given, the
-    /// first by default.
+    /// A rig of these cameras.
     ///
-    /// - trust_unit: whether the cameras do stand within 2 mm of each other, or up to more than 100 m
-    ///   apart, which hints at another unit than metres and is refused else
+    /// Parameters
+    /// ----------
+    /// cameras
+    ///     In order.
+    /// reference
+    ///     Id of the one in whose frame poses are given, the first by default.
+    /// trust_unit
+    ///     Whether the cameras do stand within 2 mm of each other, or up to more than 100 m apart,
+    ///     which hints at another unit than metres and is refused else.
     ///
-    /// Raises ValueError for anything that hints at a mistake, as a rig file does.
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     For anything that hints at a mistake, as a rig file does.
     #[new]
     #[pyo3(signature = (cameras, reference = None, *, trust_unit = false))]
     fn new(
@@ -41,9 +51,14 @@ impl Rig {
 
     /// Reads a rig file (docs/reference/rig-file.md).
     ///
-    /// Raises OSError where it cannot be read, ValueError where it is refused.
+    /// Raises
+    /// ------
+    /// OSError
+    ///     Where it cannot be read.
+    /// ValueError
+    ///     Where it is refused.
     #[classmethod]
-    fn load(_cls: &Bound<PyType>, path: std::path::PathBuf) -> PyResult<Self> {
+    fn load(_cls: &Bound<PyType>, path: PathBuf) -> PyResult<Self> {
         let rig = mvtop_core::Rig::load(&path).map_err(python)?;
         Ok(Self(Arc::new(rig)))
     }
@@ -54,26 +69,51 @@ impl Rig {
     ///
     /// What the files cannot say is asked for by these names:
     ///
-    /// - paths: files of one rig; of COLMAP, its folder will do
-    /// - format: "opencv", "ros", "kalibr", "colmap", "bop", "nerf", "callab", "halcon", "euroc",
-    ///   "anipose", "easymocap" or "camodocal"; recognised by default
-    /// - scale: metres per unit of the files; or unit: "m", "cm" or "mm"
-    /// - image_size: width and height of all images, px; image_sizes: of single cameras, by id
-    /// - direction: what poses map to what, "world_from_cam" or "cam_from_world"
-    /// - model: "pinhole" or "fisheye"
-    /// - max_angle: greatest angle from the axis at which a lens images anything or is to be used, degrees
-    /// - image: of BOP, the image whose cameras make the rig
-    /// - rectified: of ROS, whether images are rectified rather than raw
-    /// - trust_unit: as of Rig
-    /// - returns: the rig, and sentences: what was taken for what, and errors of fitted lenses in px
+    /// Parameters
+    /// ----------
+    /// paths
+    ///     A file, or the files of one rig; of COLMAP, its folder will do.
+    /// format
+    ///     "opencv", "ros", "kalibr", "colmap", "bop", "nerf", "callab", "halcon", "euroc",
+    ///     "anipose", "easymocap", "camodocal", "openmvg", "alicevision", "open3d", "metashape",
+    ///     "multical", "mccalib" or "matlab"; recognised by default.
+    /// scale
+    ///     Metres per unit of the files.
+    /// unit
+    ///     The same by name, "m", "cm" or "mm".
+    /// image_size
+    ///     Width and height of all images, px.
+    /// image_sizes
+    ///     Of single cameras, by id.
+    /// direction
+    ///     What poses map to what, "world_from_cam" or "cam_from_world".
+    /// model
+    ///     "pinhole" or "fisheye".
+    /// max_angle
+    ///     Greatest angle from the axis at which a lens images anything or is to be used, degrees.
+    /// image
+    ///     Of BOP, the image whose cameras make the rig.
+    /// rectified
+    ///     Of ROS, whether images are rectified rather than raw.
+    /// trust_unit
+    ///     As of Rig.
     ///
-    /// Raises OSError where a file cannot be read, ValueError where it is refused.
+    /// Returns
+    /// -------
+    /// The rig, and a list of sentences: what was taken for what, and errors of fitted lenses in px.
+    ///
+    /// Raises
+    /// ------
+    /// OSError
+    ///     Where a file cannot be read.
+    /// ValueError
+    ///     Where it is refused.
     #[classmethod]
     #[pyo3(signature = (paths, *, format = None, scale = None, unit = None, image_size = None, image_sizes = None, direction = None, model = None, max_angle = None, image = None, rectified = false, trust_unit = false))]
     #[allow(clippy::too_many_arguments)] // as many as there are things that files leave open
-    fn import_(
+    fn import_file(
         _cls: &Bound<PyType>,
-        paths: Vec<std::path::PathBuf>,
+        paths: Paths,
         format: Option<&str>,
         scale: Option<f64>,
         unit: Option<&str>,
@@ -107,7 +147,7 @@ impl Rig {
             rectified,
             trust_unit,
         };
-        let imported = mvtop_import::import(&paths, &options).map_err(python)?;
+        let imported = mvtop_import::import(&paths.list(), &options).map_err(python)?;
         Ok((Self(Arc::new(imported.rig)), imported.notes))
     }
 
@@ -116,7 +156,10 @@ impl Rig {
     ///
     /// Needs `pip install mvtop[viz]`. Start a recording first, for example with `rerun.init`.
     ///
-    /// - recording: where to; the active one by default
+    /// Parameters
+    /// ----------
+    /// recording
+    ///     Where to; the active one by default.
     #[pyo3(signature = (recording = None, *, path = "mvtop"))]
     fn to_rerun(slf: &Bound<Self>, recording: Option<Bound<PyAny>>, path: &str) -> PyResult<()> {
         let viewer = slf.py().import("mvtop._viewer")?;
@@ -134,12 +177,20 @@ impl Rig {
 
     /// A rig of V cameras of one lens model.
     ///
-    /// - K: (V, 3, 3), or (3, 3) for all; intrinsics, px
-    /// - world_from_cam: (V, 4, 4), camera frame to world frame, metres
-    /// - sizes: (V, 2), or (2,) for all; widths and heights of the images, px
-    /// - distortion: (V, n), or (n,) for all; see Camera
-    /// - ids: names of the cameras, "cam0", "cam1", ... by default
-    /// - reference, trust_unit: as of Rig
+    /// Parameters
+    /// ----------
+    /// K : array, (V, 3, 3), or (3, 3) for all
+    ///     Intrinsics, px.
+    /// world_from_cam : array, (V, 4, 4)
+    ///     Camera frame to world frame, metres.
+    /// sizes : array, (V, 2), or (2,) for all
+    ///     Widths and heights of the images, px.
+    /// distortion : array, (V, n), or (n,) for all
+    ///     See Camera.
+    /// ids
+    ///     Names of the cameras, "cam0", "cam1", ... by default.
+    /// reference, trust_unit
+    ///     As of Rig.
     #[classmethod]
     #[pyo3(signature = (K, world_from_cam, sizes, *, distortion = None, model = "pinhole", ids = None, reference = None, trust_unit = false))]
     #[allow(non_snake_case, clippy::too_many_arguments)] // one argument is one array of Python's
@@ -187,11 +238,19 @@ impl Rig {
 
     /// Writes a rig file, in metres; what is read back is equal.
     ///
-    /// - overwrite: whether a file may be replaced
+    /// Parameters
+    /// ----------
+    /// overwrite
+    ///     Whether a file may be replaced.
     ///
-    /// Raises FileExistsError where there is one, OSError where it cannot be written.
+    /// Raises
+    /// ------
+    /// FileExistsError
+    ///     Where there is one.
+    /// OSError
+    ///     Where it cannot be written.
     #[pyo3(signature = (path, *, overwrite = false))]
-    fn save(&self, path: std::path::PathBuf, overwrite: bool) -> PyResult<()> {
+    fn save(&self, path: PathBuf, overwrite: bool) -> PyResult<()> {
         mvtop_cli::save(&path, &self.to_json(), overwrite).map_err(|cause| {
             let sentence = match cause.kind() {
                 ErrorKind::AlreadyExists => format!(
@@ -241,11 +300,27 @@ impl Rig {
     }
 }
 
+/// One path, or several.
+#[derive(FromPyObject)]
+enum Paths {
+    One(PathBuf),
+    Several(Vec<PathBuf>),
+}
+
+impl Paths {
+    fn list(self) -> Vec<PathBuf> {
+        match self {
+            Self::One(path) => vec![path],
+            Self::Several(paths) => paths,
+        }
+    }
+}
+
 /// One of several words.
 fn named<T>(what: &str, name: Option<&str>, of: fn(&str) -> Option<T>) -> PyResult<Option<T>> {
     let unknown = |name| {
         value(format!(
-            "{what}: {name:?} is not known; see help(Rig.import_)"
+            "{what}: {name:?} is not known; see help(Rig.import_file)"
         ))
     };
     name.map(|name| of(name).ok_or_else(|| unknown(name)))

@@ -8,10 +8,18 @@ use crate::error::python;
 /// Rotations from six numbers (Zhou et al. 2019): a, then b; columns x = a/|a|,
 /// z = (x × b)/|x × b|, y = z × x.
 ///
-/// - values: (..., 6)
-/// - returns: (..., 3, 3)
+/// Parameters
+/// ----------
+/// values : array, (..., 6)
 ///
-/// Raises ValueError where a or b is 0, or the two are parallel.
+/// Returns
+/// -------
+/// array, (..., 3, 3)
+///
+/// Raises
+/// ------
+/// ValueError
+///     Where a or b is 0, or the two are parallel.
 #[pyfunction]
 pub fn rotation_from_6d(values: ArrayLike) -> PyResult<F64> {
     let values = values.any_number::<f64>("values", None, &[6])?;

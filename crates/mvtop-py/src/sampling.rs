@@ -10,12 +10,20 @@ use crate::process::compute;
 
 /// Weighted bilinear reads of a multi-level feature map (Zhu et al., "Deformable DETR", eq. 3).
 ///
-/// - value: (B, N, H, D), the cells of all levels, finest first, row by row
-/// - locations: (B, Q, H, L, K, 2), x and y from 0 to 1 over the full extent of a level; what is
-///   read outside is 0, and what is not finite contributes nothing
-/// - weights: (B, Q, H, L, K)
-/// - levels: height and width of each level, cells
-/// - returns: (B, Q, H * D), float32
+/// Parameters
+/// ----------
+/// value : array, (B, N, H, D)
+///     The cells of all levels, finest first, row by row.
+/// locations : array, (B, Q, H, L, K, 2)
+///     X and y from 0 to 1 over the full extent of a level; what is read outside is 0, and what
+///     is not finite contributes nothing.
+/// weights : array, (B, Q, H, L, K)
+/// levels
+///     Height and width of each level, cells.
+///
+/// Returns
+/// -------
+/// array, (B, Q, H * D), float32
 #[pyfunction]
 pub fn deformable_sampling(
     py: Python,
@@ -37,9 +45,15 @@ pub fn deformable_sampling(
 ///
 /// Arrays are C-contiguous and of float32, their shapes those of `deformable_sampling`.
 ///
-/// - out: (B, Q, H * D), overwritten
+/// Parameters
+/// ----------
+/// out : array, (B, Q, H * D)
+///     Overwritten.
 ///
-/// Raises ValueError for an array of another kind or shape.
+/// Raises
+/// ------
+/// ValueError
+///     For an array of another kind or shape.
 #[pyfunction]
 pub fn deformable_sampling_forward(
     py: Python,
@@ -64,10 +78,16 @@ pub fn deformable_sampling_forward(
 ///
 /// Arrays are C-contiguous and of float32.
 ///
-/// - grad_out: (B, Q, H * D)
-/// - grad_value, grad_locations, grad_weights: shaped as what they belong to, overwritten
+/// Parameters
+/// ----------
+/// grad_out : array, (B, Q, H * D)
+/// grad_value, grad_locations, grad_weights
+///     Shaped as what they belong to, overwritten.
 ///
-/// Raises ValueError for an array of another kind or shape.
+/// Raises
+/// ------
+/// ValueError
+///     For an array of another kind or shape.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // each is an array of the definition
 pub fn deformable_sampling_backward(

@@ -10,9 +10,15 @@ use crate::error::value;
 /// label and one without it, the one with it has the greater score; equal scores count half (Hanley
 /// and McNeil 1982).
 ///
-/// - scores: (N,)
-/// - labels: (N,), whether each sample is one of those that should score high: bools, or 0 and 1
-/// - returns: 0 to 1; None where all labels are alike
+/// Parameters
+/// ----------
+/// scores : array, (N,)
+/// labels : array, (N,)
+///     Whether each sample is one of those that should score high: bools, or 0 and 1.
+///
+/// Returns
+/// -------
+/// 0 to 1; None where all labels are alike.
 #[pyfunction]
 pub fn auroc(scores: ArrayLike, labels: ArrayLike) -> PyResult<Option<f64>> {
     let (scores, labels) = labelled(&scores, &labels)?;
@@ -21,9 +27,16 @@ pub fn auroc(scores: ArrayLike, labels: ArrayLike) -> PyResult<Option<f64>> {
 
 /// The characteristic of "the score is at least a threshold", whose area `auroc` is.
 ///
-/// - scores, labels: (N,), as of `auroc`
-/// - returns: (T + 1, 2), false and true positive rate, from (0, 0) to (1, 1), one for each of T
-///   different scores; a rate of no samples is 0
+/// Parameters
+/// ----------
+/// scores, labels : array, (N,)
+///     As of `auroc`.
+///
+/// Returns
+/// -------
+/// array, (T + 1, 2)
+///     False and true positive rate, from (0, 0) to (1, 1), one for each of T different scores;
+///     a rate of no samples is 0.
 #[pyfunction]
 pub fn roc_curve(scores: ArrayLike, labels: ArrayLike) -> PyResult<F64> {
     let (scores, labels) = labelled(&scores, &labels)?;
@@ -32,8 +45,13 @@ pub fn roc_curve(scores: ArrayLike, labels: ArrayLike) -> PyResult<F64> {
 
 /// Pearson's correlation coefficient.
 ///
-/// - x, y: (N,)
-/// - returns: -1 to 1; None where either side does not vary
+/// Parameters
+/// ----------
+/// x, y : array, (N,)
+///
+/// Returns
+/// -------
+/// -1 to 1; None where either side does not vary.
 #[pyfunction]
 pub fn correlation(x: ArrayLike, y: ArrayLike) -> PyResult<Option<f64>> {
     let [x, y] = pair(["x", "y"], [&x, &y])?;
@@ -42,9 +60,15 @@ pub fn correlation(x: ArrayLike, y: ArrayLike) -> PyResult<Option<f64>> {
 
 /// Mean expected and mean actual error in bins of equal count, least expected error first.
 ///
-/// - expected, actual: (N,)
-/// - bins: how many; as many as there are samples where those are fewer
-/// - returns: (bins, 2)
+/// Parameters
+/// ----------
+/// expected, actual : array, (N,)
+/// bins
+///     How many; as many as there are samples where those are fewer.
+///
+/// Returns
+/// -------
+/// array, (bins, 2)
 #[pyfunction]
 #[pyo3(signature = (expected, actual, bins = CALIBRATION_BINS as i64))]
 pub fn calibration(expected: ArrayLike, actual: ArrayLike, bins: i64) -> PyResult<F64> {

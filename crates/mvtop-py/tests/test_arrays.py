@@ -71,19 +71,20 @@ def test_rigs_are_imported(tmp_path):
     chain = "  T_cn_cnm1: [[1, 0, 0, -0.1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n"
     file = tmp_path / "chain.yaml"
     file.write_text(f"cam0:\n  {camera}cam1:\n  {camera}{chain}")
-    rig, notes = mvtop.Rig.import_([file])
+    rig, notes = mvtop.Rig.import_file([file])
     assert rig.cameras[1].world_from_cam[:3, 3].tolist() == [0.1, 0, 0]
     assert any("world frame" in note for note in notes)
+    assert mvtop.Rig.import_file(str(file))[0] == mvtop.Rig.import_file(file)[0] == rig
     with pytest.raises(ValueError, match="expected"):
-        mvtop.Rig.import_([file], format="bop")
+        mvtop.Rig.import_file([file], format="bop")
     with pytest.raises(ValueError, match="not known"):
-        mvtop.Rig.import_([file], unit="furlong")
+        mvtop.Rig.import_file([file], unit="furlong")
     with pytest.raises(ValueError, match="trust_unit"):
-        mvtop.Rig.import_([file], scale=1e-6)
-    near, _ = mvtop.Rig.import_([file], scale=1e-6, trust_unit=True)
+        mvtop.Rig.import_file([file], scale=1e-6)
+    near, _ = mvtop.Rig.import_file([file], scale=1e-6, trust_unit=True)
     assert near.cameras[1].world_from_cam[0, 3] == pytest.approx(1e-7)
     with pytest.raises(FileNotFoundError):
-        mvtop.Rig.import_([tmp_path / "none.yaml"])
+        mvtop.Rig.import_file([tmp_path / "none.yaml"])
 
 
 def test_cameras_give_back_what_they_were_made_from(rng):
@@ -212,7 +213,7 @@ def test_axes_of_an_image_may_be_askew():
         ),
         (lambda: mvtop.Camera(K, (640, 480.5)), "`height` must be a whole number of pixels"),
         (lambda: mvtop.Camera(K, 640), "size: expected numbers of shape (2)"),
-        (lambda: mvtop.statistics.calibration([1.0], [1.0], bins=-1), "bins: expected 0 or more"),
+        (lambda: mvtop.uncertainty.calibration([1.0], [1.0], bins=-1), "bins: expected 0 or more"),
         (lambda: mvtop.Camera(K, (640, 480), distortion=[1, 2]), "0, 4, 5, 8, 12 or 14"),
         (lambda: mvtop.Camera(K, (640, 480), model="orthographic"), "model"),
         (lambda: mvtop.Camera(K, (640, 480), world_from_cam=2 * EYE), "last row"),

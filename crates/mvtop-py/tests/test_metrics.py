@@ -108,21 +108,21 @@ def test_vsd_refuses_tolerances_and_diameters_that_are_none():
 def test_statistics_by_hand():
     scores, labels = np.array([1.0, 3.0, 2.0, 3.0]), np.array([False, False, True, True])
     # Pairs of one with and one without the label: in order, not, in order, equal.
-    assert mvtop.statistics.auroc(scores, labels) == 2.5 / 4
-    assert mvtop.statistics.auroc(scores, labels.astype(float)) == 2.5 / 4
-    assert mvtop.statistics.auroc(scores, [True] * 4) is None
-    curve = mvtop.statistics.roc_curve(scores, labels)
+    assert mvtop.uncertainty.auroc(scores, labels) == 2.5 / 4
+    assert mvtop.uncertainty.auroc(scores, labels.astype(float)) == 2.5 / 4
+    assert mvtop.uncertainty.auroc(scores, [True] * 4) is None
+    curve = mvtop.uncertainty.roc_curve(scores, labels)
     np.testing.assert_array_equal(curve, [[0, 0], [0.5, 0.5], [0.5, 1], [1, 1]])
-    assert mvtop.statistics.correlation([1, 2, 3], [4, 2, 0]) == pytest.approx(-1)
-    assert mvtop.statistics.correlation([1, 1], [2, 3]) is None
-    bins = mvtop.statistics.calibration([3, 1, 2, 4], [30, 10, 30, 60], bins=2)
+    assert mvtop.uncertainty.correlation([1, 2, 3], [4, 2, 0]) == pytest.approx(-1)
+    assert mvtop.uncertainty.correlation([1, 1], [2, 3]) is None
+    bins = mvtop.uncertainty.calibration([3, 1, 2, 4], [30, 10, 30, 60], bins=2)
     np.testing.assert_array_equal(bins, [[1.5, 20], [3.5, 45]])
-    assert mvtop.statistics.calibration(np.arange(9), np.arange(9)).shape == (5, 2)
+    assert mvtop.uncertainty.calibration(np.arange(9), np.arange(9)).shape == (5, 2)
     with pytest.raises(ValueError, match="labels: expected 4 numbers, as many as of scores, got 3"):
-        mvtop.statistics.auroc(scores, labels[1:])
+        mvtop.uncertainty.auroc(scores, labels[1:])
 
 
-@pytest.mark.parametrize("statistic", [mvtop.statistics.auroc, mvtop.statistics.roc_curve])
+@pytest.mark.parametrize("statistic", [mvtop.uncertainty.auroc, mvtop.uncertainty.roc_curve])
 @pytest.mark.parametrize("label, shown", [(-1, "-1"), (0.9, "0.9"), (np.nan, "NaN")])
 def test_labels_that_are_neither_true_nor_false_are_refused(statistic, label, shown):
     with pytest.raises(ValueError, match=f"expected bools, or 0 and 1, got {shown} at index 2; "):

@@ -110,7 +110,7 @@ def print_reliability(name: str, confidence: np.ndarray, right: np.ndarray):
         print(f"{name}: {len(right)} poses, too few for statistics")
         return
     rows, error = reliability(confidence, right)
-    area = mvtop.statistics.auroc(confidence, right > 0)
+    area = mvtop.uncertainty.auroc(confidence, right > 0)
     area = "-" if area is None else f"{area:.3f}"
     print(f"{name}: {len(right)} poses, {right.mean():.1%} right, AUROC {area}, "
           f"calibration error {error:.3f}")  # fmt: skip
@@ -130,7 +130,7 @@ def auroc(table: Table) -> float:
     import mvtop  # loads its compiled part
 
     confidence, right = table.judged.value.T
-    area = mvtop.statistics.auroc(confidence, right > 0)
+    area = mvtop.uncertainty.auroc(confidence, right > 0)
     return np.nan if area is None else area
 
 

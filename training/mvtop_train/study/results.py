@@ -74,8 +74,8 @@ def roc(sigma: np.ndarray, resolved: np.ndarray) -> tuple[np.ndarray, np.ndarray
     """
     import mvtop  # loads its compiled part
 
-    fpr, tpr = mvtop.statistics.roc_curve(sigma, ~resolved).T
-    area = mvtop.statistics.auroc(sigma, ~resolved)
+    fpr, tpr = mvtop.uncertainty.roc_curve(sigma, ~resolved).T
+    area = mvtop.uncertainty.auroc(sigma, ~resolved)
     return fpr, tpr, np.nan if area is None else area
 
 
@@ -95,7 +95,7 @@ def calibration(run: Results, bins: int = 8) -> tuple[np.ndarray, np.ndarray]:
 
     expected, actual = run.sigma_rot_deg[run.found], run.rot_deg[run.found]
     bins = max(1, min(bins, len(expected) // 5))
-    expected, actual = mvtop.statistics.calibration(expected, actual, bins).T
+    expected, actual = mvtop.uncertainty.calibration(expected, actual, bins).T
     return expected, actual
 
 
@@ -104,5 +104,5 @@ def correlation(run: Results) -> float:
     import mvtop  # loads its compiled part
 
     expected, actual = run.sigma_rot_deg[run.found], run.rot_deg[run.found]
-    pearson = mvtop.statistics.correlation(expected, actual)
+    pearson = mvtop.uncertainty.correlation(expected, actual)
     return np.nan if pearson is None else pearson

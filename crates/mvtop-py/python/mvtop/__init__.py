@@ -25,8 +25,8 @@ from mvtop._mvtop import (
 
 TYPE_CHECKING = False  # type checkers know the name; importing it takes longer than all the rest
 if TYPE_CHECKING:
-    from mvtop import bop, metrics, statistics
-    from mvtop._error import Error
+    from mvtop import bop, metrics, uncertainty
+    from mvtop._error import Error, MvtopWarning
     from mvtop._estimator import Estimator
     from mvtop._objects import (
         CameraPose,
@@ -50,6 +50,7 @@ __all__ = [
     "Error",
     "Estimator",
     "Hypothesis",
+    "MvtopWarning",
     "ObjectClass",
     "ObjectPose",
     "Prediction",
@@ -75,12 +76,13 @@ __all__ = [
     "metrics",
     "rotation_from_6d",
     "set_num_threads",
-    "statistics",
+    "uncertainty",
 ]
 
 # Loaded when first asked for, so that `import mvtop` takes no time.
 _HOMES = {
     "Error": "mvtop._error",
+    "MvtopWarning": "mvtop._error",
     "Estimator": "mvtop._estimator",
     "ObjectClass": "mvtop._objects",
     "CameraPose": "mvtop._objects",
@@ -100,7 +102,7 @@ _HOMES = {
 def __getattr__(name: str) -> object:
     import importlib
 
-    if name in ("bop", "metrics", "statistics"):
+    if name in ("bop", "metrics", "uncertainty"):
         return importlib.import_module(f"mvtop.{name}")
     if name in _HOMES:
         value = getattr(importlib.import_module(_HOMES[name]), name)

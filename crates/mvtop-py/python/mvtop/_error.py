@@ -5,4 +5,11 @@ class Error(Exception):
     """
 
 
-Error.__module__ = "mvtop"
+class MvtopWarning(UserWarning):
+    """What makes poses, or data that was read, doubtful though it is no error.
+
+    `Prediction.warnings` has the same of a prediction, with codes for programs.
+    """
+
+
+Error.__module__ = MvtopWarning.__module__ = "mvtop"

@@ -7,6 +7,7 @@ from pathlib import Path
 from mvtop._mvtop import Rig
 
 FOLDER = Path(__file__).parent / "shipped"
+NAME = "mvball"
 
 
 def model() -> Path:
@@ -17,12 +18,21 @@ def model() -> Path:
 def example() -> tuple[Rig, dict[str, Path]]:
     """Two views of a ball, whose pose neither of them determines alone.
 
-    - returns: the rig, and the path of an image of each of its cameras, by camera id
+    Returns
+    -------
+    rig : Rig
+    images : dict
+        The path of an image of each of its cameras, by camera id.
 
+    Raises
+    ------
+    FileNotFoundError
+        Where mvtop was built without it, see `make wheel`.
+
+    Examples
+    --------
     >>> rig, images = mvtop.example()
-    >>> prediction = mvtop.Estimator.load().predict(images, rig)
-
-    Raises FileNotFoundError where mvtop was built without it, see `make wheel`.
+    >>> prediction = mvtop.Estimator.load("mvball").predict(images, rig)
     """
     folder = _there(FOLDER / "example", "rig.json")
     rig = Rig.load(folder / "rig.json")

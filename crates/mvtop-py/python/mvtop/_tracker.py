@@ -3,12 +3,13 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Any
 
-from mvtop._estimator import Estimator, boxes_by_camera, images_by_camera
+from mvtop._estimator import Estimator
+from mvtop._inputs import boxes_by_camera, images_by_camera
 from mvtop._mvtop import NativeTracker, Rig
 from mvtop._prediction import Prediction, Source
 
 if TYPE_CHECKING:
-    from mvtop._estimator import Boxes, Images
+    from mvtop._inputs import Boxes, Images
 
 
 class Tracker:
@@ -17,6 +18,13 @@ class Tracker:
 
     A prediction is that of `Estimator.predict` on the same images. Threads may share a tracker: its
     calls run one after the other. It is used in the process that it was made in.
+
+    Parameters
+    ----------
+    estimator
+        What predicts.
+    rig
+        The cameras.
     """
 
     def __init__(self, estimator: Estimator, rig: Rig) -> None:
@@ -30,9 +38,15 @@ class Tracker:
     def update(self, images: Images) -> None:
         """Takes over new images, each in the place of the one of its camera.
 
-        - images: as in `Estimator.predict`: in a dict by camera id, other cameras keep theirs
+        Parameters
+        ----------
+        images
+            As in `Estimator.predict`, one group: in a dict by camera id, other cameras keep theirs.
 
-        Raises ValueError where they do not fit the rig; none is then taken over.
+        Raises
+        ------
+        ValueError
+            Where they do not fit the rig; none is then taken over.
         """
         new = images_by_camera(images, self._rig)
         with self._lock:
@@ -49,20 +63,38 @@ class Tracker:
     ) -> Prediction:
         """Finds objects and their poses in the latest image of each camera.
 
-        - reference, boxes, min_views, refine: as in `Estimator.predict`
+        Parameters
+        ----------
+        reference, boxes, min_views, refine
+            As in `Estimator.predict`.
 
-        Raises what that raises.
+        Returns
+        -------
+        Prediction
+
+        Raises
+        ------
+        ValueError
+            As `Estimator.predict`, and where no camera has an image yet.
         """
         given = boxes_by_camera(boxes)
         with self._lock:
             prediction = self._native.predict(reference, given, min_views, refine)
             shown = sorted(self._images.items(), key=lambda of: of[0])
-        return Prediction.of(self._rig, Source(self._estimator, prediction, shown))
+        return Prediction.of(self._rig, Source(self._estimator, prediction, shown)).warn(2)
 
     def remove(self, camera: str) -> None:
-        """Forgets the image of a camera, by its id: of one that is off, say.
+        """Forgets the image of a camera: of one that is off, say.
 
-        Raises ValueError where the rig has no such camera.
+        Parameters
+        ----------
+        camera
+            Its id.
+
+        Raises
+        ------
+        ValueError
+            Where the rig has no such camera.
         """
         ids = [known.id for known in self._rig.cameras]
         if camera not in ids:

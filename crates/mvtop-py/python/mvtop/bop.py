@@ -32,20 +32,44 @@ def evaluate(
 ) -> dict[str, Any]:
     """Scores of results in BOP's format, as `mvtop-cli eval bop --predictions` gives them.
 
-    - dataset: folder of the data set, with its models and splits
-    - predictions: a CSV file, or several
-    - targets: a file of BOP's test targets; every image by default
-    - sensor: CAM of scene_camera_CAM.json, where there are several
-    - objects: ids of those to evaluate; all by default
-    - names: ids of objects that the files give by name
-    - vsd_delta_mm: how far a surface may lie behind the measured one and still count as seen
-    - report: folder for summary.json, groups.jsonl and report.html; what an evaluation of the same
-      files wrote there is gone on with, with force=True begun anew
-    - returns: of one file what summary.json holds (docs/how-to/evaluate-on-bop.md); of several
-      that, by the files' names without their ending
+    Warnings go to stderr.
 
-    Raises OSError for files that are not there, ValueError for what is refused. Warnings go to
-    stderr.
+    Parameters
+    ----------
+    dataset
+        Folder of the data set, with its models and splits.
+    predictions
+        A CSV file, or several.
+    split
+        Name of the split.
+    targets
+        A file of BOP's test targets; every image by default.
+    sensor
+        CAM of scene_camera_CAM.json, where there are several.
+    objects
+        Ids of those to evaluate; all by default.
+    names
+        Ids of objects that the files give by name.
+    vsd_delta_mm
+        How far a surface may lie behind the measured one and still count as seen, mm.
+    report
+        Folder for summary.json, groups.jsonl and report.html; what an evaluation of the same files
+        wrote there is gone on with.
+    force
+        Whether it is begun anew instead.
+
+    Returns
+    -------
+    dict
+        Of one file what summary.json holds (docs/how-to/evaluate-on-bop.md); of several that, by the files' names
+        without their ending.
+
+    Raises
+    ------
+    OSError
+        For files that are not there.
+    ValueError
+        For what is refused.
     """
     several = not isinstance(predictions, (str, os.PathLike))
     files = [predictions] if isinstance(predictions, (str, os.PathLike)) else list(predictions)

@@ -1,0 +1,300 @@
+//! What the core's estimator answered, as values of Python's; `python/mvtop/_report.py` makes its
+//! classes of them.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use mvtop_core::prediction::{self, Timings, WarningCode};
+use mvtop_core::report::{self, Report};
+use ndarray::arr2;
+use pyo3::prelude::*;
+
+use crate::convert::{F64, vector};
+use crate::error::value;
+
+/// What the core's estimator answered.
+#[pyclass(frozen, module = "mvtop._mvtop")]
+pub struct NativePrediction {
+    pub prediction: mvtop_core::Prediction,
+    pub rig: Arc<mvtop_core::Rig>,
+}
+
+/// Keywords of `mvtop.Prediction`.
+#[derive(IntoPyObject)]
+pub struct PredictionValues {
+    reference: String,
+    objects: Vec<ObjectValues>,
+    rig_consistency: Option<ConsistencyValues>,
+    timings_ms: TimingsValues,
+    provider: String,
+    warnings: Vec<WarningValues>,
+}
+
+#[derive(IntoPyObject)]
+struct ObjectValues {
+    class_name: String,
+    class_id: i64,
+    score: f64,
+    ref_from_obj: F64,
+    world_from_obj: F64,
+    quat_wxyz: F64,
+    sigma: SigmaValues,
+    coordinate_inliers: Option<f64>,
+    refinement: Option<RefinementValues>,
+    confidence: Option<f64>,
+    evidence: Option<EvidenceValues>,
+    hypotheses: Vec<HypothesisValues>,
+    next_view: Option<String>,
+    symmetry: Option<UndeterminedValues>,
+    cameras: Vec<CameraValues>,
+}
+
+#[derive(IntoPyObject)]
+struct SigmaValues {
+    rot_deg: f64,
+    t_m: f64,
+}
+
+#[derive(IntoPyObject)]
+struct RefinementValues {
+    accepted: bool,
+    contour_inliers: f64,
+    contour_residual_px: f64,
+    color_separation: f64,
+    mutual_information: f64,
+    mutual_information_min: f64,
+    texture_correlation: Option<f64>,
+    initial_sigma: SigmaValues,
+}
+
+#[derive(IntoPyObject)]
+struct EvidenceValues {
+    log_odds: f64,
+    initial_log_odds: f64,
+    pose: BTreeMap<&'static str, f64>,
+    views: Vec<BTreeMap<&'static str, f64>>,
+}
+
+#[derive(IntoPyObject)]
+struct HypothesisValues {
+    world_from_obj: F64,
+    sigma: SigmaValues,
+    probability: f64,
+}
+
+#[derive(IntoPyObject)]
+struct UndeterminedValues {
+    poses: usize,
+    axis: Option<F64>,
+}
+
+#[derive(IntoPyObject)]
+struct CameraValues {
+    id: String,
+    cam_from_obj: F64,
+    r#box: Option<F64>,
+}
+
+#[derive(IntoPyObject)]
+struct ConsistencyValues {
+    px: f64,
+    deviation: f64,
+    camera_deviation: f64,
+    scale_deviation: f64,
+    box_deviation: f64,
+    contradiction: f64,
+    confirmed: usize,
+    unconfirmed: usize,
+    worst_camera: Option<String>,
+}
+
+#[derive(IntoPyObject)]
+struct WarningValues {
+    code: String,
+    camera: Option<String>,
+    object: Option<usize>,
+    message: String,
+}
+
+#[derive(IntoPyObject)]
+struct TimingsValues {
+    prepare: f64,
+    features: f64,
+    detect: f64,
+    crop: f64,
+    propose: f64,
+    refine: f64,
+    check: f64,
+    total: f64,
+}
+
+impl From<prediction::Sigma> for SigmaValues {
+    fn from(sigma: prediction::Sigma) -> Self {
+        Self {
+            rot_deg: sigma.rot_deg,
+            t_m: sigma.t_m,
+        }
+    }
+}
+
+impl From<prediction::Refinement> for RefinementValues {
+    fn from(of: prediction::Refinement) -> Self {
+        Self {
+            accepted: of.accepted,
+            contour_inliers: of.contour_inliers,
+            contour_residual_px: of.contour_residual_px,
+            color_separation: of.color_separation,
+            mutual_information: of.mutual_information,
+            mutual_information_min: of.mutual_information_min,
+            texture_correlation: of.texture_correlation,
+            initial_sigma: of.initial_sigma.into(),
+        }
+    }
+}
+
+impl From<report::Evidence> for EvidenceValues {
+    fn from(of: report::Evidence) -> Self {
+        Self {
+            log_odds: of.log_odds,
+            initial_log_odds: of.initial_log_odds,
+            pose: of.pose,
+            views: of.views,
+        }
+    }
+}
+
+impl From<report::Undetermined> for UndeterminedValues {
+    fn from(of: report::Undetermined) -> Self {
+        let rows = |axis: mvtop_core::symmetry::Axis| {
+            let (direction, point) = (axis.direction.into_inner(), axis.point.coords);
+            F64(arr2::<f64, 3>(&[direction.into(), point.into()]).into_dyn())
+        };
+        Self {
+            poses: of.poses,
+            axis: of.axis.map(rows),
+        }
+    }
+}
+
+impl From<Timings> for TimingsValues {
+    fn from(of: Timings) -> Self {
+        Self {
+            prepare: of.prepare,
+            features: of.features,
+            detect: of.detect,
+            crop: of.crop,
+            propose: of.propose,
+            refine: of.refine,
+            check: of.check,
+            total: of.total,
+        }
+    }
+}
+
+impl From<report::ReportedConsistency> for ConsistencyValues {
+    fn from(of: report::ReportedConsistency) -> Self {
+        Self {
+            px: of.px,
+            deviation: of.deviation,
+            camera_deviation: of.camera_deviation,
+            scale_deviation: of.scale_deviation,
+            box_deviation: of.box_deviation,
+            contradiction: of.contradiction,
+            confirmed: of.confirmed,
+            unconfirmed: of.unconfirmed,
+            worst_camera: of.worst_camera,
+        }
+    }
+}
+
+impl From<report::Object> for ObjectValues {
+    fn from(of: report::Object) -> Self {
+        let hypothesis = |one: report::ReportedHypothesis| HypothesisValues {
+            world_from_obj: rows(&one.t_world_obj),
+            sigma: one.sigma.into(),
+            probability: one.probability,
+        };
+        let camera = |seen: report::ObjectInCamera| CameraValues {
+            id: seen.id,
+            cam_from_obj: rows(&seen.t_cam_obj),
+            r#box: seen.bbox.map(|bbox| vector(<[f64; 4]>::from(bbox))),
+        };
+        Self {
+            class_name: of.class,
+            class_id: of.class_id,
+            score: of.score,
+            ref_from_obj: rows(&of.t_ref_obj),
+            world_from_obj: rows(&of.t_world_obj),
+            quat_wxyz: vector(of.q_wxyz),
+            sigma: of.sigma.into(),
+            coordinate_inliers: of.coordinate_inliers,
+            refinement: of.refinement.map(Into::into),
+            confidence: of.confidence,
+            evidence: of.evidence.map(Into::into),
+            hypotheses: of.hypotheses.into_iter().map(hypothesis).collect(),
+            next_view: of.next_view,
+            symmetry: of.symmetry.map(Into::into),
+            cameras: of.cameras.into_iter().map(camera).collect(),
+        }
+    }
+}
+
+#[pymethods]
+impl NativePrediction {
+    /// What `mvtop.Prediction` is made of.
+    fn values(&self) -> PyResult<PredictionValues> {
+        let report = Report::new(&self.prediction, &self.rig);
+        let warning = |of: report::ReportedWarning| {
+            Ok(WarningValues {
+                code: code(of.code)?,
+                camera: of.camera,
+                object: of.object,
+                message: of.message,
+            })
+        };
+        Ok(PredictionValues {
+            reference: report.reference,
+            objects: report.objects.into_iter().map(Into::into).collect(),
+            rig_consistency: report.rig_consistency.map(Into::into),
+            timings_ms: report.timings_ms.into(),
+            provider: report.provider,
+            warnings: report
+                .warnings
+                .into_iter()
+                .map(warning)
+                .collect::<PyResult<_>>()?,
+        })
+    }
+
+    /// The same of some of its objects alone, by their indices.
+    fn only(&self, objects: Vec<usize>) -> PyResult<Self> {
+        let of = |index: usize| {
+            let object = self.prediction.objects.get(index).cloned();
+            object.ok_or_else(|| value(format!("object {index}: none such")))
+        };
+        Ok(Self {
+            prediction: mvtop_core::Prediction {
+                objects: objects.into_iter().map(of).collect::<PyResult<_>>()?,
+                ..self.prediction.clone()
+            },
+            rig: self.rig.clone(),
+        })
+    }
+
+    fn __repr__(&self) -> String {
+        let count = self.prediction.objects.len();
+        format!("NativePrediction({count} objects)")
+    }
+}
+
+fn rows(matrix: &[[f64; 4]; 4]) -> F64 {
+    F64(arr2(matrix).into_dyn())
+}
+
+/// A code's name in JSON.
+fn code(code: WarningCode) -> PyResult<String> {
+    match serde_json::to_value(code) {
+        Ok(serde_json::Value::String(name)) => Ok(name),
+        other => Err(value(format!("warning: {other:?}"))),
+    }
+}
