@@ -1,7 +1,9 @@
 //! Images: from file to the network's input.
 
+mod gamma;
 mod jpeg;
 mod load;
+mod tiff;
 
 use fast_image_resize as fir;
 use image::RgbImage;

@@ -24,7 +24,7 @@ pub use group::{Group, Grouping, groups};
 pub use json::{ROUNDED, rotation as exact_rotation};
 pub use matching::count_right;
 pub use models::{Model, ModelInfo, load_infos, load_models};
-pub use results::{Estimate, RESULTS_HEADER, ResultRow, load_results};
+pub use results::{Estimate, RESULTS_HEADER, ResultRow, doubt_of_unit, load_results};
 pub use scene::{Frame, FrameId, Instance, Scene, load_frames, scene_ids};
 pub(crate) use scene::{of_sensor, sensors};
 pub use targets::{Target, load_targets};

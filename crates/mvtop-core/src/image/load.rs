@@ -6,7 +6,7 @@ use std::path::Path;
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, RgbImage};
 
-use super::jpeg;
+use super::{gamma, jpeg, tiff};
 use crate::camera::Camera;
 use crate::{Error, Result, file};
 
@@ -19,20 +19,22 @@ const MAX_PIXELS: u64 = 1 << 28;
 const MAX_PIXEL_BYTES: u64 = 8;
 /// What a decoder may need beside the pixels.
 const DECODER_BYTES: u64 = 1 << 26;
-/// Images of 16 bits that are no brighter anywhere have 12 bits or fewer.
-const TWELVE_BITS: u16 = (1 << 12) - 1;
+/// Images of 16 bits that are no brighter anywhere have 14 bits or fewer, as cameras give them.
+const FOURTEEN_BITS: u16 = (1 << 14) - 1;
 
 /// Reads a PNG, JPEG, TIFF or BMP file taken by `camera`, as 8-bit RGB.
 ///
 /// Grey images are spread over the three channels, alpha is dropped, 16 bits are scaled to 8, and
-/// floats from 0..1 to 0..255. The size is checked against the camera's before anything is decoded,
+/// floats from 0..1 to 0..255. A PNG file that states another gamma than 1 / 2.2 (`gAMA`), without a profile, is
+/// brought to that. The size is checked against the camera's before anything is decoded,
 /// which bounds the memory.
 ///
 /// # Errors
 /// [`Error::Read`] where the file cannot be read; [`Error::Image`] where it is none of these, is
 /// broken or cut short, has another size than the camera's or more than 268 million pixels, is marked
 /// as rotated, in which case its pixels may not be those that the camera was calibrated with, or has
-/// values that cannot be what was seen: 16 bits of which 12 are used, or floats that are not 0 to 1.
+/// values that cannot be what was seen: 16 bits of which 12 or 14 are used, or floats that are not 0 to 1; or
+/// is a TIFF file of several pages.
 pub fn load(path: &Path, camera: &Camera) -> Result<RgbImage> {
     let refuse = |problem: String| Error::Image {
         camera: camera.id().to_owned(),
@@ -77,6 +79,11 @@ pub fn load(path: &Path, camera: &Camera) -> Result<RgbImage> {
             "ends before its last pixels; copy or take it again".into(),
         ));
     }
+    if let Some(pages) = tiff::pages(&bytes).filter(|pages| *pages > 1) {
+        return Err(refuse(format!(
+            "has {pages} pages, expected one; save the one that is meant as a file of its own"
+        )));
+    }
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
     if orientation != Orientation::NoTransforms {
         return Err(refuse(format!(
@@ -89,7 +96,14 @@ pub fn load(path: &Path, camera: &Camera) -> Result<RgbImage> {
     if let Some(problem) = value_problem(&decoded) {
         return Err(refuse(problem));
     }
-    Ok(decoded.into_rgb8())
+    match gamma::correction(&bytes) {
+        None => Ok(decoded.into_rgb8()),
+        Some(exponent) => {
+            let mut samples = decoded.into_rgb16();
+            gamma::corrected(&mut samples, exponent);
+            Ok(DynamicImage::ImageRgb16(samples).into_rgb8())
+        }
+    }
 }
 
 /// Width and height of an image file, px; no more than its header is read.
@@ -129,9 +143,10 @@ fn depth_problem(values: &[u16], channels: usize, colors: usize) -> Option<Strin
         .flat_map(|pixel| pixel.iter().take(colors));
     let brightest = seen.copied().max().unwrap_or(0);
     // All black is not a question of bits.
-    (1..=TWELVE_BITS).contains(&brightest).then(|| {
+    (1..=FOURTEEN_BITS).contains(&brightest).then(|| {
+        let used = if brightest >> 12 == 0 { 12 } else { 14 };
         format!(
-            "has 16 bits of which 12 at most are used, its brightest value being {brightest}; \
+            "has 16 bits of which {used} at most are used, its brightest value being {brightest}; \
              scale the values to 0 to 65535, or save 8 bits"
         )
     })

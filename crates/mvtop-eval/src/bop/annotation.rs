@@ -7,7 +7,7 @@ use nalgebra::{Rotation3, Vector3};
 use serde::Deserialize;
 
 use super::doubts::Inexact;
-use super::json::{read, rotation};
+use super::json::{read_numbered, rotation};
 use crate::{Error, Result};
 
 /// Translations beyond this, 100 km, are taken for broken.
@@ -28,7 +28,7 @@ pub(crate) struct Annotation {
 /// # Errors
 /// [`Error::Read`] where the file cannot be read, [`Error::Json`] where it holds something else.
 pub(crate) fn load_annotations(path: &Path) -> Result<BTreeMap<u32, Vec<Annotation>>> {
-    read(
+    read_numbered(
         path,
         "{IMAGE: [{\"obj_id\": N, \"cam_R_m2c\": [9 numbers], \"cam_t_m2c\": [3 numbers]}]}",
     )

@@ -8,10 +8,13 @@ use mvtop_core::symmetry::{self, Symmetry};
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use serde::Deserialize;
 
-use super::json::{MM, motion, read};
+use super::json::{MM, motion, read_numbered};
 use super::obj::load_obj;
 use crate::metrics::{BOP_MAX_STEP, ContinuousSymmetry, Surface, Symmetries};
 use crate::{Error, Result};
+
+/// Objects of a data set none of which is as large as this, a millimetre, are given in metres.
+const LEAST_LARGEST_MM: f64 = 1.0;
 
 /// An object, ready for measuring poses of it.
 #[derive(Debug)]
@@ -77,7 +80,7 @@ struct Axis {
 /// [`Error::Read`] where it cannot be read, [`Error::Json`], [`Error::Data`] or
 /// [`Error::Transform`] where it holds something else.
 pub fn load_infos(path: &Path) -> Result<BTreeMap<u32, ModelInfo>> {
-    let infos: BTreeMap<u32, Info> = read(
+    let infos: BTreeMap<u32, Info> = read_numbered(
         path,
         "{OBJECT: {\"diameter\": mm, ...}} as in BOP's models_info.json",
     )?;
@@ -106,7 +109,17 @@ pub fn load_models(folder: &Path, wanted: impl Fn(u32) -> bool) -> Result<BTreeM
             folder.display()
         )));
     };
-    let infos = load_infos(&folder.join("models_info.json"))?;
+    let file = folder.join("models_info.json");
+    let infos = load_infos(&file)?;
+    let largest = infos.values().map(|info| info.diameter_m / MM);
+    let largest = largest.fold(0.0, f64::max);
+    if !infos.is_empty() && largest < LEAST_LARGEST_MM {
+        return Err(Error::Data(format!(
+            "{}: expected diameters in millimetres, got {largest} at most, which look like metres; multiply \
+             them, and the models' coordinates, by 1000",
+            file.display()
+        )));
+    }
     let model = |(id, info): (u32, ModelInfo)| Ok((id, info.model(id, folder)?));
     infos
         .into_iter()

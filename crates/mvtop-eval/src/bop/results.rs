@@ -18,6 +18,11 @@ const MAX_FILE_BYTES: u64 = 1 << 31;
 /// Translations beyond this, 100 km, are taken for broken.
 const FARTHEST_MM: f64 = 1e8;
 
+/// Translations none of which is longer than this are taken for metres: no camera sees an object from 2 cm.
+const NEAREST_MM: f64 = 20.0;
+/// How far times of one image may differ, seconds, as to BOP's toolkit.
+const SAME_TIME_S: f64 = 1e-3;
+
 /// The file's first line.
 pub const RESULTS_HEADER: &str = "scene_id,im_id,obj_id,score,R,t,time\n";
 
@@ -62,6 +67,7 @@ pub fn load_results(
 ) -> Result<(Vec<ResultRow>, Inexact)> {
     let text = file::read_text(path, MAX_FILE_BYTES)?;
     let (mut rows, mut inexact) = (Vec::new(), Inexact::default());
+    let mut times: BTreeMap<(u32, u32), Option<f64>> = BTreeMap::new();
     for (i, line) in text.lines().enumerate() {
         let header = i == 0 && line.trim_start().starts_with("scene_id");
         if header || line.trim().is_empty() {
@@ -71,15 +77,44 @@ pub fn load_results(
         let row = ResultRow::read(line, names);
         let (row, off) = row.map_err(|problem| Error::Data(format!("{}: {problem}", place())))?;
         inexact.note(off, place);
+        let image = (row.scene_id, row.im_id);
+        let time = *times.entry(image).or_insert(row.time_s);
+        let differ = match (time, row.time_s) {
+            (Some(a), Some(b)) => (a - b).abs() > SAME_TIME_S,
+            (a, b) => a != b,
+        };
+        if differ {
+            let (scene, image) = image;
+            let shown = |time: Option<f64>| time.map_or("-1".into(), |time| time.to_string());
+            return Err(Error::Data(format!(
+                "{}: expected one time for all poses of image {image} of scene {scene}, that of the whole \
+                 image, got {} and {}",
+                place(),
+                shown(time),
+                shown(row.time_s)
+            )));
+        }
         rows.push(row);
     }
     Ok((rows, inexact))
 }
 
+/// What to tell people of results that look like metres; `None` where they do not.
+pub fn doubt_of_unit(rows: &[ResultRow]) -> Option<String> {
+    let length = |row: &ResultRow| Vector3::from(row.estimate.t_mm).norm();
+    let farthest = rows.iter().map(length).fold(0.0, f64::max);
+    (farthest > 0.0 && farthest < NEAREST_MM).then(|| {
+        format!(
+            "translations look like metres: the farthest object would be {farthest:.3} mm from its camera; BOP's \
+             unit is the millimetre, so multiply by 1000 if so"
+        )
+    })
+}
+
 impl ResultRow {
     /// With how far its rotation was off, before it was made exact.
     fn read(line: &str, names: &BTreeMap<String, u32>) -> Result<(Self, f64), String> {
-        let fields: Vec<&str> = line.split(',').map(str::trim).collect();
+        let fields = fields(line)?;
         let &[scene_id, im_id, object, score, r, t, time] = &fields[..] else {
             return Err(format!(
                 "expected {} with 9 and 3 numbers in R and t between spaces, got {} fields between \
@@ -118,6 +153,25 @@ impl ResultRow {
         };
         Ok((row, off))
     }
+}
+
+/// What is between commas, without the quotes that some programs put around it.
+fn fields(line: &str) -> Result<Vec<&str>, String> {
+    let mut quoted = false;
+    let between = |c: char| {
+        quoted ^= c == '"';
+        c == ',' && !quoted
+    };
+    let bare = |field| {
+        let field: &str = field;
+        let inner = match field.trim().strip_prefix('"') {
+            None => Some(field),
+            Some(rest) => rest.strip_suffix('"'),
+        };
+        inner.filter(|inner| !inner.contains('"')).map(str::trim)
+    };
+    let fields: Option<Vec<&str>> = line.split(between).map(bare).collect();
+    fields.ok_or_else(|| "expected each field as it is or in quotes, got others".into())
 }
 
 fn whole(name: &str, text: &str) -> Result<u32, String> {
@@ -233,6 +287,46 @@ mod tests {
                 "line 3"
             }));
         }
+    }
+
+    #[test]
+    fn fields_may_be_quoted() {
+        let quoted = "\"1\",2,\"mug\",0.5,\"1 0 0 0 1 0 0 0 1\",\"0 0 900\", \"0.25\"\n";
+        let (read, _) = load(quoted).unwrap();
+        assert_eq!((read[0].scene_id, read[0].estimate.obj_id), (1, 4));
+        assert_eq!(read[0].estimate.t_mm, [0.0, 0.0, 900.0]);
+        let broken = quoted.replacen("\"mug\"", "m\"ug", 1);
+        let error = load(&broken).unwrap_err().to_string();
+        assert!(error.contains("expected"), "{error}");
+    }
+
+    #[test]
+    fn times_that_differ_within_an_image_are_refused() {
+        let row =
+            |image: u32, time: &str| format!("1,{image},3,0.5,1 0 0 0 1 0 0 0 1,0 0 900,{time}\n");
+        assert!(load(&(row(1, "0.25") + &row(1, "0.2505") + &row(2, "0.5"))).is_ok());
+        for other in ["0.3", "-1"] {
+            let error = load(&(row(1, "0.25") + &row(1, other))).unwrap_err();
+            let error = error.to_string();
+            assert!(
+                error.contains("line 2: expected one time for all poses of image 1"),
+                "{error}"
+            );
+            assert!(error.contains(&format!("got 0.25 and {other}")), "{error}");
+        }
+    }
+
+    #[test]
+    fn translations_in_metres_are_doubted() {
+        let row = |t: &str| format!("1,2,3,0.5,1 0 0 0 1 0 0 0 1,{t},-1\n");
+        let doubt = |text: &str| doubt_of_unit(&load(text).unwrap().0);
+        assert!(
+            doubt(&(row("0 0 0.9") + &row("0.1 0 1.2")))
+                .unwrap()
+                .contains("look like metres")
+        );
+        assert_eq!(doubt(&(row("0 0 0.9") + &row("0 0 900"))), None);
+        assert_eq!(doubt(&row("0 0 0")), None);
     }
 
     #[test]

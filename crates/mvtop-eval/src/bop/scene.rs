@@ -10,7 +10,7 @@ use serde_json::{Map, Value};
 
 use super::annotation::{Annotation, load_annotations};
 use super::doubts::{Doubts, Inexact};
-use super::json::{MM, motion, read};
+use super::json::{MM, motion, read_numbered};
 use crate::statistics::median;
 use crate::{Error, Result};
 use mvtop_core::BBox;
@@ -247,11 +247,11 @@ fn load_sensor(
     let depth_folder = [named("depth", "")];
     let camera_file = named("scene_camera", ".json");
     let cameras: BTreeMap<u32, Camera> =
-        read(&camera_file, "{IMAGE: {\"cam_K\": [9 numbers], ...}}")?;
+        read_numbered(&camera_file, "{IMAGE: {\"cam_K\": [9 numbers], ...}}")?;
     let pose_file = named("scene_gt", ".json");
     let mut poses = optional(&pose_file, load_annotations)?;
     let mut infos: BTreeMap<u32, Vec<Info>> = optional(&named("scene_gt_info", ".json"), |path| {
-        read(path, "{IMAGE: [{\"bbox_obj\": [x, y, w, h], ...}]}")
+        read_numbered(path, "{IMAGE: [{\"bbox_obj\": [x, y, w, h], ...}]}")
     })?;
     for (image, camera) in cameras {
         let place = format!("{}: image {image}", camera_file.display());

@@ -6,7 +6,7 @@ use std::path::Path;
 use mvtop_core::Prediction;
 use mvtop_core::prediction::{ObjectPose, Sigma, Timings};
 use mvtop_core::symmetry::Symmetry;
-use mvtop_eval::bop::{Group, ResultRow, load_results};
+use mvtop_eval::bop::{Group, ResultRow, doubt_of_unit, load_results};
 
 use super::plan::Plan;
 use crate::eval::args::BopArgs;
@@ -24,6 +24,7 @@ impl Predictions {
     pub fn load(path: &Path, args: &BopArgs, plan: &Plan) -> Result<Self> {
         let (all, inexact) = load_results(path, &plan.names(args))?;
         let of = all.len();
+        let unit = doubt_of_unit(&all).map(|doubt| format!("{}: {doubt}", path.display()));
         let mut rows: BTreeMap<(u32, u32), Vec<ResultRow>> = BTreeMap::new();
         for row in all {
             rows.entry((row.scene_id, row.im_id)).or_default().push(row);
@@ -52,7 +53,7 @@ impl Predictions {
         let inexact = inexact.sentence(&path.display().to_string());
         Ok(Self {
             rows,
-            warnings: inexact.into_iter().chain(rest).collect(),
+            warnings: inexact.into_iter().chain(unit).chain(rest).collect(),
         })
     }
 
