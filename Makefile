@@ -93,12 +93,16 @@ lint: .venv/lint.done
 
 wheel: $(MVTOP) $(WHEELS)/built-train  ## the Python wheels of mvtop, installed in .venv, and of mvtop-train, in target/wheels
 
+# What panics say of files, without where the builder has them.
+UNNAMED = --remap-path-prefix=$(or $(CARGO_HOME),$(HOME)/.cargo)=/cargo --remap-path-prefix=$(CURDIR)=/mvtop
+
 # As old a glibc as onnxruntime's own wheels ask for; zig links against any. On PATH, as maturin
 # calls `python -m ziglang`.
 release-wheel: .venv/release.done $(SHIPPED)/model/model.json $(WHEELS)/built-train  ## both wheels, for every Linux with glibc 2.28 (2018) or newer, in out/wheels
 	rm -f out/wheels/mvtop-*.whl out/wheels/mvtop_train-*.whl
-	PATH="$(CURDIR)/.venv/bin:$$PATH" $(PY) -m maturin build --release --strip --locked --zig \
+	PATH="$(CURDIR)/.venv/bin:$$PATH" RUSTFLAGS="$(UNNAMED)" $(PY) -m maturin build --release --strip --locked --zig \
 	  --compatibility manylinux_2_28 -m crates/mvtop-py/Cargo.toml --out out/wheels
+	scripts/names-no-home.py out/wheels/mvtop-*.whl
 	scripts/try-wheel.sh out/wheels/mvtop-*.whl
 	cp $(WHEELS)/mvtop_train-*.whl out/wheels
 

@@ -81,3 +81,16 @@ def test_an_occluder_may_have_the_colors_of_what_it_hides():
     assert np.allclose(found.mean((0, 1)), like.mean((0, 1)), atol=0.5)
     assert np.allclose(found.std((0, 1)), like.std((0, 1)), atol=0.5)
     assert (composite.recolored(picture, like[:0]) == picture).all(), "the box is off the picture"
+
+
+def test_pictures_that_changed_under_their_names_are_told_apart(tmp_path):
+    picture = tmp_path / "a" / "floor.png"
+    picture.parent.mkdir()
+    cv2.imwrite(str(picture), np.zeros((8, 8, 3), np.uint8))
+    before = backgrounds.fingerprint(tmp_path)
+    assert backgrounds.fingerprint(tmp_path) == before
+    cv2.imwrite(str(picture), np.full((8, 8, 3), 9, np.uint8))
+    changed = backgrounds.fingerprint(tmp_path)
+    assert changed != before
+    picture.rename(picture.with_name("wall.png"))
+    assert backgrounds.fingerprint(tmp_path) != changed

@@ -1,6 +1,7 @@
 """Pictures of anything, to put behind and before what was rendered."""
 
 import functools
+import hashlib
 from pathlib import Path
 
 import cv2
@@ -9,6 +10,7 @@ import numpy as np
 from ..errors import UserError
 
 SIDE = 960  # px, of what is kept of a picture: some hundred fit into memory
+BEGINNING = 1 << 16  # bytes, which differ between any two photographs
 ENDINGS = {".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff"}
 
 
@@ -21,6 +23,16 @@ def pictures(folder: Path | str) -> list[Path]:
             "got none; fix: photographs of your empty cell are best"
         )
     return found
+
+
+def fingerprint(folder: Path | str) -> bytes:
+    """What tells pictures apart that have the same names: of each its size and its beginning."""
+    digest = hashlib.sha256()
+    for path in pictures(folder):
+        digest.update(f"{path.relative_to(folder)} {path.stat().st_size}\n".encode())
+        with open(path, "rb") as file:
+            digest.update(file.read(BEGINNING))
+    return digest.digest()
 
 
 def cut(paths: list[Path], rng: np.random.Generator, height: int, width: int) -> np.ndarray:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from ..data import bop, objects, pairs, rig
+from ..data import backgrounds, bop, objects, pairs, rig
 from ..errors import UserError
 from . import cad
 from .gl import open_gl
@@ -108,6 +108,8 @@ def prepare(args) -> tuple[Recipe, object]:
             digest.update(Path(path).read_bytes())
         if cad.is_step(path):
             digest.update(f"{cad.CHORD} {cad.ANGLE}".encode())
+    if args.backgrounds:
+        digest.update(backgrounds.fingerprint(args.backgrounds))
     meshes = tuple(as_mesh(part, out) for part in listed)
     recipe = Recipe(
         args.seed, "", (args.width, 0), "+".join(part.name for part in listed), meshes,

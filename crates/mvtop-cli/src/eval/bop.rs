@@ -103,10 +103,33 @@ fn of_files(args: &BopArgs) -> Result<Answer> {
             .into_owned()
     };
     let stems: BTreeSet<String> = args.predictions.iter().map(|path| stem(path)).collect();
+    if let Some(path) = several
+        .then(|| {
+            args.predictions
+                .iter()
+                .find(|path| stem(path).starts_with('.'))
+        })
+        .flatten()
+    {
+        return Err(Failure(format!(
+            "--predictions: expected files with a name before their ending, which their results' folders have, \
+             got `{}`; rename it",
+            path.display()
+        )));
+    }
     if stems.len() < args.predictions.len() {
         return Err(Failure(
             "--predictions: expected files of different names, got one twice; rename one".into(),
         ));
+    }
+    // A folder that was named may be a link, but not one of those inside it.
+    let inside = folder.filter(|_| several).into_iter();
+    let inside = inside.flat_map(|folder| stems.iter().map(|stem| folder.join(stem)));
+    if let Some(link) = inside.into_iter().find(|path| path.is_symlink()) {
+        return Err(Failure(format!(
+            "{} is a link, expected a folder or nothing there; remove it or name another folder",
+            link.display()
+        )));
     }
     let compared = args.report.as_ref().filter(|_| several);
     let compared = compared.map(|folder| folder.join("compared.html"));

@@ -8,9 +8,11 @@ use std::path::{Path, PathBuf};
 
 use mutate::{changed, edits};
 use mvtop_core::bundle::Bundle;
-use mvtop_core::{Camera, Intrinsics, Projection, Rig, annotations, image};
+use mvtop_core::{Camera, Estimator, Intrinsics, Options, Projection, Rig, annotations, image};
 use nalgebra::Isometry3;
 use proptest::prelude::*;
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
 
 fn repo(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -61,6 +63,18 @@ fn calibrated(scorer: &str) -> tempfile::TempDir {
     folder
 }
 
+/// Changes a graph of a bundle, whose manifest then has its checksum.
+fn with_graph(folder: &Path, name: &str, edits: &[mutate::Edit]) {
+    let bytes = changed(&good(&format!("fixtures/whole/{name}")), edits);
+    let path = folder.join("model.json");
+    let mut manifest: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    let sum = Sha256::digest(&bytes);
+    let hex: String = sum.iter().map(|byte| format!("{byte:02x}")).collect();
+    manifest["files"][name] = json!({"sha256": hex, "bytes": bytes.len()});
+    std::fs::write(&path, manifest.to_string()).unwrap();
+    std::fs::write(folder.join(name), bytes).unwrap();
+}
+
 #[test]
 fn scorers_are_read_where_they_are_good() {
     let found = Bundle::load(calibrated(SCORER).path())
@@ -69,6 +83,20 @@ fn scorers_are_read_where_they_are_good() {
         .unwrap();
     assert_eq!(found.refined.view["contour"], 4.58);
     assert_eq!(found.unrefined.pose["prior"], 1.0);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: ProptestConfig::default().cases.div_ceil(8), ..ProptestConfig::default() })]
+
+    /// What passes the check of the graph is loaded and run: ONNX Runtime answers or refuses it.
+    #[test]
+    fn graphs_that_are_run(edits in edits(), which in 0..2usize) {
+        let folder = whole();
+        with_graph(folder.path(), ["features.onnx", "decoder.onnx"][which], &edits);
+        if let Some(estimator) = answered(Estimator::load(folder.path(), &Options::default())) {
+            answered(estimator.self_test());
+        }
+    }
 }
 
 proptest! {
@@ -105,6 +133,13 @@ proptest! {
             prop_assert!(classes.clone().all(|class| !class.points.is_empty()));
             prop_assert!(classes.clone().all(|class| class.diameter_m > 0.0));
         }
+    }
+
+    #[test]
+    fn graphs(edits in edits(), which in 0..2usize) {
+        let folder = whole();
+        with_graph(folder.path(), ["features.onnx", "decoder.onnx"][which], &edits);
+        answered(Bundle::load(folder.path()));
     }
 
     #[test]

@@ -141,6 +141,42 @@ fn results_that_are_read_are_never_removed() {
     assert!(fs::read(&compared).unwrap() != b"theirs");
 }
 
+#[test]
+fn folders_of_results_have_names_and_lead_nowhere_else() {
+    let (dir, dataset, report) = balls();
+    summary(&eval(&dataset, &report, &["--views", "2"]));
+    let csv = report.join("mvtop_balls-test.csv");
+    let [dots, other] = ["...csv", "other.csv"].map(|name| dir.path().join(name));
+    for copy in [&dots, &other] {
+        fs::copy(&csv, copy).unwrap();
+    }
+    let pages = dir.path().join("pages");
+    let into = ["--report", pages.to_str().unwrap(), "--force"];
+    let with = |file: &Path| {
+        let both = [csv.as_path(), file].map(|path| path.to_str().unwrap());
+        refusal(&score(&dataset, &both, &into))
+    };
+    let error = with(&dots);
+    assert!(
+        error.contains("expected files with a name before their ending"),
+        "{error}"
+    );
+
+    #[cfg(unix)]
+    {
+        let elsewhere = dir.path().join("elsewhere");
+        fs::create_dir(&elsewhere).unwrap();
+        fs::create_dir(&pages).unwrap();
+        std::os::unix::fs::symlink(&elsewhere, pages.join("other")).unwrap();
+        let error = with(&other);
+        assert!(
+            error.contains("other is a link, expected a folder or nothing"),
+            "{error}"
+        );
+        assert_eq!(fs::read_dir(&elsewhere).unwrap().count(), 0);
+    }
+}
+
 /// A data set of two balls in one image, 0.3 m apart, of which the second one is seen better.
 fn two_balls(dir: &Path) {
     write_dataset(dir, false);
