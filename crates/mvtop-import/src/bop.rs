@@ -1,4 +1,5 @@
-//! BOP's `scene_camera.json`, one file per camera (`scene_camera_cam1.json`), or one of all frames.
+//! BOP's `scene_camera.json`, one file per camera (`scene_camera_cam1.json`), or one of all frames; `camera.json` and
+//! `camera_cam1.json` of the data set state the size of images.
 
 use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Lens, Plane};
@@ -8,9 +9,29 @@ use crate::{Checked, Options, unknown, yaml};
 
 pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let mut cameras = Vec::new();
+    let mut sizes = Vec::new();
+    let mut scenes = Vec::new();
     for source in sources {
         let document = yaml::document(source)?;
+        let top = Node::new(&document, &source.name);
+        match top.has("fx") {
+            true => {
+                let side = |key: &str| top.get(&[key])?.pixels();
+                let stem = source.stem();
+                let of = stem.strip_prefix("camera_").unwrap_or_default().to_owned();
+                sizes.push((of, [side("width")?, side("height")?]));
+            }
+            false => scenes.push((source, document)),
+        }
+    }
+    let several = scenes.len() > 1;
+    for (source, document) in scenes {
         let sensor = sensor(source);
+        let said = sizes
+            .iter()
+            .find(|(of, _)| of.is_empty() || sensor.as_ref() == Some(of));
+        let said = said.map(|(_, size)| *size);
+        let before = cameras.len();
         // BOP's numbers are keys, which come in the order of text.
         let top = Node::new(&document, &source.name);
         let mut images = Vec::new();
@@ -30,7 +51,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
                 .map_or("any image".into(), |n| format!("image {n}"));
             return Err(format!("{}: expected {asked}, got none", source.name));
         };
-        if let Some(sensor) = sensor.filter(|_| sources.len() > 1) {
+        if let Some(sensor) = sensor.filter(|_| several) {
             // A rig has a camera per file, so the file must say one and the same in all images.
             let mut still = None;
             for (other, node) in &images {
@@ -48,6 +69,9 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
             for (number, node) in &images {
                 cameras.push(camera(format!("{number:06}"), node)?);
             }
+        }
+        for camera in &mut cameras[before..] {
+            camera.size = camera.size.or(said);
         }
     }
     Ok(Draft {

@@ -118,8 +118,13 @@ impl fmt::Display for Format {
 
 /// The one format that the files look like.
 pub fn recognise(sources: &[Source]) -> Checked<Format> {
-    let looks = sources.iter().map(look).collect::<Checked<Vec<_>>>();
-    let formats: Vec<Format> = looks?.into_iter().flatten().collect();
+    let looks = sources.iter().map(look).collect::<Checked<Vec<_>>>()?;
+    // BOP's `camera.json` has OpenCV's names.
+    let bop = looks.contains(&Some(Format::Bop));
+    let formats = looks.into_iter().zip(sources).filter(|(format, source)| {
+        !(bop && *format == Some(Format::OpenCv) && source.file_name().starts_with("camera"))
+    });
+    let formats: Vec<Format> = formats.filter_map(|(format, _)| format).collect();
     match formats.split_first() {
         Some((first, others)) if others.iter().all(|other| other == first) => Ok(*first),
         found => {

@@ -327,3 +327,36 @@ fn every_format_names_what_of_a_lens_it_does_not_know() {
         assert!(error.contains(&expected), "{file}: {error}");
     }
 }
+
+#[test]
+fn bop_s_camera_files_state_the_size_of_images() {
+    let scene = |x: f64| {
+        format!(
+            r#"{{"0": {{"cam_K": [500, 0, 320, 0, 500, 240, 0, 0, 1],
+                "cam_R_w2c": [1, 0, 0, 0, 1, 0, 0, 0, 1], "cam_t_w2c": [{x}, 0, 0]}}}}"#
+        )
+    };
+    let camera = |width: u32| {
+        format!(
+            r#"{{"fx": 500, "fy": 500, "cx": 320, "cy": 240, "depth_scale": 0.1, "width": {width},
+                "height": 480}}"#
+        )
+    };
+    let (a, b) = (scene(0.0), scene(-200.0));
+    let (small, large) = (camera(640), camera(656));
+    let files = [
+        ("scene_camera_cam1.json", a.as_str()),
+        ("scene_camera_cam2.json", b.as_str()),
+        ("camera_cam2.json", large.as_str()),
+        ("camera_cam1.json", small.as_str()),
+    ];
+    let rig = read(&files, &Options::default()).unwrap().rig;
+    let widths: Vec<_> = rig.cameras().iter().map(|c| (c.id(), c.width())).collect();
+    assert_eq!(widths, [("cam1", 640), ("cam2", 656)]);
+    let one = [
+        ("scene_camera.json", a.as_str()),
+        ("camera.json", small.as_str()),
+    ];
+    let rig = read(&one, &Options::default()).unwrap().rig;
+    assert_eq!(rig.cameras()[0].width(), 640);
+}

@@ -112,8 +112,9 @@ class Estimator:
         """The objects that the network knows."""
         return object_classes(self._native)
 
+    # A list of texts is one group of paths, though a text is a list of texts to type checkers.
     @overload
-    def predict(
+    def predict(  # type: ignore[overload-overlap]
         self,
         images: Images,
         rig: Rig,

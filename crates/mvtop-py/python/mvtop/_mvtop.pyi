@@ -1,14 +1,15 @@
-from _typeshed import SupportsGetItem, SupportsLenAndGetItem
+from _typeshed import Incomplete, SupportsGetItem, SupportsLenAndGetItem
 from numpy import float32, float64, uint8
 from numpy.typing import ArrayLike, NDArray
 from os import PathLike
 from pathlib import Path
 from typing import Any, Final, SupportsFloat, SupportsIndex, final
 
-__all__ = ["BOP_RESULTS_HEADER", "PIPELINE_VERSION", "__version__", "Camera", "Image", "Instance", "Mesh", "ModelInfo", "NativeEstimator", "NativePrediction", "NativeTracker", "RefinedRig", "Rig", "RigCheck", "RigCorrection", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "correlation", "default_inference", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "eval_bop", "read_models_info", "read_scene", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "set_num_threads", "translation_error", "vsd"]
+__all__ = ["BOP_RESULTS_HEADER", "PIPELINE_VERSION", "REPORT_SCHEMA_VERSION", "__version__", "Camera", "Image", "Instance", "Mesh", "ModelInfo", "NativeEstimator", "NativePrediction", "NativeTracker", "RefinedRig", "Rig", "RigCheck", "RigCorrection", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "correlation", "default_inference", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "eval_bop", "read_models_info", "read_scene", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "set_num_threads", "translation_error", "vsd"]
 
 BOP_RESULTS_HEADER: Final[str]
 PIPELINE_VERSION: Final[int]
+REPORT_SCHEMA_VERSION: Final[int]
 __version__: Final[str]
 
 @final
@@ -30,15 +31,26 @@ class Camera:
         """
         A camera from arrays.
 
-        - K: (3, 3), intrinsics in px: [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]
-        - size: width and height of its images, px
-        - distortion: of "pinhole" 0, 4, 5, 8, 12 or 14 of k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty, of
-          "fisheye" k1 k2 k3 k4; also as rows or columns, as OpenCV returns them
-        - model: "pinhole" (Brown-Conrady) or "fisheye" (Kannala-Brandt)
-        - world_from_cam: (4, 4), camera frame to world frame, metres; the identity by default
-        - max_angle_deg: greatest angle from the optical axis at which the lens images anything
+        Parameters
+        ----------
+        K : array, (3, 3)
+            Intrinsics in px: [[fx, skew, cx], [0, fy, cy], [0, 0, 1]].
+        size
+            Width and height of its images, px.
+        distortion
+            Of "pinhole" 0, 4, 5, 8, 12 or 14 of k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty, of
+            "fisheye" k1 k2 k3 k4; also as rows or columns, as OpenCV returns them.
+        model
+            "pinhole" (Brown-Conrady) or "fisheye" (Kannala-Brandt).
+        world_from_cam : array, (4, 4)
+            Camera frame to world frame, metres; the identity by default.
+        max_angle_deg
+            Greatest angle from the optical axis at which the lens images anything.
 
-        Raises ValueError for anything that hints at a mistake, as a rig file does.
+        Raises
+        ------
+        ValueError
+            For anything that hints at a mistake, as a rig file does.
         """
     def __reduce__(self, /) -> tuple[Any, tuple[NDArray[float64], tuple[int, int], list[float], str, list[float], list[float], str, float | None]]:
         """
@@ -73,9 +85,16 @@ class Camera:
         """
         Pixels at which the lens images points of the camera frame.
 
-        - points: (..., 3), any unit
-        - returns: (..., 2), px, also outside the image; NaN for what the lens cannot image: behind
-          the camera, or past the angle at which the distortion would fold the image back
+        Parameters
+        ----------
+        points : array, (..., 3)
+            Any unit.
+
+        Returns
+        -------
+        array, (..., 2)
+            Px, also outside the image; NaN for what the lens cannot image: behind the camera, or
+            past the angle at which the distortion would fold the image back.
         """
     @property
     def size(self, /) -> tuple[int, int]:
@@ -86,8 +105,15 @@ class Camera:
         """
         Directions of the rays that the lens images at pixels: the exact inverse of `project`.
 
-        - pixels: (..., 2), px
-        - returns: (..., 3), camera frame, of length 1; NaN where no ray meets the pixel
+        Parameters
+        ----------
+        pixels : array, (..., 2)
+            Px.
+
+        Returns
+        -------
+        array, (..., 3)
+            Camera frame, of length 1; NaN where no ray meets the pixel.
         """
     @property
     def world_from_cam(self, /) -> NDArray[float64]:
@@ -189,18 +215,32 @@ class Mesh:
     """
     def __new__(cls, /, vertices: ArrayLike, triangles: SupportsGetItem[int, SupportsLenAndGetItem[SupportsIndex]]) -> Mesh:
         """
-        - vertices: (P, 3)
-        - triangles: three vertices' numbers each; both sides are seen
+
+        Parameters
+        ----------
+        vertices : array, (P, 3)
+        triangles
+            Three vertices' numbers each; both sides are seen.
         """
     def __repr__(self, /) -> str: ...
     def depth(self, /, cam_from_obj: ArrayLike, camera: Camera, *, half_pixel: bool = False) -> NDArray[float32]:
         """
         Depth image, in the unit of the vertices and the pose.
 
-        - half_pixel: pixels are centered at (0.5, 0.5), as in bop_toolkit's renderers
-        - returns: (H, W), float32, of the camera's size; 0 where there is nothing
+        Parameters
+        ----------
+        half_pixel
+            Pixels are centered at (0.5, 0.5), as in bop_toolkit's renderers.
 
-        Raises ValueError for a lens with distortion.
+        Returns
+        -------
+        array, (H, W), float32
+            Of the camera's size; 0 where there is nothing.
+
+        Raises
+        ------
+        ValueError
+            For a lens with distortion.
         """
 
 @final
@@ -279,9 +319,13 @@ class NativePrediction:
     What the core's estimator answered.
     """
     def __repr__(self, /) -> str: ...
-    def to_json(self, /) -> str:
+    def only(self, /, objects: SupportsGetItem[int, SupportsIndex]) -> NativePrediction:
         """
-        What `mvtop-cli infer --json` prints.
+        The same of some of its objects alone, by their indices.
+        """
+    def values(self, /) -> Incomplete:
+        """
+        What `mvtop.Prediction` is made of.
         """
 
 @final
@@ -342,13 +386,22 @@ class Rig:
     def __ne__(self, value: object, /) -> bool: ...
     def __new__(cls, /, cameras: SupportsGetItem[int, Camera], reference: str | None = None, *, trust_unit: bool = False) -> Rig:
         """
-        A rig of these cameras; `reference` is the id of the one in whose frame poses are given, the
-        first by default.
+        A rig of these cameras.
 
-        - trust_unit: whether the cameras do stand within 2 mm of each other, or up to more than 100 m
-          apart, which hints at another unit than metres and is refused else
+        Parameters
+        ----------
+        cameras
+            In order.
+        reference
+            Id of the one in whose frame poses are given, the first by default.
+        trust_unit
+            Whether the cameras do stand within 2 mm of each other, or up to more than 100 m apart,
+            which hints at another unit than metres and is refused else.
 
-        Raises ValueError for anything that hints at a mistake, as a rig file does.
+        Raises
+        ------
+        ValueError
+            For anything that hints at a mistake, as a rig file does.
         """
     def __reduce__(self, /) -> tuple[Any, tuple[str]]:
         """
@@ -362,12 +415,20 @@ class Rig:
         """
         A rig of V cameras of one lens model.
 
-        - K: (V, 3, 3), or (3, 3) for all; intrinsics, px
-        - world_from_cam: (V, 4, 4), camera frame to world frame, metres
-        - sizes: (V, 2), or (2,) for all; widths and heights of the images, px
-        - distortion: (V, n), or (n,) for all; see Camera
-        - ids: names of the cameras, "cam0", "cam1", ... by default
-        - reference, trust_unit: as of Rig
+        Parameters
+        ----------
+        K : array, (V, 3, 3), or (3, 3) for all
+            Intrinsics, px.
+        world_from_cam : array, (V, 4, 4)
+            Camera frame to world frame, metres.
+        sizes : array, (V, 2), or (2,) for all
+            Widths and heights of the images, px.
+        distortion : array, (V, n), or (n,) for all
+            See Camera.
+        ids
+            Names of the cameras, "cam0", "cam1", ... by default.
+        reference, trust_unit
+            As of Rig.
         """
     @classmethod
     def from_json(cls, /, text: str) -> Rig:
@@ -375,7 +436,7 @@ class Rig:
         Reads the text of a rig file.
         """
     @classmethod
-    def import_(cls, /, paths: SupportsGetItem[int, str | PathLike[str]], *, format: str | None = None, scale: SupportsFloat | SupportsIndex | None = None, unit: str | None = None, image_size: tuple[SupportsIndex, SupportsIndex] | None = None, image_sizes: dict[str, tuple[SupportsIndex, SupportsIndex]] | None = None, direction: str | None = None, model: str | None = None, max_angle: SupportsFloat | SupportsIndex | None = None, image: SupportsIndex | None = None, rectified: bool = False, trust_unit: bool = False) -> tuple[Rig, list[str]]:
+    def import_file(cls, /, paths: str | PathLike[str] | SupportsGetItem[int, str | PathLike[str]], *, format: str | None = None, scale: SupportsFloat | SupportsIndex | None = None, unit: str | None = None, image_size: tuple[SupportsIndex, SupportsIndex] | None = None, image_sizes: dict[str, tuple[SupportsIndex, SupportsIndex]] | None = None, direction: str | None = None, model: str | None = None, max_angle: SupportsFloat | SupportsIndex | None = None, image: SupportsIndex | None = None, rectified: bool = False, trust_unit: bool = False) -> tuple[Rig, list[str]]:
         """
         Makes a rig of the calibration files of another program.
 
@@ -383,27 +444,57 @@ class Rig:
 
         What the files cannot say is asked for by these names:
 
-        - paths: files of one rig; of COLMAP, its folder will do
-        - format: "opencv", "ros", "kalibr", "colmap", "bop", "nerf", "callab", "halcon", "euroc",
-          "anipose", "easymocap" or "camodocal"; recognised by default
-        - scale: metres per unit of the files; or unit: "m", "cm" or "mm"
-        - image_size: width and height of all images, px; image_sizes: of single cameras, by id
-        - direction: what poses map to what, "world_from_cam" or "cam_from_world"
-        - model: "pinhole" or "fisheye"
-        - max_angle: greatest angle from the axis at which a lens images anything or is to be used, degrees
-        - image: of BOP, the image whose cameras make the rig
-        - rectified: of ROS, whether images are rectified rather than raw
-        - trust_unit: as of Rig
-        - returns: the rig, and sentences: what was taken for what, and errors of fitted lenses in px
+        Parameters
+        ----------
+        paths
+            A file, or the files of one rig; of COLMAP, its folder will do.
+        format
+            "opencv", "ros", "kalibr", "colmap", "bop", "nerf", "callab", "halcon", "euroc",
+            "anipose", "easymocap", "camodocal", "openmvg", "alicevision", "open3d", "metashape",
+            "multical", "mccalib" or "matlab"; recognised by default.
+        scale
+            Metres per unit of the files.
+        unit
+            The same by name, "m", "cm" or "mm".
+        image_size
+            Width and height of all images, px.
+        image_sizes
+            Of single cameras, by id.
+        direction
+            What poses map to what, "world_from_cam" or "cam_from_world".
+        model
+            "pinhole" or "fisheye".
+        max_angle
+            Greatest angle from the axis at which a lens images anything or is to be used, degrees.
+        image
+            Of BOP, the image whose cameras make the rig.
+        rectified
+            Of ROS, whether images are rectified rather than raw.
+        trust_unit
+            As of Rig.
 
-        Raises OSError where a file cannot be read, ValueError where it is refused.
+        Returns
+        -------
+        The rig, and a list of sentences: what was taken for what, and errors of fitted lenses in px.
+
+        Raises
+        ------
+        OSError
+            Where a file cannot be read.
+        ValueError
+            Where it is refused.
         """
     @classmethod
     def load(cls, /, path: str | PathLike[str]) -> Rig:
         """
         Reads a rig file (docs/reference/rig-file.md).
 
-        Raises OSError where it cannot be read, ValueError where it is refused.
+        Raises
+        ------
+        OSError
+            Where it cannot be read.
+        ValueError
+            Where it is refused.
         """
     @property
     def reference(self, /) -> str:
@@ -414,9 +505,17 @@ class Rig:
         """
         Writes a rig file, in metres; what is read back is equal.
 
-        - overwrite: whether a file may be replaced
+        Parameters
+        ----------
+        overwrite
+            Whether a file may be replaced.
 
-        Raises FileExistsError where there is one, OSError where it cannot be written.
+        Raises
+        ------
+        FileExistsError
+            Where there is one.
+        OSError
+            Where it cannot be written.
         """
     def to_json(self, /) -> str:
         """
@@ -429,7 +528,10 @@ class Rig:
 
         Needs `pip install mvtop[viz]`. Start a recording first, for example with `rerun.init`.
 
-        - recording: where to; the active one by default
+        Parameters
+        ----------
+        recording
+            Where to; the active one by default.
         """
 
 @final
@@ -447,9 +549,15 @@ class RigCheck:
         """
         How each other camera would be moved, if one stands where the rig says.
 
-        - base: id of that one; the reference by default
+        Parameters
+        ----------
+        base
+            Id of that one; the reference by default.
 
-        Raises ValueError where the rig has no such camera.
+        Raises
+        ------
+        ValueError
+            Where the rig has no such camera.
         """
     @property
     def is_told(self, /) -> bool:
@@ -489,8 +597,11 @@ class RigCheck:
         """
         The rig with the cameras of `off` where the images show them.
 
-        Raises ValueError where there are none, where the images tell too little of where one stands,
-        and where sets that were held out fit no better.
+        Raises
+        ------
+        ValueError
+            Where there are none, where the images tell too little of where one stands, and where
+            sets that were held out fit no better.
         """
 
 @final
@@ -550,7 +661,11 @@ class Surface:
     """
     def __new__(cls, /, points: ArrayLike) -> Surface:
         """
-        - points: (P, 3), object frame
+
+        Parameters
+        ----------
+        points : array, (P, 3)
+            Object frame.
         """
     def __repr__(self, /) -> str: ...
     def add(self, /, truth: ArrayLike, estimate: ArrayLike) -> NDArray[float64]:
@@ -571,7 +686,10 @@ class Surface:
         MSPD: greatest distance of the points' pixels, px, for the symmetry where that is least
         (BOP); infinite where the lens cannot image a point.
 
-        - truth, estimate: object frame to camera frame
+        Parameters
+        ----------
+        truth, estimate
+            Object frame to camera frame.
         """
     def mssd(self, /, truth: ArrayLike, estimate: ArrayLike, symmetries: Symmetries | None = None) -> NDArray[float64]:
         """
@@ -592,8 +710,12 @@ class Symmetries:
         The identity and the discrete symmetries, each followed by every turn about each axis, as in
         BOP's models_info.json.
 
-        - discrete: (S, 4, 4), without the identity, in the unit of the points
-        - continuous: axis and a point on it, (3,) each
+        Parameters
+        ----------
+        discrete : array, (S, 4, 4)
+            Without the identity, in the unit of the points.
+        continuous
+            Axis and a point on it, (3,) each.
         """
     def __repr__(self, /) -> str: ...
 
@@ -618,9 +740,15 @@ def auroc(scores: ArrayLike, labels: ArrayLike) -> float | None:
     label and one without it, the one with it has the greater score; equal scores count half (Hanley
     and McNeil 1982).
 
-    - scores: (N,)
-    - labels: (N,), whether each sample is one of those that should score high: bools, or 0 and 1
-    - returns: 0 to 1; None where all labels are alike
+    Parameters
+    ----------
+    scores : array, (N,)
+    labels : array, (N,)
+        Whether each sample is one of those that should score high: bools, or 0 and 1.
+
+    Returns
+    -------
+    0 to 1; None where all labels are alike.
     """
 
 def average_recall(errors: ArrayLike, thresholds: SupportsGetItem[int, SupportsFloat | SupportsIndex]) -> float | None:
@@ -632,8 +760,12 @@ def bop_results_line(scene_id: SupportsIndex, im_id: SupportsIndex, obj_id: Supp
     """
     The line of one pose, with its end.
 
-    - cam_from_obj: (4, 4), metres; written as rows of the rotation and millimetres
-    - time_s: what all poses of the image took, seconds; BOP's -1 where that is not known
+    Parameters
+    ----------
+    cam_from_obj : array, (4, 4)
+        Metres; written as rows of the rotation and millimetres.
+    time_s
+        What all poses of the image took, seconds; BOP's -1 where that is not known.
     """
 
 def box_rays(camera: Camera, box: ArrayLike, ref_from_cam: ArrayLike) -> NDArray[float32] | None:
@@ -641,38 +773,65 @@ def box_rays(camera: Camera, box: ArrayLike, ref_from_cam: ArrayLike) -> NDArray
     Lines of sight of a box: camera center o, direction d through the box's center, and how far the
     directions to its sides lie to the left and right, and above and below.
 
-    - box: x0, y0, x1, y1, px of the image
-    - ref_from_cam: (4, 4), metres
-    - returns: (12,), float32, [o, d, 10 e_x, 10 e_y] in the reference camera's frame; None where a
-      pixel of it has no ray
+    Parameters
+    ----------
+    box
+        x0, y0, x1, y1, px of the image.
+    ref_from_cam : array, (4, 4)
+        Metres.
+
+    Returns
+    -------
+    array, (12,), float32
+        [o, d, 10 e_x, 10 e_y] in the reference camera's frame; None where a pixel of it has no
+        ray.
     """
 
 def calibration(expected: ArrayLike, actual: ArrayLike, bins: SupportsIndex = ...) -> NDArray[float64]:
     """
     Mean expected and mean actual error in bins of equal count, least expected error first.
 
-    - expected, actual: (N,)
-    - bins: how many; as many as there are samples where those are fewer
-    - returns: (bins, 2)
+    Parameters
+    ----------
+    expected, actual : array, (N,)
+    bins
+        How many; as many as there are samples where those are fewer.
+
+    Returns
+    -------
+    array, (bins, 2)
     """
 
 def camera_rays(camera: Camera, strides: SupportsGetItem[int, SupportsIndex], *, net_size: tuple[SupportsIndex, SupportsIndex] | None = None) -> NDArray[float32]:
     """
     Direction in which each cell of the network's feature maps looks, in the camera's own frame.
 
-    - strides: of the levels, network pixels per cell
-    - net_size: width and height of the network's input, px, into which the image is scaled to fit;
-      the image's own by default
-    - returns: (N, 3), float32, of length 1, levels in the order of strides, each row by row; 0 for
-      cells that lie in the padding or that no ray meets
+    Parameters
+    ----------
+    strides
+        Of the levels, network pixels per cell.
+    net_size
+        Width and height of the network's input, px, into which the image is scaled to fit; the
+        image's own by default.
+
+    Returns
+    -------
+    array, (N, 3), float32
+        Of length 1, levels in the order of strides, each row by row; 0 for cells that lie in
+        the padding or that no ray meets.
     """
 
 def correlation(x: ArrayLike, y: ArrayLike) -> float | None:
     """
     Pearson's correlation coefficient.
 
-    - x, y: (N,)
-    - returns: -1 to 1; None where either side does not vary
+    Parameters
+    ----------
+    x, y : array, (N,)
+
+    Returns
+    -------
+    -1 to 1; None where either side does not vary.
     """
 
 def default_inference() -> str:
@@ -684,12 +843,20 @@ def deformable_sampling(value: ArrayLike, locations: ArrayLike, weights: ArrayLi
     """
     Weighted bilinear reads of a multi-level feature map (Zhu et al., "Deformable DETR", eq. 3).
 
-    - value: (B, N, H, D), the cells of all levels, finest first, row by row
-    - locations: (B, Q, H, L, K, 2), x and y from 0 to 1 over the full extent of a level; what is
-      read outside is 0, and what is not finite contributes nothing
-    - weights: (B, Q, H, L, K)
-    - levels: height and width of each level, cells
-    - returns: (B, Q, H * D), float32
+    Parameters
+    ----------
+    value : array, (B, N, H, D)
+        The cells of all levels, finest first, row by row.
+    locations : array, (B, Q, H, L, K, 2)
+        X and y from 0 to 1 over the full extent of a level; what is read outside is 0, and what
+        is not finite contributes nothing.
+    weights : array, (B, Q, H, L, K)
+    levels
+        Height and width of each level, cells.
+
+    Returns
+    -------
+    array, (B, Q, H * D), float32
     """
 
 def deformable_sampling_backward(value: NDArray[float32], locations: NDArray[float32], weights: NDArray[float32], levels: SupportsGetItem[int, tuple[SupportsIndex, SupportsIndex]], grad_out: NDArray[float32], grad_value: NDArray[float32], grad_locations: NDArray[float32], grad_weights: NDArray[float32]) -> None:
@@ -698,10 +865,16 @@ def deformable_sampling_backward(value: NDArray[float32], locations: NDArray[flo
 
     Arrays are C-contiguous and of float32.
 
-    - grad_out: (B, Q, H * D)
-    - grad_value, grad_locations, grad_weights: shaped as what they belong to, overwritten
+    Parameters
+    ----------
+    grad_out : array, (B, Q, H * D)
+    grad_value, grad_locations, grad_weights
+        Shaped as what they belong to, overwritten.
 
-    Raises ValueError for an array of another kind or shape.
+    Raises
+    ------
+    ValueError
+        For an array of another kind or shape.
     """
 
 def deformable_sampling_forward(value: NDArray[float32], locations: NDArray[float32], weights: NDArray[float32], levels: SupportsGetItem[int, tuple[SupportsIndex, SupportsIndex]], out: NDArray[float32]) -> None:
@@ -710,9 +883,15 @@ def deformable_sampling_forward(value: NDArray[float32], locations: NDArray[floa
 
     Arrays are C-contiguous and of float32, their shapes those of `deformable_sampling`.
 
-    - out: (B, Q, H * D), overwritten
+    Parameters
+    ----------
+    out : array, (B, Q, H * D)
+        Overwritten.
 
-    Raises ValueError for an array of another kind or shape.
+    Raises
+    ------
+    ValueError
+        For an array of another kind or shape.
     """
 
 def encode_rays(camera_rays: ArrayLike, ref_from_cam: ArrayLike, encoding: str = "plucker") -> NDArray[float32]:
@@ -720,25 +899,42 @@ def encode_rays(camera_rays: ArrayLike, ref_from_cam: ArrayLike, encoding: str =
     Lines of sight in the reference camera's frame: unit direction d, origin o, moment d x o, as the
     paper prints it (textbooks write o x d).
 
-    - camera_rays: (N, 3), directions in the camera's frame; 0 where there is none
-    - ref_from_cam: (4, 4), metres
-    - encoding: "direction" [d], "origin_direction" [o, d], "plucker" [d, d x o] or
-      "plucker_origin" [d, d x o, o]
-    - returns: (N, 3, 6 or 9), float32; 0 where there is no ray
+    Parameters
+    ----------
+    camera_rays : array, (N, 3)
+        Directions in the camera's frame; 0 where there is none.
+    ref_from_cam : array, (4, 4)
+        Metres.
+    encoding
+        "direction" [d], "origin_direction" [o, d], "plucker" [d, d x o] or "plucker_origin" [d,
+        d x o, o].
+
+    Returns
+    -------
+    array, (N, 3, 6 or 9), float32
+        0 where there is no ray.
     """
 
 def eval_bop(args: SupportsGetItem[int, str]) -> str:
     """
     What `mvtop-cli eval bop --json` prints; `args` follow these words.
 
-    Raises ValueError for what it refuses.
+    Raises
+    ------
+    ValueError
+        For what it refuses.
     """
 
 def read_models_info(path: str | PathLike[str]) -> dict[int, ModelInfo]:
     """
     What models_info.json says of each object, by its number.
 
-    Raises OSError for a file that cannot be read, ValueError for one that is not BOP's.
+    Raises
+    ------
+    OSError
+        For a file that cannot be read.
+    ValueError
+        For one that is not BOP's.
     """
 
 def read_scene(folder: str | PathLike[str], *, whole: bool = False) -> list[Image]:
@@ -746,11 +942,24 @@ def read_scene(folder: str | PathLike[str], *, whole: bool = False) -> list[Imag
     What is known of the images of a scene's folder, in the order of sensors and images; the images
     themselves are not opened.
 
-    - whole: whether what is incomplete is refused, images that are listed but not unpacked and
-      annotations without a camera, instead of left out
+    Parameters
+    ----------
+    whole
+        Whether what is incomplete is refused, images that are listed but not unpacked and
+        annotations without a camera, instead of left out.
 
-    Raises OSError for a file that cannot be read, ValueError for one that is not BOP's. Warns of what
-    is doubtful: rotations that were made exact, images that are missing, cameras in metres.
+    Raises
+    ------
+    OSError
+        For a file that cannot be read.
+    ValueError
+        For one that is not BOP's.
+
+    Warns
+    -----
+    MvtopWarning
+        Of what is doubtful: rotations that were made exact, images that are missing, cameras in
+        metres.
     """
 
 def recall(errors: ArrayLike, threshold: SupportsFloat | SupportsIndex) -> float | None:
@@ -763,17 +972,30 @@ def roc_curve(scores: ArrayLike, labels: ArrayLike) -> NDArray[float64]:
     """
     The characteristic of "the score is at least a threshold", whose area `auroc` is.
 
-    - scores, labels: (N,), as of `auroc`
-    - returns: (T + 1, 2), false and true positive rate, from (0, 0) to (1, 1), one for each of T
-      different scores; a rate of no samples is 0
+    Parameters
+    ----------
+    scores, labels : array, (N,)
+        As of `auroc`.
+
+    Returns
+    -------
+    array, (T + 1, 2)
+        False and true positive rate, from (0, 0) to (1, 1), one for each of T different scores;
+        a rate of no samples is 0.
     """
 
 def rotation_error_deg(truth: ArrayLike, estimate: ArrayLike, symmetries: Symmetries | None = None) -> NDArray[float64]:
     """
     Least angle between the estimated rotation and a symmetric one of the true, degrees.
 
-    - truth, estimate: (..., 4, 4) poses or (..., 3, 3) rotations; one of the two may be a single one
-    - returns: (...)
+    Parameters
+    ----------
+    truth, estimate
+        (..., 4, 4) poses or (..., 3, 3) rotations; one of the two may be a single one.
+
+    Returns
+    -------
+    array, (...)
     """
 
 def rotation_from_6d(values: ArrayLike) -> NDArray[float64]:
@@ -781,18 +1003,30 @@ def rotation_from_6d(values: ArrayLike) -> NDArray[float64]:
     Rotations from six numbers (Zhou et al. 2019): a, then b; columns x = a/|a|,
     z = (x × b)/|x × b|, y = z × x.
 
-    - values: (..., 6)
-    - returns: (..., 3, 3)
+    Parameters
+    ----------
+    values : array, (..., 6)
 
-    Raises ValueError where a or b is 0, or the two are parallel.
+    Returns
+    -------
+    array, (..., 3, 3)
+
+    Raises
+    ------
+    ValueError
+        Where a or b is 0, or the two are parallel.
     """
 
 def run_cli(args: SupportsGetItem[int, str], shipped: str | PathLike[str], library: str | PathLike[str] | None = None) -> int:
     """
     The command line `mvtop-cli`: `args` begin with the program's name. Returns the exit code.
 
-    - shipped: the folder with the package's model and example
-    - library: of ONNX Runtime, used where none is named; searched for by default
+    Parameters
+    ----------
+    shipped
+        The folder with the package's model and example.
+    library
+        Of ONNX Runtime, used where none is named; searched for by default.
     """
 
 def set_num_threads(count: SupportsIndex) -> None:
@@ -800,9 +1034,15 @@ def set_num_threads(count: SupportsIndex) -> None:
     Sets the number of threads that mvtop's own computations use, in this process and those that are
     forked from it. A network's are chosen where it is loaded.
 
-    - count: 0 for one per processor, as it is at first; 1024 at most
+    Parameters
+    ----------
+    count
+        0 for one per processor, as it is at first; 1024 at most.
 
-    Raises ValueError for more.
+    Raises
+    ------
+    ValueError
+        For more.
     """
 
 def translation_error(truth: ArrayLike, estimate: ArrayLike, symmetries: Symmetries | None = None) -> NDArray[float64]:
@@ -810,8 +1050,14 @@ def translation_error(truth: ArrayLike, estimate: ArrayLike, symmetries: Symmetr
     Least distance between the estimated origin and a symmetric one of the true, in the unit of the
     poses.
 
-    - truth, estimate: (..., 4, 4); one of the two may be a single one
-    - returns: (...)
+    Parameters
+    ----------
+    truth, estimate : array, (..., 4, 4)
+        One of the two may be a single one.
+
+    Returns
+    -------
+    array, (...)
     """
 
 def vsd(estimate: ArrayLike, truth: ArrayLike, measured: ArrayLike, camera: Camera, *, delta: SupportsFloat | SupportsIndex, taus: SupportsGetItem[int, SupportsFloat | SupportsIndex] | None = None, diameter: SupportsFloat | SupportsIndex | None = None) -> list[float]:
@@ -819,10 +1065,20 @@ def vsd(estimate: ArrayLike, truth: ArrayLike, measured: ArrayLike, camera: Came
     VSD: share of the visible pixels of both poses where the object's surfaces do not coincide
     (BOP).
 
-    - estimate, truth: (H, W), depth images of the object, see Mesh.depth
-    - measured: (H, W), depth image of the scene, 0 where nothing was measured
-    - delta: how far a surface may lie behind the measured one and still be seen; BOP: 15 mm
-    - taus: misalignment tolerances; BOP's shares of the diameter by default
-    - diameter: divides distances where given, as BOP does
-    - returns: one number for each tolerance, 0 to 1
+    Parameters
+    ----------
+    estimate, truth : array, (H, W)
+        Depth images of the object, see Mesh.depth.
+    measured : array, (H, W)
+        Depth image of the scene, 0 where nothing was measured.
+    delta
+        How far a surface may lie behind the measured one and still be seen; BOP: 15 mm.
+    taus
+        Misalignment tolerances; BOP's shares of the diameter by default.
+    diameter
+        Divides distances where given, as BOP does.
+
+    Returns
+    -------
+    One number for each tolerance, 0 to 1.
     """

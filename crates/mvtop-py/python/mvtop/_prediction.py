@@ -6,7 +6,7 @@ import operator
 import warnings as python_warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, cast, overload
 
 import numpy as np
 
@@ -94,7 +94,7 @@ class Prediction:
         if isinstance(which, slice):
             return self._only(range(len(self))[which])
         if hasattr(which, "__index__") and np.ndim(which) == 0:
-            at = operator.index(which)
+            at = operator.index(cast(int, which))
             if not -len(self) <= at < len(self):
                 raise IndexError(f"objects: expected an index of {len(self)} objects, got {at}")
             return self.objects[at]
