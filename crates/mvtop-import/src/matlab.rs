@@ -42,10 +42,13 @@ pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
             cameras.push(camera(&source.stem(), &top, None, &mut units)?);
             continue;
         }
-        let poses = [
-            Some(Pose::cam_from_world(Isometry3::identity())),
-            second(&top)?,
-        ];
+        let other = second(&top)?;
+        // Whatever that maps to what, the first camera is the world.
+        let first = Pose {
+            transform: Isometry3::identity(),
+            direction: other.as_ref().and_then(|pose| pose.direction),
+        };
+        let poses = [Some(first), other];
         for (index, (key, pose)) in PAIR.into_iter().zip(poses).enumerate() {
             let id = format!("cam{}", index + 1);
             cameras.push(camera(&id, &top.get(&[key])?, pose, &mut units)?);

@@ -1,7 +1,7 @@
 use mvtop_import::{Direction, Format, Options};
 
 use super::samples::MATLAB;
-use super::{MINUS_Y, X, Z};
+use super::{MINUS_Y, X, Y, Z};
 use crate::{assert_params, assert_plane, assert_pose, read, read_bytes, refusal};
 
 #[test]
@@ -28,12 +28,17 @@ fn what_a_pose_of_newer_releases_maps_to_what_is_asked_for() {
     let text = format!("{}{pose}", &MATLAB[..from]);
     let error = refusal(&[("stereo.json", &text)], &Options::default());
     assert!(error.contains("`direction` (--direction"), "{error}");
-    let options = Options {
-        direction: Some(Direction::CamFromWorld),
-        ..Options::default()
+    let read_as = |direction| {
+        let options = Options {
+            direction: Some(direction),
+            ..Options::default()
+        };
+        read(&[("stereo.json", &text)], &options).unwrap().rig
     };
-    let error = refusal(&[("stereo.json", &text)], &options);
-    assert!(!error.contains("lens"), "{error}");
+    let rig = read_as(Direction::CamFromWorld);
+    assert_pose(&rig.cameras()[1], [0.4, 0.2, 0.0], MINUS_Y, Z);
+    let rig = read_as(Direction::WorldFromCam);
+    assert_pose(&rig.cameras()[1], [0.2, -0.4, 0.0], Y, Z);
 }
 
 #[test]
