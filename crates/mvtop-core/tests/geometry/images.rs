@@ -156,6 +156,7 @@ fn unusable_files_are_refused_in_one_sentence() {
 fn images_whose_values_cannot_be_what_was_seen_are_refused() {
     let (folder, camera) = (folder(), left(64, 48));
     let twelve_bits = image::ImageBuffer::from_fn(64, 48, |x, _| Luma([x as u16 * 65]));
+    let fourteen_bits = image::ImageBuffer::from_fn(64, 48, |x, _| Luma([x as u16 * 260]));
     let with_alpha = image::ImageBuffer::from_fn(64, 48, |x, _| LumaA([x as u16 * 65, u16::MAX]));
     let float = |value| image::Rgb32FImage::from_pixel(64, 48, Rgb([0.5, value, 0.5]));
     for (name, image, fact) in [
@@ -163,6 +164,11 @@ fn images_whose_values_cannot_be_what_was_seen_are_refused() {
             "12.png",
             DynamicImage::from(twelve_bits),
             "brightest value being 4095",
+        ),
+        (
+            "14.tif",
+            DynamicImage::from(fourteen_bits),
+            "of which 14 at most are used, its brightest value being 16380",
         ),
         ("alpha.png", with_alpha.into(), "brightest value being 4095"),
         (
@@ -200,6 +206,49 @@ fn images_whose_values_cannot_be_what_was_seen_are_refused() {
         let error = load(&path, &camera).unwrap_err().to_string();
         assert!(error.contains("ends before its last pixels"), "{error}");
     }
+}
+
+#[test]
+fn a_tiff_of_several_pages_is_refused() {
+    let (folder, camera) = (folder(), left(64, 48));
+    let picture = DynamicImage::from(RgbImage::from_pixel(64, 48, Rgb([90, 9, 200])));
+    let path = written(&folder, "pages.tif", picture);
+    load(&path, &camera).unwrap();
+    // The directory's last number is where the next one is: here, a copy of it at the end of the file.
+    let mut bytes = fs::read(&path).unwrap();
+    let four = |bytes: &[u8], at: usize| {
+        u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize
+    };
+    let first = four(&bytes, 4);
+    let entries = usize::from(u16::from_le_bytes([bytes[first], bytes[first + 1]]));
+    let next = first + 2 + 12 * entries;
+    assert_eq!(four(&bytes, next), 0);
+    let copy = bytes[first..next + 4].to_vec();
+    let end = u32::try_from(bytes.len()).unwrap();
+    bytes[next..next + 4].copy_from_slice(&end.to_le_bytes());
+    bytes.extend(copy);
+    fs::write(&path, bytes).unwrap();
+    let error = load(&path, &camera).unwrap_err().to_string();
+    assert!(error.contains("has 2 pages, expected one"), "{error}");
+}
+
+#[test]
+fn a_png_s_gamma_is_applied() {
+    let (folder, camera) = (folder(), left(64, 48));
+    let picture = RgbImage::from_pixel(64, 48, Rgb([0, 64, 255]));
+    let path = written(&folder, "linear.png", picture);
+    let bytes = fs::read(&path).unwrap();
+    // After the header of 8 bytes and IHDR of 25: length, kind, linear, checksum.
+    let mut with_gamma = bytes[..33].to_vec();
+    with_gamma.extend([0, 0, 0, 4]);
+    with_gamma.extend(b"gAMA");
+    with_gamma.extend(100_000u32.to_be_bytes());
+    with_gamma.extend([0x31, 0xe8, 0x96, 0x5f]);
+    with_gamma.extend(&bytes[33..]);
+    fs::write(&path, with_gamma).unwrap();
+    let loaded = load(&path, &camera).unwrap();
+    let expected = (255.0 * (64.0f64 / 255.0).powf(1.0 / 2.2)).round() as u8;
+    assert_eq!(*loaded.get_pixel(5, 5), Rgb([0, expected, 255]));
 }
 
 #[test]

@@ -111,21 +111,19 @@ pub fn load_models(folder: &Path, wanted: impl Fn(u32) -> bool) -> Result<BTreeM
     };
     let file = folder.join("models_info.json");
     let infos = load_infos(&file)?;
-    let largest = infos.values().map(|info| info.diameter_m / MM);
+    let model = |(id, info): (u32, ModelInfo)| Ok((id, info.model(id, folder)?));
+    let models = infos.into_iter().filter(|(id, _)| wanted(*id)).map(model);
+    let models: BTreeMap<u32, Model> = models.collect::<Result<_>>()?;
+    let largest = models.values().map(|model| model.diameter_m / MM);
     let largest = largest.fold(0.0, f64::max);
-    if !infos.is_empty() && largest < LEAST_LARGEST_MM {
+    if !models.is_empty() && largest < LEAST_LARGEST_MM {
         return Err(Error::Data(format!(
-            "{}: expected diameters in millimetres, got {largest} at most, which look like metres; multiply \
-             them, and the models' coordinates, by 1000",
+            "{}: expected diameters in millimetres, got {largest:.3} at most, which look like metres, as do the \
+             models' coordinates; multiply both by 1000",
             file.display()
         )));
     }
-    let model = |(id, info): (u32, ModelInfo)| Ok((id, info.model(id, folder)?));
-    infos
-        .into_iter()
-        .filter(|(id, _)| wanted(*id))
-        .map(model)
-        .collect()
+    Ok(models)
 }
 
 impl Info {
@@ -227,4 +225,32 @@ fn check_diameter(path: &Path, points: &[Point3<f64>], diameter: f64) -> Result<
         diameter / MM,
         diagonal / MM
     )))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn models_wholly_in_metres_are_refused() {
+        let load = |size: f64| {
+            let folder = tempfile::tempdir().unwrap();
+            let ply = format!(
+                "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+                 property float z\nelement face 1\nproperty list uchar int vertex_indices\n\
+                 end_header\n0 0 0\n{size} 0 0\n0 {size} 0\n3 0 1 2\n"
+            );
+            let diameter = size * 2f64.sqrt();
+            let info = format!(r#"{{"000001": {{"diameter": {diameter}}}}}"#);
+            std::fs::write(folder.path().join("obj_000001.ply"), ply).unwrap();
+            std::fs::write(folder.path().join("models_info.json"), info).unwrap();
+            load_models(folder.path(), |_| true)
+        };
+        assert_eq!(load(100.0).unwrap().len(), 1);
+        let error = load(0.1).unwrap_err().to_string();
+        assert!(
+            error.contains("got 0.141 at most, which look like metres"),
+            "{error}"
+        );
+    }
 }

@@ -272,7 +272,7 @@ mod tests {
     fn results_of_other_programs_are_read() {
         // Header or none, line ends of Windows, spaces after commas, few digits, a name, no time.
         let rows = "1,2,3,0.5,1 0 0 0 1 0 0 0 1,0 0 900,0.25\r\n\
-                    1, 2, mug, 1e-1, 1.004  0 0 0 1 0 0 0 1 , 1.5 -2 3e2, -1\r\n\r\n";
+                    1, 3, mug, 1e-1, 1.004  0 0 0 1 0 0 0 1 , 1.5 -2 3e2, -1\r\n\r\n";
         for header in ["", RESULTS_HEADER] {
             let (read, inexact) = load(&format!("{header}{rows}")).unwrap();
             let [first, second] = &read[..] else { panic!() };
