@@ -12,7 +12,7 @@ pub fn refuse(node: &Node, known: &[&str]) -> Checked<()> {
         if !known.contains(&key) && about(key, inner.value) == Some(About::Lens) {
             return Err(format!(
                 "{}: the key `{key}` looks like a part of its lens and is not known; give it by a name that \
-                 docs/calibrations.md lists, or leave it out if it is none",
+                 docs/how-to/import-a-calibration.md lists, or leave it out if it is none",
                 node.place
             ));
         }

@@ -53,7 +53,7 @@ def _object(values: Mapping[str, Any]) -> ObjectPose:
 
 
 def document(prediction: Prediction) -> dict[str, Any]:
-    """The document that docs/output.md describes."""
+    """The document that docs/reference/json.md describes."""
     fit = prediction.rig_consistency
     return {
         "schema_version": REPORT_SCHEMA_VERSION,
