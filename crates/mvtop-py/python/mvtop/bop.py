@@ -61,8 +61,8 @@ def evaluate(
     Returns
     -------
     dict
-        Of one file what summary.json holds (docs/how-to/evaluate-on-bop.md); of several that, by the files' names
-        without their ending.
+        Of one file what summary.json holds (docs/how-to/evaluate-on-bop.md); of several that, by
+        the files' names without their ending.
 
     Raises
     ------
