@@ -9,7 +9,7 @@ use std::path::PathBuf;
 
 use mvtop_core::Rig;
 
-use self::args::{Check, Import, Rig as Command, Show};
+use self::args::{Check, Import, Rig as Command, Show, Wheel};
 use self::observed::Told;
 use self::views::{Doubt, Views};
 use crate::failure::{Failure, Result};
@@ -21,7 +21,20 @@ pub fn run(command: &Command) -> Result<()> {
         Command::Show(args) => show(args, &[]).map(|_| ()),
         Command::Check(args) => check(args),
         Command::Refine(args) => observed::refine(args),
+        Command::Calibrate(args) => wheel("calibrate", args),
+        Command::Board(args) => wheel("board", args),
+        Command::HandEye(args) => wheel("hand-eye", args),
     }
+}
+
+/// Boards are found by OpenCV, from Python: this command knows where, and not how.
+fn wheel(command: &str, args: &Wheel) -> Result<()> {
+    let arguments = args.arguments.iter().map(|argument| argument.display());
+    let typed: String = arguments.map(|argument| format!(" {argument}")).collect();
+    Err(Failure(format!(
+        "`rig {command}` comes with the Python wheel, not with this program; fix: pip install \
+         'mvtop[calibrate]', then `mvtop-cli rig {command}{typed}` of that Python"
+    )))
 }
 
 fn import(args: &Import) -> Result<()> {

@@ -9,7 +9,7 @@ use mvtop_core::error::printable;
 use mvtop_import::{Direction, Format, ImageSize, Options, Unit};
 use ndarray::{ArrayD, Axis};
 use pyo3::prelude::*;
-use pyo3::types::PyType;
+use pyo3::types::{PyDict, PyType};
 
 use crate::camera::{Camera, camera, pixels};
 use crate::convert::{self, ArrayLike};
@@ -149,6 +149,29 @@ impl Rig {
         };
         let imported = mvtop_import::import(&paths.list(), &options).map_err(python)?;
         Ok((Self(Arc::new(imported.rig)), imported.notes))
+    }
+
+    /// A rig from images of a board, with a verdict on it: a `mvtop.Calibration`, whose `rig` it is.
+    ///
+    /// Needs `pip install 'mvtop[calibrate]'`. The same as `mvtop.calibrate`, which says what may be
+    /// given.
+    ///
+    /// - images: a folder or several, or images by camera and exposure
+    /// - board: a board file, or a `mvtop.calibration.Board`
+    /// - options: lens, intrinsics, cameras, reference, world, layout, measured, ...
+    ///
+    /// Raises OSError where a file cannot be read, ValueError for what is refused.
+    #[classmethod]
+    #[pyo3(signature = (images, board, **options))]
+    fn calibrate<'py>(
+        _cls: &Bound<'py, PyType>,
+        images: Bound<'py, PyAny>,
+        board: Bound<'py, PyAny>,
+        options: Option<Bound<'py, PyDict>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let calibration = images.py().import("mvtop.calibration")?;
+        let calibrate = calibration.getattr("calibrate")?;
+        calibrate.call((images, board), options.as_ref())
     }
 
     /// Logs where cameras stand and look, and the distances between them, to Rerun, below the entity

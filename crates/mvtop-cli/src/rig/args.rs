@@ -1,5 +1,6 @@
 //! The arguments of `rig`.
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
@@ -19,6 +20,20 @@ pub enum Rig {
     Check(Check),
     /// Bring cameras that are off to where images show that they stand
     Refine(Refine),
+    /// Make a rig file from images of a board, all cameras at once (in the Python wheel)
+    Calibrate(Wheel),
+    /// Print a board for it, PDF or SVG (in the Python wheel)
+    Board(Wheel),
+    /// Bring a rig into the frame of the robot's base (in the Python wheel)
+    HandEye(Wheel),
+}
+
+/// What the wheel's command does before it comes to this one.
+#[derive(Args)]
+#[command(disable_help_flag = true)]
+pub struct Wheel {
+    #[arg(value_name = "ARGUMENT", trailing_var_arg = true, allow_hyphen_values = true)]
+    pub arguments: Vec<OsString>,
 }
 
 #[derive(Args)]

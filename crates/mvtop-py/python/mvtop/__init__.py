@@ -25,8 +25,13 @@ from mvtop._mvtop import (
 
 TYPE_CHECKING = False  # type checkers know the name; importing it takes longer than all the rest
 if TYPE_CHECKING:
+<<<<<<< HEAD
     from mvtop import bop, metrics, uncertainty
     from mvtop._error import Error, MvtopWarning
+=======
+    from mvtop import bop, calibration, metrics, statistics
+    from mvtop._error import Error
+>>>>>>> 0fd837c (Make a rig of images of a board, all cameras at once)
     from mvtop._estimator import Estimator
     from mvtop._objects import (
         CameraPose,
@@ -42,9 +47,11 @@ if TYPE_CHECKING:
     from mvtop._prediction import Prediction
     from mvtop._shipped import example
     from mvtop._tracker import Tracker
+    from mvtop.calibration import Calibration, calibrate
 
 __all__ = [
     "BOP_RESULTS_HEADER",
+    "Calibration",
     "Camera",
     "CameraPose",
     "Error",
@@ -67,6 +74,8 @@ __all__ = [
     "__version__",
     "bop",
     "box_rays",
+    "calibrate",
+    "calibration",
     "camera_rays",
     "deformable_sampling",
     "deformable_sampling_backward",
@@ -81,6 +90,7 @@ __all__ = [
 
 # Loaded when first asked for, so that `import mvtop` takes no time.
 _HOMES = {
+    "Calibration": "mvtop.calibration",
     "Error": "mvtop._error",
     "MvtopWarning": "mvtop._error",
     "Estimator": "mvtop._estimator",
@@ -95,6 +105,7 @@ _HOMES = {
     "RigConsistency": "mvtop._objects",
     "Sigma": "mvtop._objects",
     "Undetermined": "mvtop._objects",
+    "calibrate": "mvtop.calibration",
     "example": "mvtop._shipped",
 }
 
@@ -102,7 +113,11 @@ _HOMES = {
 def __getattr__(name: str) -> object:
     import importlib
 
+<<<<<<< HEAD
     if name in ("bop", "metrics", "uncertainty"):
+=======
+    if name in ("bop", "calibration", "metrics", "statistics"):
+>>>>>>> 0fd837c (Make a rig of images of a board, all cameras at once)
         return importlib.import_module(f"mvtop.{name}")
     if name in _HOMES:
         value = getattr(importlib.import_module(_HOMES[name]), name)

@@ -7,7 +7,15 @@ from mvtop import _runtime, _shipped
 from mvtop._mvtop import run_cli
 
 
+OWN = ("calibrate", "board", "hand-eye")
+"""The parts of `rig` that are this package's own."""
+
+
 def main() -> int:
     # Python only notes an interrupt, and looks at the note when Rust has come to its end.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if sys.argv[1:2] == ["rig"] and sys.argv[2:3] and sys.argv[2] in OWN:
+        from mvtop.calibration import commands
+
+        return commands.main(sys.argv[2:])
     return run_cli(sys.argv, _shipped.FOLDER, _runtime.library())
