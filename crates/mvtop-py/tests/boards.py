@@ -27,7 +27,8 @@ def look_at(center, target, roll_deg=0.0):
 
 
 def board_at(board: Board, center, tilt_deg=(0.0, 0.0, 0.0)):
-    """world_from_board (4, 4): the middle of the board at `center`, turned about x, y, z in turn."""
+    """world_from_board (4, 4): the middle of the board at `center`, turned about x, y, z in
+    turn."""
     pose = np.eye(4)
     for axis, turn in enumerate(np.radians(tilt_deg)):
         a, b = (axis + 1) % 3, (axis + 2) % 3
@@ -71,7 +72,9 @@ class Renderer:
         size = ((width + 2) * FINE, (height + 2) * FINE)
         at = cv2.resize(at, size, interpolation=cv2.INTER_LINEAR)
         shown = cv2.remap(self.image, at, None, cv2.INTER_LINEAR, borderValue=BACKGROUND)
-        shown = cv2.resize(shown.astype(np.float32), (width + 2, height + 2), interpolation=cv2.INTER_AREA)
+        shown = cv2.resize(
+            shown.astype(np.float32), (width + 2, height + 2), interpolation=cv2.INTER_AREA
+        )
         image = shown[1:-1, 1:-1]
         image = self._cv2.GaussianBlur(image, (0, 0), 0.7)
         if hide is not None:

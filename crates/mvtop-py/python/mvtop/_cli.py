@@ -6,7 +6,6 @@ import sys
 from mvtop import _runtime, _shipped
 from mvtop._mvtop import run_cli
 
-
 OWN = ("calibrate", "board", "hand-eye")
 """The parts of `rig` that are this package's own."""
 

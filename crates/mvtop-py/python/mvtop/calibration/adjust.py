@@ -1,6 +1,7 @@
 """Bundle adjustment: cameras, lenses and boards at once, by SciPy's `least_squares`.
 
-Frames: `world` is the frame that the fixed camera stands still in; every board has a frame of its own.
+Frames: `world` is the frame that the fixed camera stands still in; every board has a frame of its
+own.
 """
 
 from __future__ import annotations
@@ -113,8 +114,8 @@ def _least_squares(bundle: Bundle, weights: NDArray[np.float64]) -> float:
     start = _snapshot(bundle)
     roots = np.sqrt(weights)
     normal, scale = _normal(_linear(bundle)[1], weights)
-    # In numbers that are transformed by this factor the problem is nearly a sphere, so that the inner
-    # solver needs a few steps.
+    # In numbers that are transformed by this factor the problem is nearly a sphere, so that the
+    # inner solver needs a few steps.
     lower = cholesky(normal + DAMPING * np.eye(len(normal)), lower=True)
     # The first trust region is as wide as the start is long.
     origin = np.full(bundle.width, FIRST_STEP / np.sqrt(bundle.width))

@@ -1,7 +1,7 @@
 """Calibration targets: what is printed on them, and the file `board.json`.
 
-Frame `board`: origin at the top left corner of the pattern, x right, y down on the print, z into the
-sheet; metres. A sheet of tags has the frame that its file gives the corners in.
+Frame `board`: origin at the top left corner of the pattern, x right, y down on the print, z into
+the sheet; metres. A sheet of tags has the frame that its file gives the corners in.
 """
 
 from __future__ import annotations
@@ -220,9 +220,7 @@ def _build(kind: str, values: dict[str, Any], metres: float) -> Board:
     _enough(name, int(ids.max()) + 1)
     numbered = tuple(int(i) for i in ids)
     return _checked(
-        Board(
-            kind, columns, rows, tag, gap, name, points, numbered, border=border, first_id=first
-        )
+        Board(kind, columns, rows, tag, gap, name, points, numbered, border=border, first_id=first)
     )
 
 
@@ -242,7 +240,8 @@ def _sheet(values: dict[str, Any], metres: float) -> Board:
             four = _corners(tag)
         except (KeyError, TypeError, ValueError):
             raise ValueError(
-                f"{where}: expected `corners`, four points of 2 or 3 numbers clockwise from the top "
+                f"{where}: expected `corners`, four points of 2 or 3 numbers clockwise from the "
+                f"top "
                 "left, or `center` [x, y] and `size`, with `turn_deg` clockwise"
             ) from None
         ids.append(_whole(tag, "id", 0, 100000))

@@ -53,12 +53,13 @@ def _parser() -> argparse.ArgumentParser:
         commands.add_parser(
             "calibrate",
             formatter_class=_Lines,
-            description="Make a rig file from images of a board: lenses and places of all cameras at once.",
+            description="Make a rig file from images of a board, all cameras at once.",
             epilog="""examples:
   A folder for each exposure, with an image of each camera:
     mvtop-cli rig calibrate --board board.json shots/ -o rig.json --page verdict.html
   A wide lens, and the print measured from edge to edge:
-    mvtop-cli rig calibrate --board board.json shots/ --lens top=fisheye --measured 269.4mm -o rig.json""",
+    mvtop-cli rig calibrate --board board.json shots/ --lens top=fisheye --measured 269.4mm -o
+    rig.json""",
         )
     )
     _board(
@@ -80,25 +81,56 @@ def _parser() -> argparse.ArgumentParser:
 
 def _calibrate(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("folders", nargs="+", type=Path, metavar="FOLDER", help="images as EXPOSURE/CAMERA.png, "
-        "CAMERA/EXPOSURE.png or CAMERA_NUMBER.png; a scene of BOP; or a folder for each camera")  # fmt: skip
-    add("--board", required=True, type=Path, metavar="FILE", help="board file, or Kalibr's target file")
+    add(
+        "folders",
+        nargs="+",
+        type=Path,
+        metavar="FOLDER",
+        help="images as EXPOSURE/CAMERA.png, "
+        "CAMERA/EXPOSURE.png or CAMERA_NUMBER.png; a scene of BOP; or a folder for each camera",
+    )
+    add(
+        "--board",
+        required=True,
+        type=Path,
+        metavar="FILE",
+        help="board file, or Kalibr's target file",
+    )
     add("-o", "--out", required=True, type=Path, metavar="FILE", help="rig file to write")
-    add("--lens", action="append", default=[], metavar="[ID=]LENS", help=f"of all cameras, or of one: "
-        f"{', '.join(KINDS)} [default: pinhole, of 5 coefficients]")  # fmt: skip
+    add(
+        "--lens",
+        action="append",
+        default=[],
+        metavar="[ID=]LENS",
+        help=f"of all cameras, or of one: {', '.join(KINDS)} [default: pinhole, of 5 coefficients]",
+    )
     add("--intrinsics", type=Path, metavar="RIG", help="rig file whose cameras' lenses are kept")
     add("--cameras", type=_names, metavar="ID,...", help="these cameras alone")
     add("--reference", metavar="ID", help="the rig's reference camera [default: the first]")
-    add("--world", metavar="EXPOSURE", help="the board of this exposure is the world frame "
-        "[default: the reference camera's frame is]")  # fmt: skip
-    add("--layout", choices=["exposure/camera", "camera/exposure", "flat"],
-        help="what folders and names are [default: recognised]")  # fmt: skip
-    add("--measured", type=_length, metavar="LENGTH", help="a side of the pattern or of a square on the "
-        "print, as 269.4mm: replaces the board file's")  # fmt: skip
+    add(
+        "--world",
+        metavar="EXPOSURE",
+        help="the board of this exposure is the world frame "
+        "[default: the reference camera's frame is]",
+    )
+    add(
+        "--layout",
+        choices=["exposure/camera", "camera/exposure", "flat"],
+        help="what folders and names are [default: recognised]",
+    )
+    add(
+        "--measured",
+        type=_length,
+        metavar="LENGTH",
+        help="a side of the pattern or of a square on the "
+        "print, as 269.4mm: replaces the board file's",
+    )
     add("--page", type=Path, metavar="FILE", help="write the verdict with pictures, HTML")
     add("--json", type=Path, metavar="FILE", help="write the verdict for programs")
     add("--no-hold-out", action="store_true", help="do not hold out exposures: faster, no verdict")
-    add("--trust-unit", action="store_true", help="cameras do stand that near together or far apart")
+    add(
+        "--trust-unit", action="store_true", help="cameras do stand that near together or far apart"
+    )
     add("--force", action="store_true", help="overwrite files that exist")
     parser.set_defaults(run=_run_calibrate)
 
@@ -164,15 +196,33 @@ def _board(parser: argparse.ArgumentParser) -> None:
     add("--columns", type=int, metavar="N", help="squares, or tags, in a row")
     add("--rows", type=int, metavar="N")
     add("--square", type=_length, metavar="LENGTH", help="side of a square, as 30mm")
-    add("--marker", type=_length, metavar="LENGTH", help="side of a marker [default: 3/4 of a square]")
+    add(
+        "--marker",
+        type=_length,
+        metavar="LENGTH",
+        help="side of a marker [default: 3/4 of a square]",
+    )
     add("--tag", type=_length, metavar="LENGTH", help="side of a tag")
     add("--gap", type=_length, metavar="LENGTH", help="between tags [default: 3/10 of a tag]")
-    add("--dictionary", metavar="NAME", help="OpenCV's, or tag36h11 and others of AprilTag "
-        "[default: 5X5_1000, tag36h11]")  # fmt: skip
+    add(
+        "--dictionary",
+        metavar="NAME",
+        help="OpenCV's, or tag36h11 and others of AprilTag [default: 5X5_1000, tag36h11]",
+    )
     add("--first-id", type=int, default=0, metavar="N", help="number of the first marker")
-    add("--paper", metavar="SIZE", help="a4, a3, a2, a1, a0 or letter [default: the smallest that fits]")
-    add("-o", "--out", required=True, type=Path, metavar="FILE", help="PDF or SVG to write; the board "
-        "file is written beside it, as .json")  # fmt: skip
+    add(
+        "--paper",
+        metavar="SIZE",
+        help="a4, a3, a2, a1, a0 or letter [default: the smallest that fits]",
+    )
+    add(
+        "-o",
+        "--out",
+        required=True,
+        type=Path,
+        metavar="FILE",
+        help="PDF or SVG to write; the board file is written beside it, as .json",
+    )
     add("--force", action="store_true", help="overwrite files that exist")
     parser.set_defaults(run=_run_board)
 
@@ -204,7 +254,9 @@ def _run_board(args: argparse.Namespace) -> None:
 
 def _wanted_board(args: argparse.Namespace) -> dict[str, object]:
     if args.kind is None:
-        raise ValueError("--kind: expected charuco, chessboard or aprilgrid, or a board file with --from")
+        raise ValueError(
+            "--kind: expected charuco, chessboard or aprilgrid, or a board file with --from"
+        )
     needed = ["columns", "rows", "tag" if args.kind == "aprilgrid" else "square"]
     for name in needed:
         if getattr(args, name) is None:

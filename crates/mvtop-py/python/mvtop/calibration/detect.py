@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 LEAST_POINTS = 6
 """Corners that a view needs to count."""
 LEAST_FLATNESS = 0.02
-"""Least width of what is seen of a board, as a share of its length: corners in one row fix no pose."""
+"""Least width of what is seen of a board, as a share of its length: corners in one row fix no
+pose."""
 MISPLACED = 0.35
 """How far a tag's corner may be beside its place among the others, in sides of a tag."""
 
@@ -94,7 +95,9 @@ class Detector:
         if ids is None:
             return NOTHING
         place = {tag: i for i, tag in enumerate(self.board.ids)}
-        known = [(place[int(i)], c) for i, c in zip(ids.ravel(), corners, strict=True) if i in place]
+        known = [
+            (place[int(i)], c) for i, c in zip(ids.ravel(), corners, strict=True) if i in place
+        ]
         if not known:
             return NOTHING
         which = np.array([i for i, _ in known])
@@ -181,7 +184,7 @@ def hint(board: Board, images: Sequence[NDArray[np.uint8]]) -> str:
         if any(counts(other, detector.detect(image)) for image in images):
             return f"they show {words}"
     if board.kind == "chessboard":
-        return "a chessboard counts only where all of it is in the image; a ChArUco board may be hidden in part"
+        return "a chessboard counts only where all of it is in the image; try a ChArUco board"
     if family := _family(board, images):
         return f"they show markers of {family}, not of {board.dictionary}"
     return "check the kind and the numbers of the board file, light and sharpness"

@@ -43,7 +43,8 @@ def find(folders: Sequence[str | os.PathLike[str]], *, layout: str | None = None
 
     - layout: "exposure/camera", "camera/exposure" or "flat"; recognised by default
 
-    Raises FileNotFoundError where there is no folder, ValueError where no images or no names are found.
+    Raises FileNotFoundError where there is no folder, ValueError where no images or no names are
+    found.
     """
     images: Sources = {}
     notes: list[str] = []
@@ -69,7 +70,8 @@ def find(folders: Sequence[str | os.PathLike[str]], *, layout: str | None = None
             by_exposure = images.setdefault(_clean(camera), {})
             if (key := prefix + exposure) in by_exposure:
                 raise ValueError(
-                    f"camera `{camera}`, exposure `{key}`: two images, {by_exposure[key]} and {path}; "
+                    f"camera `{camera}`, exposure `{key}`: two images, {by_exposure[key]} and "
+                    f"{path}; "
                     "expected one"
                 )
             by_exposure[key] = path
@@ -97,7 +99,8 @@ def _named(
             match = _NUMBERED.match(path.stem)
             if match is None:
                 raise ValueError(
-                    f"{path}: expected a name that ends in the number of its exposure, as left_01.png; "
+                    f"{path}: expected a name that ends in the number of its exposure, as "
+                    f"left_01.png; "
                     "fix: sort images into a folder for each camera"
                 )
             yield match[1] or root.resolve().name, match[2], path

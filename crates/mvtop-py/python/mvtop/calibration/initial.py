@@ -22,9 +22,12 @@ FOCAL_GUESSES = {
 """In longer sides of the image."""
 GUESS_VIEWS = 12
 """Views that a focal length is guessed by."""
+GOOD_PX = 0.7
+"""A lens that leaves residuals below this, median, is taken without trying further focal
+lengths."""
 AGREE_DEG, AGREE_SHARE = 4.0, 0.08
-"""How far two exposures' opinions of how two cameras stand may be apart, degrees and as a share of the
-distance of the board."""
+"""How far two exposures' opinions of how two cameras stand may be apart, degrees and as a share
+of the distance of the board."""
 
 
 def board_pose(
@@ -56,9 +59,7 @@ def board_pose(
     return best
 
 
-def _planar(
-    points: NDArray[np.float64], seen: NDArray[np.float64]
-) -> list[NDArray[np.float64]]:
+def _planar(points: NDArray[np.float64], seen: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     opencv = _need.opencv()
     try:
         count, turns, places, _ = opencv.solvePnPGeneric(
@@ -100,8 +101,10 @@ def lens(
         found = _adjusted(kind, guess, views)
         if found is None:
             continue
-        if best is None or found[1] < 0.98 * best[1]:
+        if best is None or found[1] < best[1]:
             best = found
+        if best[1] < GOOD_PX:
+            break
     if best is None:
         raise ValueError("no focal length explains what its images show of the board")
     return best

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-_LINE = re.compile(r"^\s*([A-Za-z]+)\s*:\s*(['\"]?)([^#'\"]*)\2\s*(#.*)?$")
+_LINE = re.compile(r"^\s*([A-Za-z_]+)\s*:\s*(['\"]?)([^#'\"]*)\2\s*(#.*)?$")
 
 
 def kalibr_target(text: str) -> dict[str, Any] | None:

@@ -1,6 +1,7 @@
 """Lenses as rig files have them, with derivatives for the adjustment.
 
-Pixels and coefficients are OpenCV's. A lens is a row of numbers: fx, fy, cx, cy, then its coefficients.
+Pixels and coefficients are OpenCV's. A lens is a row of numbers: fx, fy, cx, cy, then its
+coefficients.
 """
 
 from __future__ import annotations
@@ -55,7 +56,8 @@ def kind_of(model: str, coefficients: int) -> Kind:
         if (kind.model, kind.coefficients) == (model, coefficients):
             return kind
     raise ValueError(
-        f"a lens `{model}` of {coefficients} coefficients: expected 0, 4, 5, 8 or 12 of pinhole, or "
+        f"a lens `{model}` of {coefficients} coefficients: expected 0, 4, 5, 8 or 12 of "
+        f"pinhole, or "
         "4 of fisheye; leave its intrinsics out, so that they are calibrated"
     )
 
@@ -117,7 +119,8 @@ def _flat(
     x, y, z = points.T
     by_point = np.zeros((len(points), 2, 3))
     if kind.model == "pinhole":
-        # A point behind the camera would come from the other side; the adjustment only has to get away.
+        # A point behind the camera would come from the other side; the adjustment only has to get
+        # away.
         z = np.where(np.abs(z) < 1e-9, 1e-9, z)
         ideal = np.stack([x / z, y / z], axis=1)
         by_point[:, 0, 0] = by_point[:, 1, 1] = 1 / z

@@ -27,7 +27,8 @@ def check(problem: Problem, placed: Sequence[NDArray[np.float64] | None], root: 
     subject = f"camera {lost_names} shares" if len(names) == 1 else f"cameras {lost_names} share"
     others = "any other camera" if len(held) > 1 else f"`{held[0]}`"
     raise ValueError(
-        f"{subject} no exposure with {others}: {_nearest(problem, names, held)}; fix: show the board "
+        f"{subject} no exposure with {others}: {_nearest(problem, names, held)}; fix: show the "
+        f"board "
         "where both see it, or leave cameras out with --cameras"
     )
 
@@ -43,8 +44,10 @@ def _nearest(problem: Problem, lost: Sequence[str], held: Sequence[str]) -> str:
                 partner = [name for name in others if exposure in told.found[name]]
                 if partner and (best is None or len(scrap) > best[0]):
                     words = (
-                        f"nearest is exposure `{exposure}`, where `{partner[0]}` sees the board and "
-                        f"`{camera}` {len(scrap)} of its {total} corners, {LEAST_POINTS} not in a row "
+                        f"nearest is exposure `{exposure}`, where `{partner[0]}` sees the board "
+                        f"and "
+                        f"`{camera}` {len(scrap)} of its {total} corners, {LEAST_POINTS} not in "
+                        f"a row "
                         "are needed"
                     )
                     best = len(scrap), words

@@ -99,7 +99,8 @@ def _sizes(camera: str, first: tuple[int, int], key: str, size: tuple[int, int])
     turned = size == first[::-1]
     why = "turned by 90 degrees: save all as the sensor has them" if turned else "use one size"
     return (
-        f"camera `{camera}`, exposure `{key}`: the image is {size[0]}x{size[1]}, the camera's others "
+        f"camera `{camera}`, exposure `{key}`: the image is {size[0]}x{size[1]}, the camera's "
+        f"others "
         f"are {first[0]}x{first[1]}; {why}"
     )
 
@@ -120,6 +121,7 @@ def check_counts(told: Observations, given: Iterable[str]) -> None:
         scraps = len(told.scraps[camera])
         more = f"; in {scraps} more too little of it is seen" if scraps else ""
         raise ValueError(
-            f"camera `{camera}` shows the board in {count} of {of} images, expected {needed} or more"
+            f"camera `{camera}` shows the board in {count} of {of} images, expected {needed} or "
+            f"more"
             f"{more}; fix: add exposures, or leave the camera out with --cameras"
         )

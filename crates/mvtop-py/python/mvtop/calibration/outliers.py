@@ -73,7 +73,9 @@ def _of_board(
         pose, _ = board_alone(bundle, inside, start)
         off = float(np.sqrt(np.mean(np.sum(_off(bundle, worst, pose) ** 2, axis=1))))
         why = _moved(alone[worst.camera], pose, bundle, problem, worst)
-        out.append((worst, _outlier(problem, worst, off, f"{why} the other cameras see it; {_WHY}")))
+        out.append(
+            (worst, _outlier(problem, worst, off, f"{why} the other cameras see it; {_WHY}"))
+        )
     return out
 
 

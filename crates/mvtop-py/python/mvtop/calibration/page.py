@@ -48,7 +48,8 @@ def page(told: Calibration) -> str:
         ]
         rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
     names = (
-        "camera|views|residual, px|direction, sd, degrees|place, sd, mm|point amid the boards, sd, mm|"
+        "camera|views|residual, px|direction, sd, degrees|place, sd, mm|point amid the boards, "
+        "sd, mm|"
         "focal length, sd, px|image covered|boards at, m|greatest tilt, degrees"
     ).split("|")
     parts = [
@@ -69,7 +70,9 @@ def page(told: Calibration) -> str:
         parts.append(_figure(_corners(told, camera.camera), f"{camera.camera}: all corners"))
         if worst := _worst(told, camera.camera):
             picture = _residuals(told, camera.camera, worst)
-            words = f"exposure {worst}, the worst that was kept; residuals {ENLARGED:g} times as long"
+            words = (
+                f"exposure {worst}, the worst that was kept; residuals {ENLARGED:g} times as long"
+            )
             parts.append(_figure(picture, f"{camera.camera}: {words}"))
     for outlier in told.outliers[:LISTED]:
         picture = _plain(told, outlier.camera, outlier.exposure)
@@ -96,7 +99,9 @@ def _held(told: Calibration) -> str:
             cells = [f"{m:.3f} ({w:.3f})" for m, w in zip(middle, most, strict=True)]
             cells = [escape(camera.camera), str(len(own)), *cells]
             rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
-    head = "camera|views|turn, degrees|across the sight, mm|along the sight, mm|residual, px".split("|")
+    head = "camera|views|turn, degrees|across the sight, mm|along the sight, mm|residual, px".split(
+        "|"
+    )
     return (
         "<h2>Exposures held out: median (worst)</h2><table><tr>"
         + "".join(f"<th>{name}</th>" for name in head)

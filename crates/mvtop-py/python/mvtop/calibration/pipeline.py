@@ -10,11 +10,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mvtop._mvtop import Camera, Rig
-from mvtop.calibration import _need, images, initial, linked, observe, outliers, rigid, solve, verdict
+from mvtop._mvtop import Rig
+from mvtop.calibration import (
+    _need,
+    images,
+    initial,
+    linked,
+    observe,
+    outliers,
+    rigid,
+    rigs,
+    solve,
+    verdict,
+)
 from mvtop.calibration.adjust import Adjusted, Bundle
 from mvtop.calibration.boards import Board
-from mvtop.calibration.lenses import FOCAL, KINDS, Kind, kind_of
+from mvtop.calibration.lenses import KINDS, Kind, kind_of
 from mvtop.calibration.outliers import Outlier
 from mvtop.calibration.scale import Scale, scale_of
 from mvtop.calibration.solve import Problem
@@ -32,7 +43,8 @@ OUTLIER_ROUNDS = 3
 
 @dataclass(frozen=True)
 class CameraReport:
-    """What a calibration knows of one camera. Standard deviations are against the reference camera."""
+    """What a calibration knows of one camera. Standard deviations are against the reference
+    camera."""
 
     camera: str
     views: int
@@ -112,12 +124,12 @@ def calibrate(
 ) -> Calibration:
     """A rig from images of a board.
 
-    - source: a folder or several, with EXPOSURE/CAMERA.png, CAMERA/EXPOSURE.png, CAMERA_NUMBER.png or
-      a BOP scene; or images (paths or uint8 arrays, grey or RGB) by camera, each a mapping by exposure
-      or a list with None for what is missing
+    - source: a folder or several, with EXPOSURE/CAMERA.png, CAMERA/EXPOSURE.png,
+      CAMERA_NUMBER.png or a BOP scene; or images (paths or uint8 arrays, grey or RGB) by camera,
+      each a mapping by exposure or a list with None for what is missing
     - board: a `Board`, a board file, or what one says
-    - lens: "pinhole" (5 coefficients), "pinhole8", "pinhole4", "pinhole12", "ideal" or "fisheye"; also
-      by camera
+    - lens: "pinhole" (5 coefficients), "pinhole8", "pinhole4", "pinhole12", "ideal" or "fisheye";
+      also by camera
     - intrinsics: a rig whose cameras' lenses are kept; of others, of its names, they are calibrated
     - cameras: ids of those that are wanted; all by default
     - reference: id of the reference camera, the first by default
@@ -128,7 +140,8 @@ def calibrate(
     - trust_unit: as of Rig
     - progress: called with the numbers of images that are done, and of all
 
-    Raises ValueError or OSError, one sentence, for what is refused; ModuleNotFoundError without the extra.
+    Raises ValueError or OSError, one sentence, for what is refused; ModuleNotFoundError without
+    the extra.
     """
     _need.opencv(), _need.optimize()
     board = _board(board)
@@ -163,7 +176,7 @@ def calibrate(
     world_from_root = _world(problem, bundle, world)
     warnings = [sentence for cover in covered for sentence in cover.advice()]
     warnings += _link_warnings(problem, found_links)
-    rig, folded = _rig(problem, bundle, world_from_root, covered, root, trust_unit)
+    rig, folded = rigs.make(problem, bundle, world_from_root, covered, root, trust_unit)
     boards = sorted({view.board for view in bundle.views})
     where = {problem.exposures[b]: world_from_root @ bundle.world_from_board[b] for b in boards}
     names = [(problem.cameras[v.camera], problem.exposures[v.board]) for v in bundle.views]
@@ -274,7 +287,9 @@ def _without_outliers(bundle: Bundle, problem: Problem) -> list[Outlier]:
 
 
 def _report(bundle: Bundle, problem: Problem, adjusted: Adjusted, camera: int) -> CameraReport:
-    views = [(v, at) for v, at in zip(bundle.views, adjusted.columns, strict=True) if v.camera == camera]
+    views = [
+        (v, at) for v, at in zip(bundle.views, adjusted.columns, strict=True) if v.camera == camera
+    ]
     off = np.concatenate([bundle.residuals(view) for view, _ in views])
     lens_at, pose_at, _ = views[0][1]
     covariance = adjusted.covariance
@@ -292,7 +307,8 @@ def _report(bundle: Bundle, problem: Problem, adjusted: Adjusted, camera: int) -
         cam_from_world = bundle.cam_from_world[camera]
         middle = problem.told.board.points.mean(axis=0)[None]
         where = [rigid.apply(bundle.world_from_board[view.board], middle)[0] for view, _ in views]
-        # A point moves in the camera's frame by its turn and its shift; the center by these two as well.
+        # A point moves in the camera's frame by its turn and its shift; the center by these two
+        # as well.
         at = np.mean(where, axis=0) @ cam_from_world[:3, :3].T
         by = np.hstack([-rigid.hat(at), np.eye(3)])
         point = 1e3 * worst(by @ pose @ by.T)
@@ -317,8 +333,10 @@ def _check_focal(
         if cover.tilt_deg > PARALLEL_DEG:
             why = f"{report.views} views do not fix it"
         raise ValueError(
-            f"camera `{report.camera}`: the focal length is not determined ({focal:.0f} px, standard "
-            f"deviation {min(report.focal_sd_px, 1e6):.0f}): {why}; fix: tilt the board by 20 to 40 "
+            f"camera `{report.camera}`: the focal length is not determined ({focal:.0f} px, "
+            f"standard "
+            f"deviation {min(report.focal_sd_px, 1e6):.0f}): {why}; fix: tilt the board by 20 "
+            f"to 40 "
             "degrees in several directions, or give --intrinsics"
         )
 
@@ -343,54 +361,7 @@ def _link_warnings(problem: Problem, links: Sequence[initial.Link]) -> list[str]
         own = [found for found in links if camera in (found.first, found.second)]
         if own and len(problem.cameras) > 1 and max(found.agreeing for found in own) < 2:
             told.append(
-                f"camera `{name}` is placed by one exposure alone, whose error nothing shows; add some"
+                f"camera `{name}` is placed by one exposure alone, whose error nothing shows; "
+                f"add some"
             )
     return told
-
-
-def _rig(
-    problem: Problem,
-    bundle: Bundle,
-    world_from_root: NDArray[np.float64],
-    covered: Sequence[Coverage],
-    root: int,
-    trust_unit: bool,
-) -> tuple[Rig, list[str]]:
-    made, warnings = [], []
-    for index, name in enumerate(problem.cameras):
-        lens, kind = bundle.lenses[index], bundle.kinds[index]
-        matrix = np.array([[lens[0], 0, lens[2]], [0, lens[1], lens[3]], [0, 0, 1.0]])
-        width, height = problem.told.sizes[name]
-        pose = world_from_root @ rigid.inverse(bundle.cam_from_world[index])
-        pose[:3, :3] = rigid.mean_rotation(pose[None, :3, :3])
-
-        def camera(limit: float | None) -> Camera:
-            return Camera(
-                matrix,  # noqa: B023
-                (width, height),  # noqa: B023
-                distortion=lens[FOCAL:],  # noqa: B023
-                model=kind.model,  # noqa: B023
-                world_from_cam=pose,  # noqa: B023
-                id=name,  # noqa: B023
-                max_angle_deg=limit,
-            )
-
-        whole = camera(None) if bundle.free_lens[index] is False else _whole(camera)
-        edges = np.array([[x, y] for x in (0, width - 1) for y in (0, height - 1)], float)
-        if whole is None or np.isnan(whole.unproject(edges)).any() and kind.model == "pinhole":
-            limit = round(covered[index].greatest_angle_deg + 0.5, 1)
-            whole = camera(limit)
-            warnings.append(
-                f"camera `{name}`: the lens is known up to {limit} degrees from its axis, which is "
-                "written as its limit; beyond it would fold: show boards at the image's edges"
-            )
-        made.append(whole)
-    return Rig(made, problem.cameras[root], trust_unit=trust_unit), warnings
-
-
-def _whole(camera: Callable[[float | None], Camera]) -> Camera | None:
-    """The camera without a limit; None where its lens leaves too much of the image without a ray."""
-    try:
-        return camera(None)
-    except ValueError:
-        return None

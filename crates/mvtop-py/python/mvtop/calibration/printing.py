@@ -137,7 +137,8 @@ def paper_of(board: Board, name: str | None) -> tuple[float, float]:
     if name is None:
         return width + 2 * MARGIN, height + 2 * MARGIN + CAPTION
     raise ValueError(
-        f"a board of {width:.1f} x {height:.1f} mm does not fit on {name} with {MARGIN:g} mm of margin; "
+        f"a board of {width:.1f} x {height:.1f} mm does not fit on {name} with {MARGIN:g} mm of "
+        f"margin; "
         "fix: smaller squares, or larger paper"
     )
 

@@ -20,8 +20,9 @@ def headline(told: Calibration) -> str:
     held = told.held_out
     if not held:
         return (
-            "no exposure was held out: fewer than six, or none that the cameras do without; the "
-            "standard deviations are all there is"
+            "no exposure was held out (six are needed, without which the others still fix all "
+            "cameras): "
+            "the standard deviations are all there is"
         )
     distance = float(np.median([h.distance_m for h in held]))
     turn, across, along = summary(held)
@@ -31,14 +32,17 @@ def headline(told: Calibration) -> str:
         else "a board as one camera alone sees it, against where the other cameras see it"
     )
     return (
-        f"held out, at {distance:.2f} m: {turn[0]:.3f} degrees and {across[0]:.2f} mm across the line "
-        f"of sight ({HIGH} %: {turn[1]:.3f} degrees, {across[1]:.2f} mm); along it {along[0]:.2f} mm "
+        f"held out, at {distance:.2f} m: {turn[0]:.3f} degrees and {across[0]:.2f} mm across "
+        f"the line "
+        f"of sight ({HIGH} %: {turn[1]:.3f} degrees, {across[1]:.2f} mm); along it "
+        f"{along[0]:.2f} mm "
         f"({HIGH} %: {along[1]:.2f} mm): {who}"
     )
 
 
 def summary(held: list[HeldOut]) -> list[tuple[float, float]]:
-    """Median and high percentile of turns in degrees, of shifts across and along the sight in mm."""
+    """Median and high percentile of turns in degrees, of shifts across and along the sight in
+    mm."""
     columns = np.array([[h.turn_deg, h.across_mm, h.along_mm] for h in held])
     middle, high = np.percentile(columns, [50, HIGH], axis=0)
     return [(float(m), float(h)) for m, h in zip(middle, high, strict=True)]
@@ -105,9 +109,7 @@ def to_dict(told: Calibration) -> dict[str, Any]:
         "held_out": verdict,
         "held_out_views": held,
         "outliers": [vars(outlier) for outlier in told.outliers],
-        "scale": None
-        if told.scale is None
-        else vars(told.scale) | {"factor": told.scale.factor},
+        "scale": None if told.scale is None else vars(told.scale) | {"factor": told.scale.factor},
         "warnings": told.warnings,
         "T_world_board": {key: pose.tolist() for key, pose in told.world_from_board.items()},
     }

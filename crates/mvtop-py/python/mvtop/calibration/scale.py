@@ -31,7 +31,8 @@ class Scale:
             return f"the print fits: {self.what} measures {lengths}"
         how = "larger" if off > 0 else "smaller"
         return (
-            f"the print is {abs(off):.2%} {how} than its file says: {self.what} measures {lengths}; "
+            f"the print is {abs(off):.2%} {how} than its file says: {self.what} measures "
+            f"{lengths}; "
             "the measured size was used"
         )
 
@@ -49,7 +50,8 @@ def scale_of(board: Board, measured: float) -> Scale:
     if not abs(measured / sides[what] - 1) < GREATEST:
         known = ", ".join(f"{side} {1e3 * length:.2f} mm" for side, length in sides.items())
         raise ValueError(
-            f"measured: {1e3 * measured:.2f} mm is within 10 % of no length of the board file ({known}); "
+            f"measured: {1e3 * measured:.2f} mm is within 10 % of no length of the board file "
+            f"({known}); "
             "measure one of these, edge to edge"
         )
     return Scale(what, measured, sides[what])

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 ROBUST_PX = 1.0
-"""Beyond it a corner counts by its length alone, in the last adjustment at three standard deviations."""
+"""Beyond it a corner counts by its length alone, in the last adjustment at three standard
+deviations."""
 SIGMAS = 3.0
 LEAST_ROBUST_PX = 0.1
 
@@ -69,7 +70,8 @@ def pose_views(
                 found, _ = initial.lens(kinds[camera], told.sizes[camera], list(views.values()))
             except ValueError as error:
                 raise ValueError(
-                    f"camera `{camera}`: {error}; expected `{kinds[camera].name}`, fix: --lens fisheye "
+                    f"camera `{camera}`: {error}; expected `{kinds[camera].name}`, fix: --lens "
+                    f"fisheye "
                     "for wide lenses, and boards that are tilted and near"
                 ) from None
             problem.lenses.append(found)
@@ -125,7 +127,9 @@ def assemble(problem: Problem, placed: Sequence[NDArray[np.float64]], root: int)
         for camera in seen:
             key = (camera, exposure)
             here = rigid.inverse(placed[camera]) @ problem.poses[key]
-            off = [rigid.angle_deg((rigid.inverse(here @ t) @ world_from_board)[:3, :3]) for t in alike]
+            off = [
+                rigid.angle_deg((rigid.inverse(here @ t) @ world_from_board)[:3, :3]) for t in alike
+            ]
             if turn := int(np.argmin(off)):
                 _renumber(problem, key, problem.told.board.alike[turn - 1], alike[turn])
     views = [problem.views[key] for key in sorted(problem.views)]

@@ -28,7 +28,8 @@ TILT_DEG = 15.0
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Boards of exposures that took no part: where one camera sees them, against what the rest says.
+    """Boards of exposures that took no part: where one camera sees them, against what the rest
+    says.
 
     With one camera the halves of the board are compared instead.
     """
@@ -67,7 +68,8 @@ class Coverage:
         told = []
         if self.image < COVERED and self.missing:
             told.append(
-                f"camera `{self.camera}`: boards covered {self.image:.0%} of the image; show some at "
+                f"camera `{self.camera}`: boards covered {self.image:.0%} of the image; show "
+                f"some at "
                 f"{self.missing}"
             )
         if self.farthest_m < DEPTH_RATIO * self.nearest_m:
@@ -115,8 +117,9 @@ def coverage(bundle: Bundle, problem: Problem) -> list[Coverage]:
 
 def _missing(cells: NDArray[np.bool_]) -> str:
     """The parts of a 3x3 image that have the fewest covered cells, in words."""
-    rows, columns = np.array_split(np.arange(cells.shape[0]), 3), np.array_split(
-        np.arange(cells.shape[1]), 3
+    rows, columns = (
+        np.array_split(np.arange(cells.shape[0]), 3),
+        np.array_split(np.arange(cells.shape[1]), 3),
     )
     names = [
         ["the top left", "the top", "the top right"],
@@ -189,7 +192,8 @@ def _compare(trial: Bundle, problem: Problem, views: list[View]) -> list[HeldOut
         own, _ = board_alone(trial, [mine], start)
         center = problem.told.board.points.mean(axis=0)[None]
         in_camera = [
-            rigid.apply(trial.cam_from_world[view.camera] @ pose, center)[0] for pose in (own, theirs)
+            rigid.apply(trial.cam_from_world[view.camera] @ pose, center)[0]
+            for pose in (own, theirs)
         ]
         distance = float(np.linalg.norm(in_camera[1]))
         sight = in_camera[1] / distance
@@ -213,7 +217,8 @@ def _halves(view: View) -> tuple[View, View] | None:
     if min(left.sum(), (~left).sum()) < 6:
         return None
     halves = [
-        View(view.camera, view.board, view.points[side], view.pixels[side]) for side in (left, ~left)
+        View(view.camera, view.board, view.points[side], view.pixels[side])
+        for side in (left, ~left)
     ]
     widths = [np.linalg.svd(h.points - h.points.mean(axis=0), compute_uv=False) for h in halves]
     if any(w[1] < 0.1 * w[0] for w in widths):
