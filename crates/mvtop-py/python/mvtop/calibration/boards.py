@@ -272,7 +272,8 @@ def _corners(tag: dict[str, Any]) -> NDArray[np.float64]:
     center = np.array(tag["center"], float)
     if center.shape != (2,) or not size > 0:
         raise ValueError
-    return np.c_[turned + center, np.zeros(4)]
+    found: NDArray[np.float64] = np.c_[turned + center, np.zeros(4)]
+    return found
 
 
 def dictionary(name: Any) -> str:

@@ -113,10 +113,10 @@ def solve(
     boards = [ref_from_board[name] for name in common]
     readings = list(
         product(
-            [eye] if eye else EYES,
-            [rotation or poses.rotation] if rotation or poses.rotation else FORMS[poses.form],
-            [direction or poses.direction] if direction or poses.direction else DIRECTIONS,
-            [unit or poses.unit] if unit or poses.unit else list(UNITS),
+            _open(EYES, eye),
+            _open(FORMS[poses.form], rotation, poses.rotation),
+            _open(DIRECTIONS, direction, poses.direction),
+            _open(tuple(UNITS), unit, poses.unit),
         )
     )
     tried = []
@@ -149,6 +149,12 @@ def solve(
         for name, (turn, shift), ok in zip(common, fit.off, used, strict=True)
     ]
     return HandEye(reading[0], *reading[1:], world, board, told, *sd, other, len(readings) > 1)
+
+
+def _open(all_of_them: Sequence[str], *said: str | None) -> list[str]:
+    """The first that is said, or all of them."""
+    known = [value for value in said if value]
+    return known[:1] or list(all_of_them)
 
 
 @dataclass(eq=False)
@@ -186,7 +192,7 @@ def _fit(
     world, fixed = start
     cov = np.zeros((12, 12))
     for _ in range(ROUNDS):
-        chosen = np.flatnonzero(used)
+        chosen = [int(i) for i in np.flatnonzero(used)]
         world, fixed, cov = _least_squares(
             world, fixed, [moving[i] for i in chosen], [boards[i] for i in chosen]
         )

@@ -148,6 +148,13 @@ def _check_names(names: list[str]) -> None:
         raise ValueError(f"folders: expected one for each camera, got {', '.join(names)}")
 
 
+def folders(
+    source: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+) -> list[str | os.PathLike[str]]:
+    """One folder, or several, as a list."""
+    return [source] if isinstance(source, (str, os.PathLike)) else list(source)
+
+
 def of_mapping(images: Mapping[str, Any]) -> Sources:
     """Images by camera: a mapping by exposure, or a list whose places are exposures (None: none).
 

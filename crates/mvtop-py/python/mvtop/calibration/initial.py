@@ -175,10 +175,10 @@ def link(
         near: dict[int, tuple[float, NDArray[np.float64]]] = {}
         for exposure, other, _ in told:
             difference = rigid.inverse(candidate) @ other
-            turn = rigid.angle_deg(difference[:3, :3])
+            angle = rigid.angle_deg(difference[:3, :3])
             shift = float(np.linalg.norm(difference[:3, 3])) / distance
-            if turn < AGREE_DEG and shift < AGREE_SHARE:
-                cost = turn / AGREE_DEG + shift / AGREE_SHARE
+            if angle < AGREE_DEG and shift < AGREE_SHARE:
+                cost = angle / AGREE_DEG + shift / AGREE_SHARE
                 if exposure not in near or cost < near[exposure][0]:
                     near[exposure] = (cost, other)
         if len(near) > len(best):

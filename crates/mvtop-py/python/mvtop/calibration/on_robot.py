@@ -71,8 +71,7 @@ def calibrate_hand_eye(
     if isinstance(source, Mapping):
         sources = images.of_mapping(source)
     else:
-        one = isinstance(source, (str, os.PathLike))
-        sources = images.find([source] if one else list(source), layout=layout).images  # type: ignore[list-item]
+        sources = images.find(images.folders(source), layout=layout).images
     sources = _of_rig(rig, sources)
     told = observe.observe(sources, board, progress=progress)
     where, warnings = board_poses(rig, told)

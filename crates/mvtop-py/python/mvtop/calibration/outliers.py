@@ -48,11 +48,11 @@ def _of_board(
     alone = {}
     for view in views:
         own = rigid.inverse(bundle.cam_from_world[view.camera]) @ _pose(problem, view)
-        alone[view.camera], (px,) = board_alone(bundle, [view], own)
-        if px > limit:
+        alone[view.camera], own_px = board_alone(bundle, [view], own)
+        if own_px[0] > limit:
             inside.remove(view)
             why = "corners do not lie as on the board: blur, a reflection, or a board that is bent"
-            out.append((view, _outlier(problem, view, px, why)))
+            out.append((view, _outlier(problem, view, own_px[0], why)))
     while len(inside) > 1:
         pose, px = board_alone(bundle, inside, start)
         if max(px) <= limit:

@@ -149,8 +149,7 @@ def calibrate(
     if isinstance(source, Mapping):
         sources = images.of_mapping(source)
     else:
-        one = isinstance(source, (str, os.PathLike))
-        found = images.find([source] if one else list(source), layout=layout)  # type: ignore[list-item]
+        found = images.find(images.folders(source), layout=layout)
         sources, note = found.images, found.note
     sources = _wanted(sources, cameras)
     scale = None
@@ -241,22 +240,22 @@ def _lenses(
     given = {}
     if intrinsics is not None:
         rig = intrinsics if isinstance(intrinsics, Rig) else Rig.load(Path(intrinsics))
-        for camera in rig.cameras:
-            if camera.id not in told.cameras:
+        for own in rig.cameras:
+            if own.id not in told.cameras:
                 continue
-            width, height = told.sizes[camera.id]
-            if camera.size != (width, height):
-                swapped = camera.size == (height, width)
+            width, height = told.sizes[own.id]
+            if own.size != (width, height):
+                swapped = own.size == (height, width)
                 fix = "width and height are swapped" if swapped else "use images of that size"
                 raise ValueError(
-                    f"camera `{camera.id}`: its images are {width}x{height}, its intrinsics of "
-                    f"{camera.size[0]}x{camera.size[1]}; {fix}"
+                    f"camera `{own.id}`: its images are {width}x{height}, its intrinsics of "
+                    f"{own.size[0]}x{own.size[1]}; {fix}"
                 )
-            if camera.K[0, 1]:
-                raise ValueError(f"camera `{camera.id}`: skew is not adjusted; expected 0")
-            kinds[camera.id] = kind_of(camera.model, len(camera.distortion))
-            numbers = camera.K[[0, 1, 0, 1], [0, 1, 2, 2]]
-            given[camera.id] = np.concatenate([numbers, camera.distortion])
+            if own.K[0, 1]:
+                raise ValueError(f"camera `{own.id}`: skew is not adjusted; expected 0")
+            kinds[own.id] = kind_of(own.model, len(own.distortion))
+            numbers = own.K[[0, 1, 0, 1], [0, 1, 2, 2]]
+            given[own.id] = np.concatenate([numbers, own.distortion])
         if not given:
             raise ValueError(
                 f"intrinsics: none is of {', '.join(told.cameras)}, but of "

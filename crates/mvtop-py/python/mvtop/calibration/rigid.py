@@ -26,9 +26,11 @@ def exponential(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     angle = float(np.linalg.norm(vector))
     cross = hat(vector)
     if angle < SMALL_ANGLE:
-        return np.eye(3) + cross + cross @ cross / 2
-    first, second = np.sin(angle) / angle, (1 - np.cos(angle)) / angle**2
-    return np.eye(3) + first * cross + second * cross @ cross
+        first, second = 1.0, 0.5
+    else:
+        first, second = np.sin(angle) / angle, (1 - np.cos(angle)) / angle**2
+    turned: NDArray[np.float64] = np.eye(3) + first * cross + second * cross @ cross
+    return turned
 
 
 def left_jacobian(vector: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -36,20 +38,23 @@ def left_jacobian(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     angle = float(np.linalg.norm(vector))
     cross = hat(vector)
     if angle < SMALL_ANGLE:
-        return np.eye(3) + cross / 2 + cross @ cross / 6
-    first = (1 - np.cos(angle)) / angle**2
-    second = (angle - np.sin(angle)) / angle**3
-    return np.eye(3) + first * cross + second * cross @ cross
+        first, second = 1 / 2, 1 / 6
+    else:
+        first = (1 - np.cos(angle)) / angle**2
+        second = (angle - np.sin(angle)) / angle**3
+    changed: NDArray[np.float64] = np.eye(3) + first * cross + second * cross @ cross
+    return changed
 
 
 def logarithm(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     """(3, 3) to (3,), radians, of length pi at most."""
     w, x, y, z = quaternion(rotation)
-    vector = np.array([x, y, z])
+    vector: NDArray[np.float64] = np.array([x, y, z])
     length = float(np.linalg.norm(vector))
     if length < SMALL_ANGLE:
         return 2 * vector
-    return vector * (2 * np.arctan2(length, w) / length)
+    scaled: NDArray[np.float64] = vector * (2 * np.arctan2(length, w) / length)
+    return scaled
 
 
 def quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -72,7 +77,8 @@ def from_quaternion(q: NDArray[np.float64]) -> NDArray[np.float64]:
     """w, x, y, z of any length above 0 to (3, 3)."""
     w, x, y, z = q / np.linalg.norm(q)
     cross = hat(np.array([x, y, z]))
-    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
+    turned: NDArray[np.float64] = np.eye(3) + 2 * w * cross + 2 * cross @ cross
+    return turned
 
 
 def rigid(rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -101,7 +107,8 @@ def angle_deg(rotation: NDArray[np.float64]) -> float:
 def mean_rotation(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N, 3, 3) to the rotation nearest their mean."""
     u, _, v = np.linalg.svd(rotations.mean(axis=0))
-    return u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v
+    mean: NDArray[np.float64] = u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v
+    return mean
 
 
 def mean(transforms: list[NDArray[np.float64]]) -> NDArray[np.float64]:
