@@ -29,11 +29,18 @@ LEAST_SIDE = 0.005
 
 _COMMON = {"format", "version", "unit", "kind"}
 _KEYS = {
-    "charuco": ({"columns", "rows", "square", "marker", "dictionary"}, {"legacy", "first_id"}),
+    "charuco": (
+        {"columns", "rows", "square", "marker", "dictionary"},
+        {"legacy", "first_id", "inverted"},
+    ),
     "chessboard": ({"columns", "rows", "square"}, set()),
-    "aprilgrid": ({"columns", "rows", "tag", "gap"}, {"dictionary", "first_id", "from", "border"}),
+    "aprilgrid": (
+        {"columns", "rows", "tag", "gap"},
+        {"dictionary", "first_id", "from", "border", "inverted"},
+    ),
     "tags": ({"dictionary", "tags"}, {"border"}),
 }
+_OF_MARKERS = {"inverted"}
 KINDS = tuple(_KEYS)
 APRIL = {"tag16h5": "16h5", "tag25h9": "25h9", "tag36h10": "36h10", "tag36h11": "36h11"}
 
@@ -62,6 +69,8 @@ class Board:
     border: int = 1
     """Width of tags' black borders, in bits."""
     first_id: int = 0
+    inverted: bool = False
+    """Whether black and white are exchanged, of markers."""
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Board:
@@ -98,6 +107,7 @@ class Board:
         if kind not in _KEYS:
             raise ValueError(f"`kind`: expected one of {', '.join(_KEYS)}, got {kind!r}")
         needed, optional = _KEYS[kind]
+        optional = optional if kind == "chessboard" else optional | _OF_MARKERS
         known = _COMMON | needed | optional
         if unknown := sorted(set(values) - known):
             raise ValueError(
@@ -107,7 +117,8 @@ class Board:
             raise ValueError(f"`{missing[0]}` is missing, which a {kind} needs")
         if values["unit"] not in UNITS:
             raise ValueError(f"`unit`: expected m, cm or mm, got {values['unit']!r}")
-        return _build(kind, values, UNITS[values["unit"]])
+        board = _build(kind, values, UNITS[values["unit"]])
+        return replace(board, inverted=_flag(values, "inverted"))
 
     def to_dict(self) -> dict[str, Any]:
         """What a board file says of it, in millimetres."""
@@ -119,7 +130,7 @@ class Board:
                 for tag, corner in zip(self.ids, corners, strict=True)
             ]
             more: dict[str, Any] = {"dictionary": self.dictionary, "tags": tags}
-            return head | more | {"border": self.border}
+            return head | more | {"border": self.border, "inverted": self.inverted}
         head |= {"columns": self.columns, "rows": self.rows}
         square, marker = round(1e3 * self.square, 6), round(1e3 * self.marker, 6)
         if self.kind == "chessboard":
@@ -129,7 +140,8 @@ class Board:
             head |= {"tag": square, "gap": marker, "from": order, "border": self.border}
         else:
             head |= {"square": square, "marker": marker, "legacy": self.legacy}
-        return head | {"dictionary": self.dictionary, "first_id": self.first_id}
+        head |= {"dictionary": self.dictionary, "first_id": self.first_id}
+        return head | {"inverted": self.inverted}
 
     def _ascending(self) -> tuple[int, ...]:
         return tuple(range(self.first_id, self.first_id + self.columns))

@@ -62,6 +62,8 @@ class Detector:
         """What of the board a grey image (H, W) shows; `NOTHING` where it shows none."""
         if self.board.kind == "chessboard":
             return self._chessboard(grey)
+        if self.board.inverted:
+            grey = 255 - grey
         if self.board.kind == "charuco":
             return self._charuco(grey)
         return self._tags(grey)
@@ -208,6 +210,9 @@ def _readings(board: Board) -> list[tuple[Board, str]]:
         for more, words in ((1, "inner corners, not squares"), (-1, "squares beside its edge")):
             words = f"one of {columns + more} x {rows + more} squares: its file may count {words}"
             readings.append(({"columns": columns + more, "rows": rows + more}, words))
+    if board.kind != "chessboard":
+        words = "the pattern with black and white exchanged"
+        readings.append(({"inverted": not board.inverted}, f'{words}: "inverted": true or false'))
     if board.kind in ("aprilgrid", "tags"):
         other = 3 - board.border
         readings.append(({"border": other}, f'tags with "border": {other}'))

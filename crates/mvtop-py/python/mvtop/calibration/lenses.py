@@ -14,6 +14,8 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from mvtop._mvtop import Camera
+
 FOCAL = 4
 """How many numbers come before the coefficients: fx, fy, cx, cy."""
 
@@ -47,19 +49,24 @@ KINDS = {
 }
 
 
-def kind_of(model: str, coefficients: int) -> Kind:
-    """The kind of a camera's lens.
+def given(camera: Camera) -> tuple[Kind, NDArray[np.float64]]:
+    """The kind and the numbers of a camera's lens.
 
     Raises ValueError for one that boards cannot be adjusted with.
     """
-    for kind in KINDS.values():
-        if (kind.model, kind.coefficients) == (model, coefficients):
-            return kind
-    raise ValueError(
-        f"a lens `{model}` of {coefficients} coefficients: expected 0, 4, 5, 8 or 12 of "
-        f"pinhole, or "
-        "4 of fisheye; leave its intrinsics out, so that they are calibrated"
-    )
+    used = int(np.flatnonzero(np.r_[1.0, camera.distortion])[-1])
+    fitting = [k for k in KINDS.values() if k.model == camera.model and k.coefficients >= used]
+    if camera.K[0, 1] or not fitting:
+        what = "skew" if camera.K[0, 1] else f"{used} coefficients"
+        raise ValueError(
+            f"camera `{camera.id}`: {what} of a {camera.model} lens is more than boards are "
+            f"adjusted "
+            "with; expected no skew, and 12 coefficients at most"
+        )
+    kind = min(fitting, key=lambda k: k.coefficients)
+    rest = np.zeros(max(0, kind.coefficients - len(camera.distortion)))
+    distortion = np.r_[camera.distortion, rest][: kind.coefficients]
+    return kind, np.r_[camera.K[[0, 1, 0, 1], [0, 1, 2, 2]], distortion]
 
 
 def project(

@@ -17,7 +17,7 @@ from mvtop.calibration import hand_eye, images, initial, observe, rigid, robot_p
 from mvtop.calibration.adjust import Bundle, View
 from mvtop.calibration.boards import Board
 from mvtop.calibration.hand_eye import HandEye
-from mvtop.calibration.lenses import kind_of
+from mvtop.calibration.lenses import given
 from mvtop.calibration.robot_poses import RobotPoses
 from mvtop.calibration.solve import board_alone
 
@@ -113,8 +113,9 @@ def board_poses(
                 f"the rig "
                 f"has {camera.size[0]}x{camera.size[1]}"
             )
-        kinds.append(kind_of(camera.model, len(camera.distortion)))
-        lenses.append(np.r_[camera.K[[0, 1, 0, 1], [0, 1, 2, 2]], camera.distortion])
+        kind, lens = given(camera)
+        kinds.append(kind)
+        lenses.append(lens)
         places.append(rigid.inverse(camera.world_from_cam) @ reference.world_from_cam)
     found, warnings = {}, []
     for exposure in told.exposures:

@@ -15,6 +15,7 @@ from mvtop.calibration import (
     _need,
     images,
     initial,
+    lenses,
     linked,
     observe,
     outliers,
@@ -25,7 +26,7 @@ from mvtop.calibration import (
 )
 from mvtop.calibration.adjust import Adjusted, Bundle
 from mvtop.calibration.boards import Board
-from mvtop.calibration.lenses import KINDS, Kind, kind_of
+from mvtop.calibration.lenses import KINDS, Kind
 from mvtop.calibration.outliers import Outlier
 from mvtop.calibration.scale import Scale, scale_of
 from mvtop.calibration.solve import Problem
@@ -251,11 +252,7 @@ def _lenses(
                     f"camera `{own.id}`: its images are {width}x{height}, its intrinsics of "
                     f"{own.size[0]}x{own.size[1]}; {fix}"
                 )
-            if own.K[0, 1]:
-                raise ValueError(f"camera `{own.id}`: skew is not adjusted; expected 0")
-            kinds[own.id] = kind_of(own.model, len(own.distortion))
-            numbers = own.K[[0, 1, 0, 1], [0, 1, 2, 2]]
-            given[own.id] = np.concatenate([numbers, own.distortion])
+            kinds[own.id], given[own.id] = lenses.given(own)
         if not given:
             raise ValueError(
                 f"intrinsics: none is of {', '.join(told.cameras)}, but of "

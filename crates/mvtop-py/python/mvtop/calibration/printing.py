@@ -43,8 +43,10 @@ class Box:
 def boxes(board: Board) -> list[Box]:
     """What is printed, later ones above earlier ones.
 
-    Raises ValueError for a sheet whose tags are turned or not flat.
+    Raises ValueError for a sheet whose tags are turned or not flat, and for what is inverted.
     """
+    if board.inverted:
+        raise ValueError("`inverted`: a board with black and white exchanged is not printed")
     if board.kind in ("charuco", "chessboard"):
         # A board of an even number of rows begins with white in the pattern before OpenCV 4.6.
         first = 1 if board.legacy and board.rows % 2 == 0 else 0
