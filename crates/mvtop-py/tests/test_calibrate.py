@@ -187,7 +187,7 @@ def test_a_board_that_moved_between_images_is_named(seen):
     assert [(o.camera, o.exposure) for o in told.outliers] == [("right", "007")]
     assert "12." in told.outliers[0].why or "11." in told.outliers[0].why
     assert "mm" in told.outliers[0].why and "the board moved" in told.outliers[0].why
-    assert errors(told.rig, cameras)[:, 0].mean() < 0.05
+    assert errors(told.rig, cameras)[:, 0].mean() < 0.1
 
 
 def test_chains_of_boards_link_cameras_that_share_none(seen):
@@ -371,7 +371,7 @@ def test_corners_are_where_they_are(shots, kind):
     found = detect.Detector(board).detect(image)
     assert len(found) == len(board.points)
     off = found.pixels - pixels[found.numbers]
-    assert np.abs(off.mean(axis=0)).max() < 0.08 and np.sqrt((off**2).mean()) < 0.15
+    assert np.abs(off.mean(axis=0)).max() < 0.08 and np.sqrt((off**2).mean()) < 0.2
 
 
 @pytest.mark.parametrize("kind", ["charuco", "april"])

@@ -35,8 +35,11 @@ from mvtop.calibration.verdict import Coverage, HeldOut
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-FOCAL_SD = 0.02
-"""A focal length is refused where its standard deviation is a greater share of it."""
+FOCAL_SD, FOCAL_DOUBT = 0.05, 0.01
+"""A focal length is refused, and warned of, where its standard deviation is a greater share of
+it."""
+LEAST_TILT_DEG = 3.0
+"""Between any two boards, where a lens is calibrated."""
 PARALLEL_DEG = 12.0
 """Boards whose greatest angle is less are called parallel."""
 OUTLIER_ROUNDS = 3
@@ -171,10 +174,10 @@ def calibrate(
     adjusted = solve.settle(bundle, covariance=True)
     covered = verdict.coverage(bundle, problem)
     reports = [_report(bundle, problem, adjusted, i) for i in range(len(problem.cameras))]
-    _check_focal(bundle, reports, covered)
+    doubts = _check_focal(bundle, reports, covered)
     held = verdict.held_out(bundle, problem) if hold_out else []
     world_from_root = _world(problem, bundle, world)
-    warnings = [sentence for cover in covered for sentence in cover.advice()]
+    warnings = doubts + [sentence for cover in covered for sentence in cover.advice()]
     warnings += _link_warnings(problem, found_links)
     rig, folded = rigs.make(problem, bundle, world_from_root, covered, root, trust_unit)
     boards = sorted({view.board for view in bundle.views})
@@ -317,13 +320,22 @@ def _report(bundle: Bundle, problem: Problem, adjusted: Adjusted, camera: int) -
 
 def _check_focal(
     bundle: Bundle, reports: Sequence[CameraReport], covered: Sequence[Coverage]
-) -> None:
-    """Refuses focal lengths that the boards do not determine."""
+) -> list[str]:
+    """Refuses focal lengths that the boards do not determine, and warns of those that they hardly
+    do."""
+    told = []
     for camera, (report, cover) in enumerate(zip(reports, covered, strict=True)):
         if not bundle.free_lens[camera]:
             continue
         focal = float(bundle.lenses[camera][0])
-        if focal > 0 and report.focal_sd_px <= FOCAL_SD * focal and cover.tilt_deg > 3.0:
+        if focal > 0 and report.focal_sd_px <= FOCAL_SD * focal and cover.tilt_deg > LEAST_TILT_DEG:
+            if report.focal_sd_px > FOCAL_DOUBT * focal:
+                told.append(
+                    f"camera `{report.camera}`: its focal length of {focal:.0f} px is known to "
+                    f"{report.focal_sd_px:.0f} px alone (standard deviation); show the board "
+                    f"larger "
+                    "and more tilted"
+                )
             continue
         why = f"boards are within {cover.tilt_deg:.0f} degrees of parallel"
         if cover.tilt_deg > PARALLEL_DEG:
@@ -335,6 +347,7 @@ def _check_focal(
             f"to 40 "
             "degrees in several directions, or give --intrinsics"
         )
+    return told
 
 
 def _world(problem: Problem, bundle: Bundle, world: str | None) -> NDArray[np.float64]:
