@@ -408,6 +408,20 @@ class Rig:
         For pickle.
         """
     def __repr__(self, /) -> str: ...
+    @classmethod
+    def calibrate(cls, /, images: Any, board: Any, **options) -> Any:
+        """
+        A rig from images of a board, with a verdict on it: a `mvtop.Calibration`, whose `rig` it is.
+
+        Needs `pip install 'mvtop[calibrate]'`. The same as `mvtop.calibrate`, which says what may be
+        given.
+
+        - images: a folder or several, or images by camera and exposure
+        - board: a board file, or a `mvtop.calibration.Board`
+        - options: lens, intrinsics, cameras, reference, world, layout, measured, ...
+
+        Raises OSError where a file cannot be read, ValueError for what is refused.
+        """
     @property
     def cameras(self, /) -> list[Camera]: ...
     @classmethod

@@ -78,7 +78,7 @@ class Board:
 
         Raises OSError where it cannot be read, ValueError where it is refused.
         """
-        text = Path(path).read_text(encoding="utf-8", errors="replace")
+        text = read_text(Path(path))
         try:
             if (target := kalibr_target(text)) is not None:
                 return cls.from_dict(target)
@@ -191,6 +191,17 @@ class Board:
     def __repr__(self) -> str:
         width, height = (1e3 * side for side in self.size)
         return f"Board({self.kind}, {width:.4g} x {height:.4g} mm, {len(self.points)} points)"
+
+
+def read_text(path: Path) -> str:
+    """A file's text.
+
+    Raises OSError that names it.
+    """
+    try:
+        return path.read_text(encoding="utf-8-sig", errors="replace")
+    except OSError as cause:
+        raise type(cause)(f"cannot read {path}: {cause.strerror}") from None
 
 
 def _build(kind: str, values: dict[str, Any], metres: float) -> Board:

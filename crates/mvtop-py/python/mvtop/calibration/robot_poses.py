@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mvtop.calibration import rigid
+from mvtop.calibration.boards import read_text
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -88,7 +89,7 @@ def load(path: Path) -> RobotPoses:
 
     Raises OSError where it cannot be read, ValueError where it is refused.
     """
-    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    text = read_text(path)
     try:
         if text.lstrip()[:1] in ("{", "["):
             return _json(text)
