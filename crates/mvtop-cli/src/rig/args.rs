@@ -32,7 +32,11 @@ pub enum Rig {
 #[derive(Args)]
 #[command(disable_help_flag = true)]
 pub struct Wheel {
-    #[arg(value_name = "ARGUMENT", trailing_var_arg = true, allow_hyphen_values = true)]
+    #[arg(
+        value_name = "ARGUMENT",
+        trailing_var_arg = true,
+        allow_hyphen_values = true
+    )]
     pub arguments: Vec<OsString>,
 }
 

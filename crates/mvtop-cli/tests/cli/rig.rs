@@ -343,7 +343,10 @@ fn images_tell_a_true_rig_from_one_in_the_other_direction() {
 fn what_the_wheel_does_is_said_to_come_with_it() {
     for command in ["calibrate", "board", "hand-eye"] {
         let sentence = refusal(&mvtop(&["rig", command, "--board", "b.json", "-h"]));
-        assert!(sentence.contains("comes with the Python wheel"), "{sentence}");
+        assert!(
+            sentence.contains("comes with the Python wheel"),
+            "{sentence}"
+        );
         assert!(
             sentence.contains(&format!("mvtop-cli rig {command} --board b.json -h")),
             "{sentence}"
