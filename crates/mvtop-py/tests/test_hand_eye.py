@@ -5,9 +5,18 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
+from boards import Renderer, look_at
 
 import mvtop
-from mvtop.calibration import at_poses, hand_eye, rigid, robot_poses
+from mvtop.calibration import (
+    Board,
+    at_poses,
+    calibrate_hand_eye,
+    hand_eye,
+    rigid,
+    robot_poses,
+)
+from mvtop.calibration.commands import main
 
 pytestmark = pytest.mark.skipif(
     not find_spec("scipy"), reason="the extra mvtop[calibrate] is not installed"
@@ -157,3 +166,66 @@ def test_a_camera_at_several_poses_is_a_rig(cell, tmp_path):
     assert [c.id for c in made.cameras] == list(hands)
     for c in made.cameras:
         np.testing.assert_allclose(c.world_from_cam, hands[c.id] @ hand_from_cam, atol=1e-6)
+
+
+def on_hand(count=8):
+    """A camera on the hand, a board that lies still, and where the hand is for each exposure."""
+    camera = mvtop.Camera([[700, 0, 320], [0, 700, 240], [0, 0, 1]], (640, 480), id="wrist")
+    values = {"format": "mvtop-board", "version": 1, "unit": "mm", "kind": "charuco"}
+    values |= {"columns": 7, "rows": 5, "square": 50, "marker": 38, "dictionary": "4X4_50"}
+    board = Board.from_dict(values)
+    rng = np.random.default_rng(4)
+    hand_from_cam = rigid.rigid(rigid.exponential(np.array([0.1, -0.2, 1.5])), [0.03, -0.05, 0.08])
+    base_from_board = rigid.rigid(rigid.exponential(np.array([0.0, np.pi, 0.3])), [0.7, 0.1, 0.02])
+    middle = board.points.mean(axis=0)
+    hands, ref_from_board = {}, {}
+    for i in range(count):
+        center = middle + rng.uniform(-1, 1, 3) * [0.3, 0.3, 0.1] + [0, 0, -0.6]
+        board_from_cam = look_at(center, middle, float(rng.uniform(-60, 60)))
+        hands[f"{i:02}"] = base_from_board @ board_from_cam @ rigid.inverse(hand_from_cam)
+        ref_from_board[f"{i:02}"] = rigid.inverse(board_from_cam)
+    return camera, board, values, hand_from_cam, hands, ref_from_board
+
+
+def test_images_and_poses_give_the_hand(tmp_path, capsys):
+    import cv2
+
+    camera, board, values, hand_from_cam, hands, ref_from_board = on_hand()
+    renderer = Renderer(board)
+    (tmp_path / "shots").mkdir()
+    for name, place in ref_from_board.items():
+        path = tmp_path / f"shots/wrist_{name}.png"
+        cv2.imwrite(str(path), renderer.render(camera, place))
+    mvtop.Rig([camera]).save(tmp_path / "rig.json")
+    (tmp_path / "board.json").write_text(json.dumps(values))
+    (tmp_path / "poses.csv").write_text(table(hands, order="xyzw"))
+    files = [f"--{n}={tmp_path / f}" for n, f in (("rig", "rig.json"), ("board", "board.json"))]
+    poses = f"--robot-poses={tmp_path / 'poses.csv'}"
+    out = tmp_path / "hand.json"
+    typed = ["hand-eye", str(tmp_path / "shots"), *files, poses, "-o", str(out)]
+    assert main(typed) == 2 and "say --eye hand or --eye base" in capsys.readouterr().err
+    assert main([*typed, "--eye", "hand"]) == 0
+    told = capsys.readouterr().out
+    assert "rotations are xyzw, poses base_from_hand, in m" in told and "left out" not in told
+    found = mvtop.Rig.load(out).cameras[0].world_from_cam
+    off = rigid.inverse(found) @ hand_from_cam
+    assert rigid.angle_deg(off[:3, :3]) < 0.1 and np.linalg.norm(off[:3, 3]) < 1e-3
+    views = tmp_path / "views.json"
+    typed = ["hand-eye", f"--rig={out}", poses, "-o", str(views)]
+    assert main(typed) == 2 and "--rotation is missing" in capsys.readouterr().err
+    said = ["--rotation=xyzw", "--direction=base_from_hand", "--unit=m"]
+    assert main([*typed, *said]) == 0
+    assert len(mvtop.Rig.load(views)) == len(hands)
+    assert main([*typed, *said]) == 2 and "give --force" in capsys.readouterr().err
+
+
+def test_images_of_another_size_are_refused():
+    camera, board, _, _, hands, _ = on_hand(4)
+    poses = robot_poses.RobotPoses("matrix", "matrix", None, "m", {})
+    images = {"wrist": {"00": np.zeros((480, 480), np.uint8)}}
+    with pytest.raises(ValueError, match="none of 1 images shows the charuco"):
+        calibrate_hand_eye(mvtop.Rig([camera]), images, board, poses)
+    with pytest.raises(ValueError, match="images of `other`: the rig's cameras are"):
+        place = look_at([1, 0, 0], [1, 0, 1])
+        other = mvtop.Camera(camera.K, camera.size, id="b", world_from_cam=place)
+        calibrate_hand_eye(mvtop.Rig([camera, other]), {"other": images["wrist"]}, board, poses)
