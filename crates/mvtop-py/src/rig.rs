@@ -162,7 +162,7 @@ impl Rig {
     ///
     /// Raises OSError where a file cannot be read, ValueError for what is refused.
     #[classmethod]
-    #[pyo3(signature = (images, board, **options))]
+    #[pyo3(signature = (images, board, **options: "Any"))]
     fn calibrate<'py>(
         _cls: &Bound<'py, PyType>,
         images: Bound<'py, PyAny>,

@@ -183,7 +183,6 @@ def test_noisy_corners_are_within_what_it_says(seen):
         assert turn < 4 * camera.turn_sd_deg and shift < 4 * camera.shift_sd_mm
         assert 0.001 < camera.turn_sd_deg < 0.1
     assert off[:, 0].mean() < 0.03
-    assert across(told.rig, cameras).mean() < 0.1
     turn, shift = between_boards(told, places)
     assert turn < 0.01 and shift < 0.05
     assert not told.outliers
