@@ -92,7 +92,7 @@ class Board:
 
     @classmethod
     def from_dict(cls, values: Any) -> Board:
-        """Of what a board file says (docs/calibrate.md).
+        """Of what a board file says (docs/how-to/calibrate-a-rig.md).
 
         Raises ValueError in one sentence.
         """

@@ -177,7 +177,9 @@ def calibrate(
     doubts = _check_focal(bundle, reports, covered)
     held = verdict.held_out(bundle, problem) if hold_out else []
     world_from_root = _world(problem, bundle, world)
-    warnings = doubts + [sentence for cover in covered for sentence in cover.advice()]
+    # Of lenses that are given, what boards covered does not matter.
+    calibrated = [cover for cover, free in zip(covered, bundle.free_lens, strict=True) if free]
+    warnings = doubts + [sentence for cover in calibrated for sentence in cover.advice()]
     warnings += _link_warnings(problem, found_links)
     rig, folded = rigs.make(problem, bundle, world_from_root, covered, root, trust_unit)
     boards = sorted({view.board for view in bundle.views})
