@@ -30,7 +30,6 @@ pub enum Rig {
 
 /// What the wheel's command does before it comes to this one.
 #[derive(Args)]
-#[command(disable_help_flag = true)]
 pub struct Wheel {
     #[arg(
         value_name = "ARGUMENT",

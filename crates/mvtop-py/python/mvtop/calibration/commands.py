@@ -9,12 +9,14 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from mvtop._mvtop import Rig
 from mvtop.calibration import _need
 from mvtop.calibration.lengths import metres
 from mvtop.calibration.lenses import KINDS
 
+WIDTH = 100
 PROGRESS_STEP = 25
 """Images between two lines about how far detection is."""
 
@@ -35,11 +37,19 @@ def main(arguments: Sequence[str]) -> int:
 
 
 class _Lines(argparse.RawDescriptionHelpFormatter):
-    """Keeps lines of examples."""
+    """Keeps lines of examples, and is as wide as the other commands' help."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, width=WIDTH)
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one sentence."""
+    """Says what is wrong in one sentence; its help has the words of the other commands'."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, add_help=False, **options)
+        self._optionals.title, self._positionals.title = "Options", "Arguments"
+        self.add_argument("-h", "--help", action="help", help="Print help")
 
     def error(self, message: str) -> None:  # type: ignore[override]
         print(f"error: {message}; see {self.prog} --help", file=sys.stderr)
@@ -54,12 +64,12 @@ def _parser() -> argparse.ArgumentParser:
             "calibrate",
             formatter_class=_Lines,
             description="Make a rig file from images of a board, all cameras at once.",
-            epilog="""examples:
+            epilog="""Examples:
   A folder for each exposure, with an image of each camera:
     mvtop-cli rig calibrate --board board.json shots/ -o rig.json --page verdict.html
   A wide lens, and the print measured from edge to edge:
-    mvtop-cli rig calibrate --board board.json shots/ --lens top=fisheye --measured 269.4mm -o
-    rig.json""",
+    mvtop-cli rig calibrate --board board.json shots/ --lens top=fisheye --measured 269.4mm \\
+        -o rig.json""",
         )
     )
     _board(
@@ -67,7 +77,7 @@ def _parser() -> argparse.ArgumentParser:
             "board",
             formatter_class=_Lines,
             description="Print a board, and write the file that says what was printed.",
-            epilog="""examples:
+            epilog="""Examples:
     mvtop-cli rig board --kind charuco --columns 9 --rows 6 --square 30mm -o board.pdf
     mvtop-cli rig board --kind aprilgrid --columns 6 --rows 6 --tag 40mm --paper a3 -o board.svg
     mvtop-cli rig board --from board.json -o board.pdf""",

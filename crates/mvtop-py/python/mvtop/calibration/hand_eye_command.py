@@ -15,14 +15,13 @@ from mvtop.calibration.robot_poses import DIRECTIONS, ROTATIONS, UNITS
 if TYPE_CHECKING:
     from mvtop.calibration.on_robot import RobotRig
 
-EXAMPLES = """examples:
-  A board in view of a rig, one set of images and one line of poses.csv for each pose of the robot:
-    mvtop-cli rig hand-eye shots/ --rig rig.json --board board.json --robot-poses poses.csv --eye
-    base \\
-      -o on_robot.json
+EXAMPLES = """Examples:
+  A board in view of a rig, a set of images and a line of poses.csv for each pose of the robot:
+    mvtop-cli rig hand-eye shots/ --rig rig.json --board board.json --robot-poses poses.csv \\
+        --eye base -o on_robot.json
   A camera on the hand, which is then moved to three poses, as one rig of three cameras:
-    mvtop-cli rig hand-eye --rig on_robot.json --robot-poses views.csv --rotation xyzw -o
-    views.json"""
+    mvtop-cli rig hand-eye --rig on_robot.json --robot-poses views.csv --rotation xyzw \\
+        --direction base_from_hand --unit m -o views.json"""
 
 
 def add(commands: Any, formatter: Any) -> None:
@@ -31,8 +30,7 @@ def add(commands: Any, formatter: Any) -> None:
         "hand-eye",
         formatter_class=formatter,
         description="Bring a rig into the robot's frames: cameras on its hand, or that stand. "
-        "Without images, a rig on the hand and poses of the hand give a rig with a camera for "
-        "each pose.",
+        "\nWithout images, a rig on the hand and poses of the hand give a camera for each pose.",
         epilog=EXAMPLES,
     )
     add = parser.add_argument
