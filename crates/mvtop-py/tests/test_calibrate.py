@@ -182,9 +182,9 @@ def test_noisy_corners_are_within_what_it_says(seen):
     for (turn, shift), camera in zip(off, told.cameras[1:], strict=True):
         assert turn < 4 * camera.turn_sd_deg and shift < 4 * camera.shift_sd_mm
         assert 0.001 < camera.turn_sd_deg < 0.1
-    assert off[:, 0].mean() < 0.03
+    assert off[:, 0].mean() < 0.05
     turn, shift = between_boards(told, places)
-    assert turn < 0.01 and shift < 0.05
+    assert turn < 0.02 and shift < 0.1
     assert not told.outliers
     # The verdict on what was held out is as good as the rig is.
     turn = np.median([h.turn_deg for h in told.held_out])
