@@ -25,13 +25,8 @@ from mvtop._mvtop import (
 
 TYPE_CHECKING = False  # type checkers know the name; importing it takes longer than all the rest
 if TYPE_CHECKING:
-<<<<<<< HEAD
-    from mvtop import bop, metrics, uncertainty
+    from mvtop import bop, calibration, metrics, uncertainty
     from mvtop._error import Error, MvtopWarning
-=======
-    from mvtop import bop, calibration, metrics, statistics
-    from mvtop._error import Error
->>>>>>> 0fd837c (Make a rig of images of a board, all cameras at once)
     from mvtop._estimator import Estimator
     from mvtop._objects import (
         CameraPose,
@@ -113,11 +108,7 @@ _HOMES = {
 def __getattr__(name: str) -> object:
     import importlib
 
-<<<<<<< HEAD
-    if name in ("bop", "metrics", "uncertainty"):
-=======
-    if name in ("bop", "calibration", "metrics", "statistics"):
->>>>>>> 0fd837c (Make a rig of images of a board, all cameras at once)
+    if name in ("bop", "calibration", "metrics", "uncertainty"):
         return importlib.import_module(f"mvtop.{name}")
     if name in _HOMES:
         value = getattr(importlib.import_module(_HOMES[name]), name)
