@@ -5,15 +5,15 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use nalgebra::Isometry3;
-use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::rig::transform;
 use crate::{BBox, Error, Result, json};
 
 /// One object and where the cameras see it.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct GivenBoxes {
     /// Name of one of the bundle's classes.
     pub class: String,

@@ -10,7 +10,7 @@ use image::RgbImage;
 use ndarray::{Array3, ArrayViewMut3};
 
 use crate::{BBox, Error, Result};
-pub use load::{load, size};
+pub use load::{decode, load, size};
 
 /// Images whose values differ by no more than this, of 255, in any channel show nothing.
 const ONE_COLOR: u8 = 8;

@@ -78,6 +78,9 @@ pub mod prediction;
 /// The probability that a pose is right.
 pub mod config;
 
+/// What is asked of the images: which objects, where, in which frame.
+pub mod request;
+
 /// A prediction as JSON.
 pub mod report;
 
@@ -99,6 +102,7 @@ pub use error::{Error, ErrorKind, Result};
 pub use estimator::{Estimator, Options, PredictOptions, Tracker};
 pub use image::ViewImage;
 pub use prediction::Prediction;
+pub use request::Request;
 pub use rig::Rig;
 
 // The example of the documentation, compiled.

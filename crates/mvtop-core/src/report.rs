@@ -5,14 +5,16 @@ use std::collections::BTreeMap;
 use nalgebra::Isometry3;
 use serde::Serialize;
 
+use crate::error::harmless;
 use crate::pose::wxyz;
 use crate::prediction::{
     CameraPose, Hypothesis, ObjectPose, Prediction, Refinement, Sigma, Timings, Warning,
     WarningCode,
 };
+use crate::request::LeftOut;
 use crate::scorer::{POSE_TERMS, Scored, VIEW_TERMS, Verdict, ViewEvidence};
 use crate::symmetry::{Axis, Symmetry};
-use crate::{BBox, Camera, Rig};
+use crate::{BBox, Camera, Error, Result, Rig};
 
 /// Raised when a key changes its meaning or goes away; new keys leave it as it is.
 pub const SCHEMA_VERSION: u32 = 1;
@@ -34,6 +36,12 @@ pub struct Report {
     pub provider: String,
     /// What makes the poses doubtful; empty where nothing does.
     pub warnings: Vec<ReportedWarning>,
+    /// Name of the frame of `T_frame_obj`; left out where none was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frame: Option<String>,
+    /// Objects that were found but not asked for; left out where all were asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub left_out: Option<LeftOut>,
 }
 
 /// A [`crate::prediction::Warning`].
@@ -87,6 +95,9 @@ pub struct Object {
     /// Object frame to world frame.
     #[serde(rename = "T_world_obj")]
     pub t_world_obj: [[f64; 4]; 4],
+    /// Object frame to the frame that was asked for; left out where none was.
+    #[serde(rename = "T_frame_obj", skip_serializing_if = "Option::is_none")]
+    pub t_frame_obj: Option<[[f64; 4]; 4]>,
     /// Translation of `T_ref_obj`, metres.
     pub t_m: [f64; 3],
     /// Rotation of `T_ref_obj` as a unit quaternion, `w >= 0`.
@@ -113,6 +124,23 @@ pub struct Object {
     pub symmetry: Option<Undetermined>,
     /// Every camera that gave an image.
     pub cameras: Vec<ObjectInCamera>,
+    /// How to grasp it; left out where that was not asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub grasps: Option<Vec<ReportedGrasp>>,
+}
+
+/// One way to grasp an object, [`crate::request::Grasp`].
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ReportedGrasp {
+    /// As in the bundle's file.
+    pub name: String,
+    /// Tool frame to the frame that was asked for: rows of the homogeneous matrix, metres.
+    #[serde(rename = "T_frame_tool")]
+    pub t_frame_tool: [[f64; 4]; 4],
+    /// Opening of the gripper, metres.
+    pub opening_m: f64,
+    /// Indices of the other objects that the gripper would touch; null where its shape is not known.
+    pub collides_with: Option<Vec<usize>>,
 }
 
 /// Poses that look like the one that is given, [`ObjectPose::symmetry`].
@@ -229,7 +257,21 @@ impl Report {
             timings_ms: prediction.timings,
             provider: prediction.provider.clone(),
             warnings: prediction.warnings.iter().map(warning).collect(),
+            frame: None,
+            left_out: None,
         }
+    }
+
+    /// The text of the document, for people to look into as well.
+    ///
+    /// Names in it are harmless to a terminal, see [`harmless`](crate::error::harmless).
+    ///
+    /// # Errors
+    /// [`Error::Data`] where it cannot be written.
+    pub fn to_json(&self) -> Result<String> {
+        let text = serde_json::to_string_pretty(self);
+        let text = text.map_err(|cause| Error::Data(format!("cannot write JSON: {cause}")))?;
+        Ok(harmless(&text))
     }
 }
 
@@ -263,6 +305,8 @@ impl Object {
             next_view: object.next_view.map(&id),
             symmetry: Undetermined::of(&object.symmetry),
             cameras: object.cameras.iter().map(in_camera).collect(),
+            t_frame_obj: None,
+            grasps: None,
         }
     }
 }

@@ -36,6 +36,16 @@ const FOURTEEN_BITS: u16 = (1 << 14) - 1;
 /// values that cannot be what was seen: 16 bits of which 12 or 14 are used, or floats that are not 0 to 1; or
 /// is a TIFF file of several pages.
 pub fn load(path: &Path, camera: &Camera) -> Result<RgbImage> {
+    decode(&file::read(path, MAX_FILE_BYTES)?, path, camera)
+}
+
+/// [`load`] of a file's bytes, however they came.
+///
+/// - `path`: what to call them in errors
+///
+/// # Errors
+/// [`Error::Image`], as [`load`].
+pub fn decode(bytes: &[u8], path: &Path, camera: &Camera) -> Result<RgbImage> {
     let refuse = |problem: String| Error::Image {
         camera: camera.id().to_owned(),
         path: path.to_owned(),
@@ -43,8 +53,7 @@ pub fn load(path: &Path, camera: &Camera) -> Result<RgbImage> {
     };
     let broken = |cause: image::ImageError| refuse(format!("cannot be decoded: {cause}"));
 
-    let bytes = file::read(path, MAX_FILE_BYTES)?;
-    let mut reader = ImageReader::new(Cursor::new(&bytes))
+    let mut reader = ImageReader::new(Cursor::new(bytes))
         .with_guessed_format()
         .map_err(Error::read(path))?;
     let usable = |format: ImageFormat| format.reading_enabled();
@@ -74,7 +83,7 @@ pub fn load(path: &Path, camera: &Camera) -> Result<RgbImage> {
             "expected {MAX_PIXELS} px at most, got {width}x{height}; give a smaller image"
         )));
     }
-    if is_jpeg && !jpeg::is_whole(&bytes) {
+    if is_jpeg && !jpeg::is_whole(bytes) {
         return Err(refuse(
             "ends before its last pixels; copy or take it again".into(),
         ));

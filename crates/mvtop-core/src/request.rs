@@ -1,0 +1,288 @@
+//! What a caller asks of the images: which objects, where, how sure, and in which frame.
+//!
+//! A robot's program does not want all that is seen. It says which parts it needs and where they may
+//! lie, and wants their poses in a frame that it knows. One type says so, for the command line, the
+//! service and its line protocol alike.
+//!
+//! The estimator is not told of it: objects are found first and chosen then. So what is left out takes
+//! its time all the same, and what is given is what it would be without the choice.
+
+mod choice;
+mod frame;
+mod grasps;
+mod text;
+
+use std::collections::BTreeMap;
+
+use nalgebra::Isometry3;
+use serde::{Deserialize, Serialize};
+
+pub use self::choice::{LeftOut, WorldBox};
+pub use self::grasps::{FILE as GRASPS_FILE, Grasp, Grasps, Sphere};
+pub use self::text::SETTINGS;
+
+use crate::annotations::GivenBoxes;
+use crate::bundle::Bundle;
+use crate::image::ViewImage;
+use crate::prediction::Prediction;
+use crate::report::{self, Report};
+use crate::scorer::Verdict;
+use crate::transform::from_matrix;
+use crate::{Error, Estimator, PredictOptions, Result, Rig};
+
+/// Most points of a polygon, to bound the work.
+const MOST_POINTS: usize = 1000;
+
+/// What is asked of a set of images; asks for everything by default.
+///
+/// As JSON all keys may be left out, and others are refused.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Request {
+    /// Id of the camera in whose frame `T_ref_obj` is; the rig's by default.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reference: Option<String>,
+    /// Boxes to use instead of detecting.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub boxes: Option<Vec<GivenBoxes>>,
+    /// Fewest images in which an object must be detected; 0 and 1 keep all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min_views: Option<usize>,
+    /// Whether poses are refined on the images; by default those of classes with a mesh are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub refine: Option<bool>,
+    /// Only objects of these classes, by name.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub classes: Option<Vec<String>>,
+    /// At most as many objects, the most probable ones.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub most: Option<usize>,
+    /// Only objects whose middle is in this box.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub region: Option<WorldBox>,
+    /// Only objects whose middle is in the polygon of each of these cameras, by id: corners `[u, v]`, px.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub polygons: BTreeMap<String, Vec<[f64; 2]>>,
+    /// Frame in which poses are given as well: `world`, `base` or a camera's id.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frame: Option<String>,
+    /// World frame to the robot's base frame: rows of the homogeneous matrix, metres.
+    #[serde(rename = "T_base_world", skip_serializing_if = "Option::is_none")]
+    pub base_from_world: Option<[[f64; 4]; 4]>,
+    /// Least confidence of a pose that is accepted, 0 to 1; each pose then has a verdict.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min_confidence: Option<f64>,
+    /// Whether the bundle's grasps are given with each object.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub grasps: bool,
+}
+
+/// What was found of what was asked for.
+#[derive(Debug, Clone)]
+pub struct Answer {
+    /// With the objects that were asked for alone.
+    pub prediction: Prediction,
+    /// The same as a document.
+    pub report: Report,
+    /// Objects that were found but not asked for.
+    pub left_out: LeftOut,
+}
+
+impl Answer {
+    /// Whether there are objects, and the verdict on each is `accept`; without
+    /// [`Request::min_confidence`] there is no verdict, and this is `true`.
+    pub fn is_accepted(&self, request: &Request) -> bool {
+        request.min_confidence.is_none_or(|least| {
+            let objects = &self.prediction.objects;
+            let accept = |object| Verdict::of(object, least) == Verdict::Accept;
+            !objects.is_empty() && objects.iter().all(accept)
+        })
+    }
+}
+
+impl Request {
+    /// Reads a request from JSON.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where it is no request: one sentence.
+    ///
+    /// ```
+    /// use mvtop_core::request::Request;
+    ///
+    /// let request = Request::from_json(r#"{"classes": ["nut"], "most": 1, "frame": "world"}"#)?;
+    /// assert_eq!(request.most, Some(1));
+    /// assert!(Request::from_json(r#"{"class": "nut"}"#).is_err());
+    /// # Ok::<(), mvtop_core::Error>(())
+    /// ```
+    pub fn from_json(text: &str) -> Result<Self> {
+        crate::json::from_str(text).map_err(|cause| {
+            Error::Input(format!(
+                "request: expected JSON with keys as in docs/serve.md, got: {cause}"
+            ))
+        })
+    }
+
+    /// What the estimator is told.
+    pub fn options(&self) -> PredictOptions {
+        PredictOptions {
+            reference: self.reference.clone(),
+            boxes: self.boxes.clone(),
+            min_views: self.min_views.unwrap_or(1),
+            refine: self.refine,
+        }
+    }
+
+    /// Refuses what does not fit the model or the rig, before any work is done.
+    ///
+    /// - `has_grasps`: whether there are grasps for the model
+    ///
+    /// # Errors
+    /// [`Error::UnknownCamera`], [`Error::UnknownClass`], and [`Error::Input`] for numbers that cannot
+    /// be meant, or for what the model does not have.
+    pub fn check(&self, bundle: &Bundle, rig: &Rig, has_grasps: bool) -> Result<()> {
+        if let Some(id) = &self.reference {
+            rig.find("reference", id)?;
+        }
+        for class in self.classes.iter().flatten() {
+            let known = || bundle.classes.iter().map(|class| class.name.clone());
+            if bundle.class_index(class).is_none() {
+                return Err(Error::UnknownClass {
+                    role: "classes".into(),
+                    class: class.clone(),
+                    known: known().collect(),
+                });
+            }
+        }
+        if self.classes.as_ref().is_some_and(Vec::is_empty) {
+            return Err(refuse("classes: expected one name or more, got none"));
+        }
+        if self.most == Some(0) {
+            return Err(refuse("most: expected 1 or more objects, got 0"));
+        }
+        if let Some(region) = &self.region {
+            region.check()?;
+        }
+        for (id, polygon) in &self.polygons {
+            rig.find("polygons", id)?;
+            let finite = polygon.as_flattened().iter().all(|x| x.is_finite());
+            if !(3..=MOST_POINTS).contains(&polygon.len()) || !finite {
+                return Err(refuse(&format!(
+                    "polygons, camera `{id}`: expected 3 to {MOST_POINTS} corners [u, v] in pixels, got {}",
+                    polygon.len()
+                )));
+            }
+        }
+        self.frame_from_world(rig)?;
+        match self.min_confidence {
+            Some(least) if !(0.0..=1.0).contains(&least) => {
+                return Err(refuse(&format!(
+                    "min_confidence: expected a probability from 0 to 1, got {least}"
+                )));
+            }
+            Some(_) if bundle.scorer.is_none() => {
+                return Err(refuse(&format!(
+                    "min_confidence: expected a model bundle that says how sure it is, got {} without; \
+                     add it with `python -m mvtop_train.calibrate`",
+                    bundle.dir.display()
+                )));
+            }
+            _ => {}
+        }
+        if self.grasps && !has_grasps {
+            return Err(refuse(&format!(
+                "grasps: expected a model bundle with {GRASPS_FILE}, got {} without; write one as in \
+                 docs/serve.md",
+                bundle.dir.display()
+            )));
+        }
+        Ok(())
+    }
+
+    /// Finds what is asked for.
+    ///
+    /// - `grasps`: of the bundle, where it has any
+    ///
+    /// # Errors
+    /// Those of [`Request::check`] and [`Estimator::predict`].
+    pub fn answer(
+        &self,
+        estimator: &Estimator,
+        grasps: Option<&Grasps>,
+        rig: &Rig,
+        images: &[ViewImage],
+    ) -> Result<Answer> {
+        let bundle = estimator.bundle();
+        self.check(bundle, rig, grasps.is_some())?;
+        let found = estimator.predict(rig, images, &self.options())?;
+        self.choose(found, bundle, grasps, rig)
+    }
+
+    /// Chooses from what was found; [`Request::options`] do not count.
+    ///
+    /// # Errors
+    /// [`Error::UnknownCamera`] and [`Error::Input`] where the frame is none.
+    pub fn choose(
+        &self,
+        found: Prediction,
+        bundle: &Bundle,
+        grasps: Option<&Grasps>,
+        rig: &Rig,
+    ) -> Result<Answer> {
+        let (prediction, left_out) = choice::choose(self, found, bundle, rig);
+        let mut report = Report::new(&prediction, rig);
+        if let Some(least) = self.min_confidence {
+            for (told, object) in report.objects.iter_mut().zip(&prediction.objects) {
+                told.verdict = Some(Verdict::of(object, least));
+            }
+        }
+        report.left_out = self.chooses().then_some(left_out);
+        let frame = match (&self.frame, self.grasps) {
+            (Some(frame), _) => Some(frame.as_str()),
+            (None, true) => Some(frame::WORLD),
+            (None, false) => None,
+        };
+        if let Some(frame) = frame {
+            let frame_from_world = self.frame_from_world(rig)?;
+            report.frame = Some(frame.to_owned());
+            for (told, object) in report.objects.iter_mut().zip(&prediction.objects) {
+                let pose = frame_from_world * object.world_from_obj;
+                told.t_frame_obj = Some(report::rows(&pose));
+            }
+            if let (true, Some(grasps)) = (self.grasps, grasps) {
+                let given = grasps.of_all(&prediction, bundle, &frame_from_world);
+                for (told, grasps) in report.objects.iter_mut().zip(given) {
+                    told.grasps = Some(grasps);
+                }
+            }
+        }
+        Ok(Answer {
+            prediction,
+            report,
+            left_out,
+        })
+    }
+
+    /// World frame to the frame that is asked for; the world's by default.
+    ///
+    /// # Errors
+    /// [`Error::UnknownCamera`] for another name, and [`Error::Input`] where the base's transform is
+    /// missing or none.
+    pub fn frame_from_world(&self, rig: &Rig) -> Result<Isometry3<f64>> {
+        let base = self.base_from_world.as_ref().map(from_matrix).transpose();
+        let base = base.map_err(|problem| refuse(&format!("T_base_world: {problem}")))?;
+        frame::from_world(self.frame.as_deref(), base, rig)
+    }
+
+    /// Whether anything that is found may be left out.
+    fn chooses(&self) -> bool {
+        let by_place = self.region.is_some() || !self.polygons.is_empty();
+        by_place || self.classes.is_some() || self.most.is_some()
+    }
+}
+
+fn refuse(sentence: &str) -> Error {
+    Error::Input(sentence.to_owned())
+}
+
+#[cfg(test)]
+mod tests;

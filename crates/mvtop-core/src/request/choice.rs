@@ -1,0 +1,146 @@
+//! Which of the objects that were found are given.
+
+use nalgebra::{Isometry3, Point2, Point3};
+use serde::{Deserialize, Serialize};
+
+use super::{Request, refuse};
+use crate::bundle::{Bundle, Class};
+use crate::prediction::{ObjectPose, Prediction};
+use crate::{Result, Rig};
+
+/// A box along the axes of the world frame.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WorldBox {
+    /// Corner of the least coordinates, metres.
+    pub min_m: [f64; 3],
+    /// Corner of the greatest coordinates, metres.
+    pub max_m: [f64; 3],
+}
+
+impl WorldBox {
+    /// Refuses a box that holds nothing.
+    pub(super) fn check(&self) -> Result<()> {
+        let mut sides = self.min_m.iter().zip(&self.max_m);
+        if sides.all(|(min, max)| min.is_finite() && max.is_finite() && min < max) {
+            return Ok(());
+        }
+        Err(refuse(&format!(
+            "region: expected a box in metres whose least corner is below the greatest one along each axis, \
+             got {:?} and {:?}",
+            self.min_m, self.max_m
+        )))
+    }
+
+    fn contains(&self, point: &Point3<f64>) -> bool {
+        (0..3).all(|axis| (self.min_m[axis]..=self.max_m[axis]).contains(&point[axis]))
+    }
+}
+
+/// How many objects were found but not asked for, each counted once, by what left it out first.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct LeftOut {
+    /// Of another class.
+    pub classes: usize,
+    /// Outside the box.
+    pub region: usize,
+    /// Outside a polygon.
+    pub polygons: usize,
+    /// Less probable than the most that were asked for.
+    pub most: usize,
+}
+
+/// The prediction without what was not asked for.
+pub(super) fn choose(
+    request: &Request,
+    mut found: Prediction,
+    bundle: &Bundle,
+    rig: &Rig,
+) -> (Prediction, LeftOut) {
+    let mut left_out = LeftOut::default();
+    let mut kept: Vec<usize> = Vec::new();
+    for (index, object) in found.objects.iter().enumerate() {
+        let listed = |classes: &Vec<String>| classes.contains(&object.class);
+        let middle = middle(object, bundle);
+        if !request.classes.as_ref().is_none_or(listed) {
+            left_out.classes += 1;
+        } else if !request.region.is_none_or(|region| region.contains(&middle)) {
+            left_out.region += 1;
+        } else if !is_in_polygons(request, &middle, rig) {
+            left_out.polygons += 1;
+        } else {
+            kept.push(index);
+        }
+    }
+    let most = request.most.unwrap_or(usize::MAX);
+    if kept.len() > most {
+        left_out.most = kept.len() - most;
+        let probability = |index: &usize| {
+            let object = &found.objects[*index];
+            (object.confidence.unwrap_or(0.0), object.score)
+        };
+        // Stable: of two that are as probable the first one stays.
+        kept.sort_by(|a, b| {
+            let ((a, a_score), (b, b_score)) = (probability(a), probability(b));
+            b.total_cmp(&a).then(b_score.total_cmp(&a_score))
+        });
+        kept.truncate(most);
+        kept.sort_unstable();
+    }
+    for warning in &mut found.warnings {
+        // What was doubtful stays so: a warning of an object that is left out is one of the images.
+        let place = |object| kept.iter().position(|index| *index == object);
+        warning.object = warning.object.and_then(place);
+    }
+    let mut index = 0;
+    found.objects.retain(|_| {
+        let keep = kept.contains(&index);
+        index += 1;
+        keep
+    });
+    (found, left_out)
+}
+
+/// Middle of the box around the object's surface points, world frame, metres; its origin where the
+/// class is not known.
+fn middle(object: &ObjectPose, bundle: &Bundle) -> Point3<f64> {
+    let class = bundle.class_index(&object.class);
+    let middle = class.map(|class| middle_of_class(&bundle.classes[class]));
+    object.world_from_obj * middle.unwrap_or_else(Point3::origin)
+}
+
+fn middle_of_class(class: &Class) -> Point3<f64> {
+    let along = |axis: usize| {
+        let all = class.points.iter().map(|point| point.position[axis]);
+        let ends = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
+            (low.min(x), high.max(x))
+        });
+        (ends.0 + ends.1) / 2.0
+    };
+    match class.points.is_empty() {
+        true => Point3::origin(),
+        false => Point3::new(along(0), along(1), along(2)),
+    }
+}
+
+fn is_in_polygons(request: &Request, middle: &Point3<f64>, rig: &Rig) -> bool {
+    request.polygons.iter().all(|(id, polygon)| {
+        let camera = rig.index_of(id).map(|index| &rig.cameras()[index]);
+        let pixel = camera.and_then(|camera| {
+            let world_from_cam: &Isometry3<f64> = camera.world_from_cam();
+            let in_camera = world_from_cam.inverse_transform_point(middle);
+            camera.intrinsics().project(&in_camera)
+        });
+        pixel.is_some_and(|pixel| is_inside(polygon, &pixel))
+    })
+}
+
+/// Whether a ray from the point crosses the polygon's sides an odd number of times.
+pub(super) fn is_inside(polygon: &[[f64; 2]], point: &Point2<f64>) -> bool {
+    let ends = polygon.iter().cycle().skip(1);
+    let crossed = polygon.iter().zip(ends).filter(|([u0, v0], [u1, v1])| {
+        let spans = (*v0 > point.y) != (*v1 > point.y);
+        spans && point.x < (u1 - u0) * (point.y - v0) / (v1 - v0) + u0
+    });
+    crossed.count() % 2 == 1
+}
