@@ -7,7 +7,9 @@ use clap::{Args, Parser, Subcommand};
 use crate::audit::args::Audit;
 use crate::eval::args::Eval;
 use crate::options::{Detection, NetworkArgs, Refinement, probability};
+use crate::request::Choice;
 use crate::rig::args::Rig;
+use crate::serve::args::Serve;
 
 /// 6-DoF poses of objects seen by several calibrated cameras.
 #[derive(Parser)]
@@ -21,6 +23,8 @@ pub struct Cli {
 pub enum Command {
     /// Find the objects in the images of a rig, and their poses
     Infer(Infer),
+    /// Answer programs and robots: poses over HTTP, with a page to look at
+    Serve(Serve),
     /// Compare predictions with the truth
     #[command(subcommand)]
     Eval(Eval),
@@ -80,6 +84,9 @@ pub struct Infer {
     /// `need_another_view`; end with code 3 unless all are accepted and there is one
     #[arg(long, value_name = "P", value_parser = probability)]
     pub min_confidence: Option<f64>,
+
+    #[command(flatten)]
+    pub choice: Choice,
 
     /// Print JSON instead of text
     #[arg(long, conflicts_with = "truth")]

@@ -14,7 +14,7 @@ use crate::write::print;
 pub fn run(args: &NetworkArgs) -> Result<()> {
     print(&format!("mvtop-cli {}\n", env!("CARGO_PKG_VERSION")))?;
     let runtime = Runtime::locate(args.library());
-    let packaged = args.ort_lib.is_none() && args.library().is_some();
+    let packaged = args.runtime.ort_lib.is_none() && args.library().is_some();
     let by = packaged.then_some("the installed package onnxruntime");
     print(&format!("{}\n", on_runtime(&runtime, by)))?;
 
@@ -24,7 +24,7 @@ pub fn run(args: &NetworkArgs) -> Result<()> {
         check_bundle(&dir)?;
         if runtime.is_ok() {
             let estimator = args.load(&dir)?;
-            print(&format!("  networks   load on `{}`", args.provider))?;
+            print(&format!("  networks   load on `{}`", args.runtime.provider))?;
             print(match estimator.self_test()? {
                 true => "  self-test  answers as when it was exported",
                 false => "  self-test  none in this bundle; export it again to have one",

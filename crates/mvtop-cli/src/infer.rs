@@ -7,15 +7,14 @@ use std::path::{Path, PathBuf};
 use image::{ImageFormat, RgbImage};
 use mvtop_core::annotations::TruePose;
 use mvtop_core::bundle::Bundle;
-use mvtop_core::report::Report;
-use mvtop_core::scorer::Verdict;
-use mvtop_core::{PredictOptions, Rig, ViewImage, annotations, overlay};
+use mvtop_core::request::Grasps;
+use mvtop_core::{Rig, ViewImage, annotations, overlay};
 
 use crate::args::Infer;
 use crate::failure::{Failure, Result};
 use crate::model_dir;
 use crate::options::knows_confidence;
-use crate::write::{may_write, pretty_json, print};
+use crate::write::{may_write, print};
 use crate::{table, write};
 
 /// File name of all views side by side.
@@ -30,13 +29,7 @@ pub fn run(args: &Infer) -> Result<bool> {
     } = Inputs::of(args)?;
     let rig = Rig::load(&rig_file)?;
     let files = assign(&rig, &images)?;
-    let boxes = args.boxes.as_deref().map(annotations::load_boxes);
-    let options = PredictOptions {
-        reference: args.reference.clone(),
-        boxes: boxes.transpose()?,
-        min_views: args.detection.min_views as usize,
-        refine: args.refinement.wanted(),
-    };
+    let request = args.choice.request(args)?;
     let truth = truth_file.as_deref().map(annotations::load_truth);
     let truth = truth.transpose()?;
     let pictures = args.overlay.as_ref();
@@ -44,7 +37,12 @@ pub fn run(args: &Infer) -> Result<bool> {
         .iter()
         .map(|(_, path)| path)
         .chain([&rig_file])
-        .chain(args.boxes.iter().chain(&truth_file))
+        .chain(
+            args.boxes
+                .iter()
+                .chain(&truth_file)
+                .chain(&args.choice.request),
+        )
         .map(PathBuf::as_path)
         .collect();
     let cameras: Vec<usize> = files.iter().map(|(camera, _)| *camera).collect();
@@ -57,19 +55,17 @@ pub fn run(args: &Infer) -> Result<bool> {
     }
     let model = args.network.found()?;
     let estimator = args.network.load(&model.folder)?;
-    if args.min_confidence.is_some() {
+    if request.min_confidence.is_some() {
         knows_confidence(estimator.bundle())?;
     }
+    let grasps = Grasps::of_bundle(estimator.bundle())?;
     if args.edges {
         estimator.needs_mesh("--edges", "leave --edges out")?;
     }
-    let prediction = estimator.predict(&rig, &images, &options)?;
+    let answer = request.answer(&estimator, grasps.as_ref(), &rig, &images)?;
+    let accepted = answer.is_accepted(&request);
+    let prediction = answer.prediction;
     write::warn(&prediction, None);
-    let least = args.min_confidence;
-    let accepted = least.is_none_or(|least| {
-        let accept = |object| Verdict::of(object, least) == Verdict::Accept;
-        !prediction.objects.is_empty() && prediction.objects.iter().all(accept)
-    });
 
     if let Some(pictures) = &pictures {
         let truth = truth.as_deref().unwrap_or_default();
@@ -83,14 +79,10 @@ pub fn run(args: &Infer) -> Result<bool> {
         pictures.write(drawn, estimator.bundle(), &rig, &images, truth)?;
     }
     if args.json {
-        let mut report = Report::new(&prediction, &rig);
-        for (told, object) in report.objects.iter_mut().zip(&prediction.objects) {
-            told.verdict = least.map(|least| Verdict::of(object, least));
-        }
-        print(&pretty_json(&report)?)?;
+        print(&answer.report.to_json()?)?;
         return Ok(accepted);
     }
-    print(&table::objects(&prediction, &rig, least))?;
+    print(&table::objects(&prediction, &rig, request.min_confidence))?;
     print(&format!("model {} ({})", model.folder.display(), model.by))?;
     if let Some(truth) = &truth {
         let classes = &estimator.bundle().classes;

@@ -14,7 +14,9 @@ mod old_spelling;
 mod options;
 mod plot;
 mod progress;
+mod request;
 mod rig;
+mod serve;
 mod table;
 mod write;
 
@@ -92,6 +94,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
             Ok(false) => return NOT_ACCEPTED,
             done => done.map(|_| ()),
         },
+        Command::Serve(args) => serve::run(&args),
         Command::Eval(args) => eval::run(&args),
         Command::Audit(args) => audit::run(&args),
         Command::Rig(args) => rig::run(&args),

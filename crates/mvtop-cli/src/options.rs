@@ -18,6 +18,13 @@ pub struct Detection {
     pub min_views: u32,
 }
 
+impl Detection {
+    /// The fewest images, unless they change nothing.
+    pub fn given(&self) -> Option<usize> {
+        (self.min_views > 1).then_some(self.min_views as usize)
+    }
+}
+
 #[derive(Args)]
 pub struct Refinement {
     /// Refine poses on the images; an error where the model has no mesh [default: where it has]
@@ -47,6 +54,14 @@ pub struct NetworkArgs {
     #[arg(long, value_name = "DIR")]
     pub model: Option<PathBuf>,
 
+    #[command(flatten)]
+    pub runtime: RuntimeArgs,
+}
+
+/// How networks are run, whatever they are.
+#[derive(Args)]
+#[command(next_help_heading = "Network")]
+pub struct RuntimeArgs {
     /// ONNX Runtime's library [default: searched for, see `doctor`]
     #[arg(long, value_name = "PATH")]
     pub ort_lib: Option<PathBuf>,
@@ -84,6 +99,17 @@ impl NetworkArgs {
         Ok(self.found()?.folder)
     }
 
+    /// ONNX Runtime's library, see [`RuntimeArgs::library`].
+    pub fn library(&self) -> Option<&Path> {
+        self.runtime.library()
+    }
+
+    pub fn load(&self, bundle: &Path) -> Result<Estimator> {
+        Ok(Estimator::load(bundle, &self.runtime.options())?)
+    }
+}
+
+impl RuntimeArgs {
     /// ONNX Runtime's library: the one named, else that of the package that this runs from.
     pub fn library(&self) -> Option<&Path> {
         match &self.ort_lib {
@@ -92,19 +118,15 @@ impl NetworkArgs {
         }
     }
 
-    pub fn load(&self, bundle: &Path) -> Result<Estimator> {
-        let session = SessionOptions {
-            provider: self.provider,
-            threads: self.threads,
-        };
-        let ort_lib = self.library().map(Path::to_owned);
-        let inference = self.settings.clone();
-        let options = Options {
-            ort_lib,
-            session,
-            inference,
-        };
-        Ok(Estimator::load(bundle, &options)?)
+    pub fn options(&self) -> Options {
+        Options {
+            ort_lib: self.library().map(Path::to_owned),
+            session: SessionOptions {
+                provider: self.provider,
+                threads: self.threads,
+            },
+            inference: self.settings.clone(),
+        }
     }
 }
 

@@ -1,0 +1,133 @@
+//! The line protocol.
+
+use crate::client::{Server, images, root};
+
+#[test]
+fn robots_ask_by_lines() {
+    let server = Server::start(&["--line-port", "0", "--line-images", "examples/mvball"]);
+    let nothing = server.ask(&["LAST"]).remove(0);
+    assert!(
+        nothing.starts_with("ERROR not_found LAST: no exposure yet"),
+        "{nothing}"
+    );
+
+    let found = server.ask(&[
+        "FIND min_confidence=0.5 frame=cam0",
+        "LAST unit=mm rotation=abc",
+    ]);
+    let words = |answer: &str, line: usize| -> Vec<String> {
+        let line = answer.lines().nth(line).unwrap();
+        line.split(' ').map(str::to_owned).collect()
+    };
+    assert!(
+        found[0].starts_with("OK exposure=1 poses=1 "),
+        "{}",
+        found[0]
+    );
+    assert!(
+        found[0].contains(" frame=cam0 unit=m rotation=wxyz "),
+        "{}",
+        found[0]
+    );
+    let pose = words(&found[0], 1);
+    assert_eq!(
+        (pose[..3].join(" ").as_str(), pose[4].as_str(), pose.len()),
+        ("POSE 0 mvball", "accept", 12)
+    );
+    let json = server.get("/v1/exposures/1", &[]).json();
+    let object = &json["answer"]["objects"][0];
+    let close = |word: &str, number: f64| (word.parse::<f64>().unwrap() - number).abs() < 1e-5;
+    // cam0 is the reference camera.
+    assert!(
+        (0..3).all(|i| close(&pose[5 + i], object["t_m"][i].as_f64().unwrap())),
+        "{pose:?}"
+    );
+    assert!(
+        (0..4).all(|i| close(&pose[8 + i], object["q_wxyz"][i].as_f64().unwrap())),
+        "{pose:?}"
+    );
+    let last = words(&found[1], 1);
+    assert!(
+        found[1].contains(" frame=world unit=mm rotation=abc "),
+        "{}",
+        found[1]
+    );
+    let x = object["T_world_obj"][0][3].as_f64().unwrap();
+    assert!(
+        (last[5].parse::<f64>().unwrap() - 1000.0 * x).abs() < 1e-2,
+        "{last:?}"
+    );
+    assert_eq!(last.len(), 11);
+
+    // What a program sends by HTTP is the last one, too.
+    assert_eq!(server.post("", &[], &images()).status, 200);
+    let said = server.ask(&[
+        "LAST max_age_s=1000 region=5,5,5,6,6,6",
+        "last most=1",
+        "QUIT",
+    ]);
+    assert!(said[0].starts_with("OK exposure=2 poses=0 "), "{}", said[0]);
+    assert!(
+        said[1].starts_with("OK exposure=2 poses=1 ") && said[2] == "OK\nEND\n",
+        "{said:?}"
+    );
+
+    for (line, said) in [
+        ("GRAB", "expected FIND, LAST"),
+        ("FIND nonsense=1", "no such setting"),
+        ("FIND most", "NAME=VALUE"),
+        ("FIND max_age_s=1", "look at the camera program"),
+        ("FIND rig=nut", "no rig `nut`"),
+        ("LAST refine=false", "ask for FIND"),
+        ("LAST unit=inch", "expected m or mm"),
+        ("LAST frame=base", "T_base_world"),
+        ("LAST max_age_s=0", "old"),
+        ("\u{1b}[31m", "\\u001b"),
+    ] {
+        let answer = server.ask(&[line]).remove(0);
+        assert!(
+            answer.starts_with("ERROR ") && answer.contains(said),
+            "{line}: {answer}"
+        );
+        assert_eq!(answer.lines().count(), 2, "{answer}");
+    }
+    let long = server.ask(&[&"x".repeat(10_000)]).remove(0);
+    assert!(long.contains("4096 bytes"), "{long}");
+    assert_eq!(server.stop(), Some(0));
+}
+
+#[test]
+fn plain_python_is_enough_for_a_robot() {
+    let server = Server::start(&["--line-port", "0", "--line-images", "examples/mvball"]);
+    let port = server.lines.as_ref().unwrap().rsplit(':').next().unwrap();
+    let client = root().join("examples/robot_client.py");
+    let ran = std::process::Command::new("python3")
+        .args([
+            &client.display().to_string(),
+            "--port",
+            port,
+            "FIND",
+            "most=1",
+            "unit=mm",
+        ])
+        .output()
+        .unwrap();
+    let (out, err) = (
+        String::from_utf8_lossy(&ran.stdout),
+        String::from_utf8_lossy(&ran.stderr),
+    );
+    assert!(ran.status.success(), "{err}");
+    assert!(
+        out.contains("mvball") && out.contains("accept") == out.contains("verdict"),
+        "{out}"
+    );
+    let ran = std::process::Command::new("python3")
+        .args([&client.display().to_string(), "--port", port, "GRAB"])
+        .output()
+        .unwrap();
+    let err = String::from_utf8_lossy(&ran.stderr);
+    assert!(
+        !ran.status.success() && err.contains("expected FIND"),
+        "{err}"
+    );
+}

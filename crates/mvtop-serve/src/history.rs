@@ -1,0 +1,116 @@
+//! The last exposures, for the page.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use crate::exposure::{Exposure, Upload};
+
+/// Exposures that are remembered.
+const MOST: usize = 100;
+
+/// The last exposures, the newest last, with the images of as many as there is room for.
+pub struct History {
+    entries: VecDeque<Entry>,
+    most_bytes: usize,
+}
+
+/// An exposure that is remembered.
+#[derive(Clone)]
+pub struct Entry {
+    pub exposure: Arc<Exposure>,
+    /// `None` where there was no room for them any more.
+    pub uploads: Option<Arc<Vec<Upload>>>,
+}
+
+impl Entry {
+    fn bytes(&self) -> usize {
+        let uploads = self.uploads.iter().flat_map(|uploads| uploads.iter());
+        uploads.map(|upload| upload.bytes.len()).sum()
+    }
+}
+
+impl History {
+    /// - `most_bytes`: of images
+    pub fn new(most_bytes: usize) -> Self {
+        Self {
+            entries: VecDeque::new(),
+            most_bytes,
+        }
+    }
+
+    pub fn add(&mut self, exposure: Arc<Exposure>, uploads: Arc<Vec<Upload>>) {
+        self.entries.push_back(Entry {
+            exposure,
+            uploads: Some(uploads),
+        });
+        while self.entries.len() > MOST {
+            self.entries.pop_front();
+        }
+        let mut bytes: usize = self.entries.iter().map(Entry::bytes).sum();
+        for entry in &mut self.entries {
+            if bytes <= self.most_bytes {
+                break;
+            }
+            bytes -= entry.bytes();
+            entry.uploads = None;
+        }
+    }
+
+    /// The newest first.
+    pub fn entries(&self) -> impl Iterator<Item = &Entry> {
+        self.entries.iter().rev()
+    }
+
+    /// The exposure of that number.
+    pub fn get(&self, number: u64) -> Option<Entry> {
+        self.entries()
+            .find(|entry| entry.exposure.number == number)
+            .cloned()
+    }
+
+    pub fn last(&self) -> Option<Entry> {
+        self.entries.back().cloned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::exposure::Layout;
+    use mvtop_core::Request;
+    use std::time::SystemTime;
+
+    fn add(history: &mut History, number: u64, bytes: usize) {
+        let exposure = Exposure {
+            number,
+            id: number.to_string(),
+            time: SystemTime::now(),
+            model: 0,
+            rig: 0,
+            request: Request::default(),
+            took_ms: 1.0,
+            outcome: Err("a sentence".into()),
+        };
+        let upload = Upload {
+            camera: 0,
+            bytes: vec![0; bytes].into(),
+            layout: Layout::File,
+        };
+        history.add(Arc::new(exposure), Arc::new(vec![upload]));
+    }
+
+    #[test]
+    fn oldest_exposures_go_and_oldest_images_before_them() {
+        let mut history = History::new(1000);
+        for number in 1..=200 {
+            add(&mut history, number, 100);
+        }
+        assert_eq!(history.entries().count(), MOST);
+        assert_eq!(history.last().unwrap().exposure.number, 200);
+        assert!(history.get(100).is_none() && history.get(101).is_some());
+        let with_images = history.entries().filter(|entry| entry.uploads.is_some());
+        assert_eq!(with_images.count(), 10);
+        add(&mut history, 201, 5000);
+        assert!(history.entries().all(|entry| entry.uploads.is_none()));
+    }
+}

@@ -1,0 +1,116 @@
+//! HTTP: connections, and what answers which path.
+
+mod guard;
+mod pages;
+mod predict;
+mod views;
+
+pub use self::guard::is_token;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::extract::DefaultBodyLimit;
+use axum::http::{StatusCode, header};
+use axum::middleware::from_fn_with_state;
+use axum::response::{IntoResponse, Response};
+use axum::routing::{get, post};
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::server::graceful::GracefulShutdown;
+use hyper_util::service::TowerToHyperService;
+use tokio::net::TcpListener;
+use tokio::sync::{Semaphore, watch};
+
+use crate::problem::{Kind, Problem};
+use crate::service::Service;
+
+/// Connections at once; further ones wait to be accepted.
+const MOST_CONNECTIONS: usize = 256;
+/// How long a client may take to send a request's head, and stay connected without one.
+const HEAD_TIME: Duration = Duration::from_secs(30);
+
+/// Serves until `stopped`, then until all requests are answered.
+pub async fn serve(
+    service: Arc<Service>,
+    listener: TcpListener,
+    mut stopped: watch::Receiver<bool>,
+) {
+    let app = router(service);
+    let connections = Arc::new(Semaphore::new(MOST_CONNECTIONS));
+    let graceful = GracefulShutdown::new();
+    loop {
+        let accepted = async {
+            let place = connections.clone().acquire_owned().await;
+            (listener.accept().await, place)
+        };
+        let (stream, place) = tokio::select! {
+            (Ok((stream, _)), Ok(place)) = accepted => (stream, place),
+            _ = stopped.changed() => break,
+            // No file handles left, say: others end meanwhile.
+            else => { tokio::time::sleep(Duration::from_millis(50)).await; continue }
+        };
+        // Answers are short: none waits to be sent with more.
+        let _ = stream.set_nodelay(true);
+        let mut http = http1::Builder::new();
+        http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME);
+        let app = TowerToHyperService::new(app.clone());
+        let connection = graceful.watch(http.serve_connection(TokioIo::new(stream), app));
+        tokio::spawn(async move {
+            // What a client does to its connection is its own matter.
+            let _ = connection.await;
+            drop(place);
+        });
+    }
+    graceful.shutdown().await;
+}
+
+fn router(service: Arc<Service>) -> Router {
+    let most = service.config().max_body;
+    Router::new()
+        .route("/v1/predict", post(predict::predict))
+        .layer(DefaultBodyLimit::max(most))
+        .route("/v1/info", get(views::info))
+        .route("/v1/rigs/{name}", get(views::rig))
+        .route("/v1/models/{name}", get(views::model))
+        .route("/v1/exposures", get(views::exposures))
+        .route("/v1/exposures/{number}", get(views::exposure))
+        .route("/v1/exposures/{number}/views/{camera}", get(views::picture))
+        .route("/healthz", get(views::healthz))
+        .route("/readyz", get(views::readyz))
+        .route("/metrics", get(views::metrics))
+        .merge(pages::router())
+        .fallback(async || Problem::new(Kind::NotFound, "no such path; /openapi.json lists all"))
+        .method_not_allowed_fallback(async || {
+            Problem::new(
+                Kind::NotAllowed,
+                "no such method of this path; /openapi.json lists all",
+            )
+        })
+        .layer(from_fn_with_state(service.clone(), guard::guard))
+        .with_state(service)
+}
+
+impl IntoResponse for Problem {
+    /// Without a body: [`guard::guard`] writes it, which knows the request's id.
+    fn into_response(self) -> Response {
+        let status = StatusCode::from_u16(self.kind.status());
+        let mut response = status
+            .unwrap_or(StatusCode::INTERNAL_SERVER_ERROR)
+            .into_response();
+        if let Some(seconds) = self.kind.retry_after() {
+            response
+                .headers_mut()
+                .insert(header::RETRY_AFTER, seconds.into());
+        }
+        if self.kind == Kind::Unauthorized {
+            let scheme = header::HeaderValue::from_static("Bearer");
+            response
+                .headers_mut()
+                .insert(header::WWW_AUTHENTICATE, scheme);
+        }
+        response.extensions_mut().insert(self);
+        response
+    }
+}

@@ -1,0 +1,306 @@
+//! The line protocol over TCP, for robot controllers: a line asks, lines answer, `END` ends.
+//!
+//! `docs/serve.md` describes it.
+
+mod reply;
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use mvtop_core::{Request, Rig};
+use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{Semaphore, watch};
+
+use self::reply::Format;
+use crate::exposure::{Exposure, Layout, Upload};
+use crate::http::is_token;
+use crate::log;
+use crate::problem::{Kind, Problem};
+use crate::service::{Asked, Service};
+
+/// Controllers at once; further ones wait to be accepted.
+const MOST_CONNECTIONS: usize = 16;
+/// Longest line that is read, bytes.
+const LONGEST: u64 = 4096;
+/// How long a connection may be silent.
+const SILENCE: Duration = Duration::from_secs(600);
+/// How long a controller may take to read an answer.
+const WRITE_TIME: Duration = Duration::from_secs(10);
+/// How the files of a camera may end.
+const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "PNG", "JPG"];
+/// Largest image file.
+const MOST_BYTES: u64 = 1 << 29;
+
+/// Serves until `stopped`, then until what was asked is answered.
+pub async fn serve(
+    service: Arc<Service>,
+    listener: TcpListener,
+    mut stopped: watch::Receiver<bool>,
+) {
+    let connections = Arc::new(Semaphore::new(MOST_CONNECTIONS));
+    loop {
+        let accepted = async {
+            let place = connections.clone().acquire_owned().await;
+            (listener.accept().await, place)
+        };
+        let (stream, place) = tokio::select! {
+            (Ok((stream, _)), Ok(place)) = accepted => (stream, place),
+            _ = stopped.changed() => break,
+            else => { tokio::time::sleep(Duration::from_millis(50)).await; continue }
+        };
+        let (service, stopped) = (service.clone(), stopped.clone());
+        tokio::spawn(async move {
+            // What a client does to its connection is its own matter.
+            let _ = talk(&service, stream, stopped).await;
+            drop(place);
+        });
+    }
+    // All places are free once all connections have ended.
+    let _ = connections.acquire_many(MOST_CONNECTIONS as u32).await;
+}
+
+async fn talk(
+    service: &Arc<Service>,
+    stream: TcpStream,
+    mut stopped: watch::Receiver<bool>,
+) -> std::io::Result<()> {
+    let _ = stream.set_nodelay(true);
+    let (read, mut write) = stream.into_split();
+    let mut read = BufReader::new(read);
+    let mut known = service.config().token.is_none();
+    loop {
+        let mut line = Vec::new();
+        let mut bounded = (&mut read).take(LONGEST);
+        let got = tokio::select! {
+            got = tokio::time::timeout(SILENCE, bounded.read_until(b'\n', &mut line)) => got,
+            _ = stopped.changed() => return Ok(()),
+        };
+        let Ok(Ok(1..)) = got else { return Ok(()) };
+        let whole = line.ends_with(b"\n");
+        let text = String::from_utf8_lossy(&line).trim().to_owned();
+        if whole && text.is_empty() {
+            continue;
+        }
+        let quits = text.eq_ignore_ascii_case("QUIT");
+        let said = match whole {
+            false => Err(Problem::bad(format!(
+                "line: expected {LONGEST} bytes at most, and its end"
+            ))),
+            true if quits => Ok("OK\n".to_owned()),
+            true => said(service, &text, &mut known).await,
+        };
+        let answer = match said {
+            Ok(text) => format!("{text}END\n"),
+            Err(problem) => {
+                log::line(&format!("line {} {}", problem.kind.code(), problem.message));
+                format!("ERROR {} {}\nEND\n", problem.kind.code(), problem.message)
+            }
+        };
+        tokio::time::timeout(WRITE_TIME, write.write_all(answer.as_bytes())).await??;
+        if quits || !whole {
+            return Ok(());
+        }
+    }
+}
+
+/// The answer to a line, without its end.
+async fn said(service: &Arc<Service>, text: &str, known: &mut bool) -> Result<String, Problem> {
+    let mut words = text.split_whitespace();
+    let verb = words.next().unwrap_or_default();
+    if let (true, Some(token)) = (verb.eq_ignore_ascii_case("TOKEN"), &service.config().token) {
+        *known = is_token(words.next().unwrap_or_default(), token);
+        if *known {
+            return Ok("OK\n".into());
+        }
+    }
+    if !*known {
+        let message =
+            "expected the line `TOKEN ...` with this service's token first; ask who runs it";
+        return Err(Problem::new(Kind::Unauthorized, message));
+    }
+    let order = Order::read(words)?;
+    match verb.to_ascii_uppercase().as_str() {
+        "FIND" => find(service, order).await,
+        "LAST" => last(service, order),
+        _ => Err(Problem::bad(format!(
+            "`{verb}`: expected FIND, LAST, TOKEN or QUIT"
+        ))),
+    }
+}
+
+/// What follows a verb.
+#[derive(Default)]
+struct Order {
+    model: Option<String>,
+    rig: Option<String>,
+    /// Oldest exposure that is wanted, seconds.
+    most_age_s: Option<f64>,
+    format: Format,
+    request: Request,
+    /// Names of the settings of the request that were given.
+    given: Vec<String>,
+}
+
+impl Order {
+    fn read<'a>(words: impl Iterator<Item = &'a str>) -> Result<Self, Problem> {
+        let mut order = Self::default();
+        for word in words {
+            let wrong = || Problem::bad(format!("`{word}`: expected NAME=VALUE, as in most=1"));
+            let (name, value) = word.split_once('=').ok_or_else(wrong)?;
+            match name {
+                "model" => order.model = Some(value.to_owned()),
+                "rig" => order.rig = Some(value.to_owned()),
+                "max_age_s" => {
+                    let age = value.parse().ok().filter(|age: &f64| *age >= 0.0);
+                    let wrong =
+                        || Problem::bad(format!("max_age_s: expected seconds, got `{value}`"));
+                    order.most_age_s = Some(age.ok_or_else(wrong)?);
+                }
+                "unit" | "rotation" => order.format.set(name, value)?,
+                _ => {
+                    order.request.set(name, value)?;
+                    order.given.push(name.to_owned());
+                }
+            }
+        }
+        Ok(order)
+    }
+}
+
+/// Looks at the images in the folder of the camera program.
+async fn find(service: &Arc<Service>, order: Order) -> Result<String, Problem> {
+    let began = Instant::now();
+    let (model, rig) = (
+        service.model(order.model.as_deref())?,
+        service.rig(order.rig.as_deref())?,
+    );
+    let config = service.config().line.as_ref();
+    let folder = config.and_then(|line| line.images.clone()).ok_or_else(|| {
+        Problem::bad("FIND: expected a folder with images, got none; start the service with --line-images DIR, or ask for LAST")
+    })?;
+    let place = service.enter()?;
+    let cameras = service.rigs()[rig].rig.clone();
+    let most_age_s = order.most_age_s;
+    let read = tokio::task::spawn_blocking(move || images(&folder, &cameras, most_age_s));
+    let failed = |cause| Problem::new(Kind::Internal, format!("cannot read images: {cause}"));
+    let uploads = read.await.map_err(failed)??;
+    let asked = Asked {
+        id: service.next_id(),
+        model,
+        rig,
+        request: order.request,
+        began,
+    };
+    let exposure = service.expose(place, asked, uploads).await;
+    service.metrics.count(
+        exposure
+            .as_ref()
+            .map_or_else(|problem| problem.kind.code(), |_| "ok"),
+    );
+    let exposure = exposure?;
+    let found = exposure
+        .outcome
+        .as_ref()
+        .map_err(|problem| Problem::new(Kind::Internal, problem))?;
+    order.format.told(
+        &exposure,
+        &found.prediction,
+        &exposure.request,
+        &service.rigs()[rig].rig,
+    )
+}
+
+/// The images of a folder that are named after cameras.
+fn images(folder: &Path, rig: &Rig, most_age_s: Option<f64>) -> Result<Vec<Upload>, Problem> {
+    let mut uploads = Vec::new();
+    for (index, camera) in rig.cameras().iter().enumerate() {
+        // An id that leads elsewhere names no file here.
+        if camera.id().contains(['/', '\\']) || camera.id().starts_with('.') {
+            continue;
+        }
+        let paths = ENDINGS
+            .iter()
+            .map(|ending| folder.join(format!("{}.{ending}", camera.id())));
+        let Some(path) = paths.into_iter().find(|path| path.is_file()) else {
+            continue;
+        };
+        let changed = path.metadata().and_then(|about| about.modified());
+        let age_s = changed
+            .ok()
+            .and_then(|changed| changed.elapsed().ok())
+            .map_or(0.0, |age| age.as_secs_f64());
+        if let Some(most) = most_age_s.filter(|most| age_s > *most) {
+            return Err(Problem::bad(format!(
+                "image of camera `{}`: expected one of at most {most} s, got one of {age_s:.1} s; look at the camera program",
+                camera.id()
+            )));
+        }
+        let bytes = mvtop_core::file::read(&path, MOST_BYTES)?.into();
+        uploads.push(Upload {
+            camera: index,
+            bytes,
+            layout: Layout::File,
+        });
+    }
+    if uploads.is_empty() {
+        let ids: Vec<&str> = rig.cameras().iter().map(|camera| camera.id()).collect();
+        return Err(Problem::bad(format!(
+            "{}: expected images that are named after cameras ({}), got none",
+            folder.display(),
+            ids.join(", ")
+        )));
+    }
+    Ok(uploads)
+}
+
+/// Chooses from the last exposure, however it came.
+fn last(service: &Arc<Service>, mut order: Order) -> Result<String, Problem> {
+    let settled = ["reference", "min_views", "refine"];
+    if let Some(name) = order
+        .given
+        .iter()
+        .find(|name| settled.contains(&name.as_str()))
+    {
+        return Err(Problem::bad(format!(
+            "LAST: `{name}` was settled with the exposure; ask for FIND"
+        )));
+    }
+    let nothing = || {
+        Problem::new(
+            Kind::NotFound,
+            "LAST: no exposure yet; send images to /v1/predict first",
+        )
+    };
+    let entry = service.history().last().ok_or_else(nothing)?;
+    let exposure: &Exposure = &entry.exposure;
+    let age_s = exposure.time.elapsed().map_or(0.0, |age| age.as_secs_f64());
+    if let Some(most) = order.most_age_s.filter(|most| age_s > *most) {
+        return Err(Problem::new(
+            Kind::NotFound,
+            format!(
+                "LAST: expected an exposure of at most {most} s, the last one is {age_s:.1} s old"
+            ),
+        ));
+    }
+    let found = exposure.outcome.as_ref();
+    let found = found.map_err(|problem| {
+        Problem::new(
+            Kind::NotFound,
+            format!("LAST: the last exposure failed: {problem}"),
+        )
+    })?;
+    let model = &service.models()?[exposure.model];
+    let rig = &service.rigs()[exposure.rig].rig;
+    let request = &mut order.request;
+    if request.base_from_world.is_none() {
+        request.base_from_world = exposure.request.base_from_world;
+    }
+    request.check(model.bundle(), rig, model.grasps.is_some())?;
+    let grasps = model.grasps.as_ref();
+    let answer = request.choose(found.prediction.clone(), model.bundle(), grasps, rig)?;
+    order
+        .format
+        .told(exposure, &answer.prediction, &order.request, rig)
+}

@@ -1,0 +1,90 @@
+//! Why a request is not answered: one sentence for people, a code for programs.
+
+use std::fmt;
+
+use mvtop_core::error::printable;
+use mvtop_core::{Error, ErrorKind};
+
+/// What went wrong, as HTTP and lines tell it.
+#[derive(Debug, Clone)]
+pub struct Problem {
+    pub kind: Kind,
+    /// The thing, what was expected, what came, and the fix.
+    pub message: String,
+}
+
+/// Kinds of [`Problem`]; their codes stay as they are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    BadRequest,
+    Unauthorized,
+    Forbidden,
+    NotFound,
+    NotAllowed,
+    TooSlow,
+    TooLarge,
+    Internal,
+    NotReady,
+    Busy,
+    TimedOut,
+}
+
+impl Kind {
+    pub fn code(self) -> &'static str {
+        self.told().0
+    }
+
+    /// Of HTTP.
+    pub fn status(self) -> u16 {
+        self.told().1
+    }
+
+    fn told(self) -> (&'static str, u16) {
+        match self {
+            Self::BadRequest => ("bad_request", 400),
+            Self::Unauthorized => ("unauthorized", 401),
+            Self::Forbidden => ("forbidden", 403),
+            Self::NotFound => ("not_found", 404),
+            Self::NotAllowed => ("not_allowed", 405),
+            Self::TooSlow => ("too_slow", 408),
+            Self::TooLarge => ("too_large", 413),
+            Self::Internal => ("internal", 500),
+            Self::NotReady => ("not_ready", 503),
+            Self::Busy => ("busy", 503),
+            Self::TimedOut => ("timed_out", 504),
+        }
+    }
+
+    /// After how many seconds it is worth trying again, if it is.
+    pub fn retry_after(self) -> Option<u32> {
+        matches!(self, Self::NotReady | Self::Busy).then_some(1)
+    }
+}
+
+impl Problem {
+    pub fn new(kind: Kind, message: impl fmt::Display) -> Self {
+        Self {
+            kind,
+            message: printable(&message.to_string()),
+        }
+    }
+
+    pub fn bad(message: impl fmt::Display) -> Self {
+        Self::new(Kind::BadRequest, message)
+    }
+}
+
+impl From<Error> for Problem {
+    fn from(error: Error) -> Self {
+        let kind = match error.kind() {
+            ErrorKind::Runtime
+            | ErrorKind::Provider
+            | ErrorKind::Network
+            | ErrorKind::Bundle
+            | ErrorKind::Pose
+            | ErrorKind::Shape => Kind::Internal,
+            _ => Kind::BadRequest,
+        };
+        Self::new(kind, error)
+    }
+}

@@ -1,0 +1,322 @@
+//! Exposures that somebody should look at, in a folder each: images, rig, request and answer.
+//!
+//! `infer` gives the same answer from such a folder. A folder appears when it is whole.
+
+use std::collections::VecDeque;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::UNIX_EPOCH;
+
+use mvtop_core::Rig;
+use serde_json::json;
+
+use crate::config::Record;
+use crate::exposure::{Exposure, Upload};
+use crate::log;
+
+/// Exposures that may wait to be written: their images are in memory.
+const WAITING: usize = 4;
+/// What names a folder as one of these: only such ones are ever removed.
+const ABOUT: &str = "about.json";
+const FORMAT: &str = "mvtop-record";
+const VERSION: u32 = 1;
+/// How the folders' names begin.
+const PREFIX: &str = "exposure-";
+
+/// Writes exposures in a thread of its own.
+pub struct Recorder {
+    writer: Mutex<Option<(SyncSender<Kept>, JoinHandle<()>)>>,
+}
+
+struct Kept {
+    exposure: Arc<Exposure>,
+    uploads: Arc<Vec<Upload>>,
+    rig: Rig,
+    model: PathBuf,
+    doubt: String,
+}
+
+impl Recorder {
+    pub fn new(record: &Record) -> Result<Self, String> {
+        let failed = |cause| format!("--record {}: cannot be used: {cause}", record.dir.display());
+        fs::create_dir_all(&record.dir).map_err(failed)?;
+        let mut folder = Folder::open(record).map_err(failed)?;
+        let (kept, taken): (SyncSender<Kept>, Receiver<Kept>) = sync_channel(WAITING);
+        let write = move || {
+            while let Ok(kept) = taken.recv() {
+                if let Err(cause) = folder.write(&kept) {
+                    let dir = folder.dir.display();
+                    let number = kept.exposure.number;
+                    log::line(&format!(
+                        "warning: cannot keep exposure {number} in {dir}: {cause}"
+                    ));
+                }
+            }
+        };
+        let thread = thread::Builder::new().name("record".into()).spawn(write);
+        let thread = thread.map_err(|cause| format!("cannot start a thread: {cause}"))?;
+        Ok(Self {
+            writer: Mutex::new(Some((kept, thread))),
+        })
+    }
+
+    /// Keeps an exposure; `false` where too many wait already, as nobody is to wait for a disk.
+    ///
+    /// - `model`: the bundle's folder
+    /// - `doubt`: why it is kept
+    pub fn keep(
+        &self,
+        exposure: Arc<Exposure>,
+        uploads: Arc<Vec<Upload>>,
+        rig: Rig,
+        model: &Path,
+        doubt: String,
+    ) -> bool {
+        let model = model.to_owned();
+        let kept = Kept {
+            exposure,
+            uploads,
+            rig,
+            model,
+            doubt,
+        };
+        let writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner);
+        writer
+            .as_ref()
+            .is_some_and(|(writer, _)| writer.try_send(kept).is_ok())
+    }
+
+    /// Writes what waits.
+    pub fn finish(&self) {
+        let writer = self
+            .writer
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        if let Some((writer, thread)) = writer {
+            drop(writer);
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The folder of all exposures that are kept.
+struct Folder {
+    dir: PathBuf,
+    most: usize,
+    most_bytes: u64,
+    /// The oldest first, with their bytes.
+    kept: VecDeque<(PathBuf, u64)>,
+}
+
+impl Folder {
+    /// With what is in it from earlier.
+    fn open(record: &Record) -> io::Result<Self> {
+        let mut kept = Vec::new();
+        for entry in fs::read_dir(&record.dir)? {
+            let path = entry?.path();
+            let name = path.file_name().and_then(|name| name.to_str());
+            let named = name.is_some_and(|name| name.starts_with(PREFIX));
+            if named && is_ours(&path) {
+                let bytes = size(&path)?;
+                kept.push((path, bytes));
+            }
+        }
+        // Their names begin with the time.
+        kept.sort();
+        Ok(Self {
+            dir: record.dir.clone(),
+            most: record.most.max(1),
+            most_bytes: record.most_bytes,
+            kept: kept.into(),
+        })
+    }
+
+    fn write(&mut self, kept: &Kept) -> io::Result<()> {
+        let since = kept.exposure.time.duration_since(UNIX_EPOCH);
+        let ms = since.map_or(0, |since| since.as_millis());
+        let path = self
+            .dir
+            .join(format!("{PREFIX}{ms:014}-{}", kept.exposure.number));
+        let whole = tempfile::Builder::new()
+            .prefix(".partial-")
+            .tempdir_in(&self.dir)?;
+        write_exposure(whole.path(), kept, ms)?;
+        let bytes = size(whole.path())?;
+        fs::rename(whole.path(), &path)?;
+        // It is no longer there under that name.
+        let _ = whole.keep();
+        self.kept.push_back((path, bytes));
+        let mut all: u64 = self.kept.iter().map(|(_, bytes)| bytes).sum();
+        while self.kept.len() > self.most || (all > self.most_bytes && self.kept.len() > 1) {
+            let Some((oldest, bytes)) = self.kept.pop_front() else {
+                break;
+            };
+            all -= bytes;
+            if is_ours(&oldest) {
+                fs::remove_dir_all(&oldest)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn write_exposure(dir: &Path, kept: &Kept, ms: u128) -> io::Result<()> {
+    let Kept {
+        exposure,
+        uploads,
+        rig,
+        model,
+        doubt,
+    } = kept;
+    let mut images = serde_json::Map::new();
+    let mut command = format!(
+        "mvtop-cli infer --json --model {}",
+        quoted(&model.display().to_string())
+    );
+    command.push_str(" --rig rig.json --request request.json");
+    for upload in uploads.iter() {
+        let camera = &rig.cameras()[upload.camera];
+        let (bytes, ending) = upload.file(camera);
+        // Ids may hold anything; the place in the rig does not.
+        let name = format!("{}.{ending}", upload.camera);
+        fs::write(dir.join(&name), &bytes)?;
+        command.push_str(&format!(" {}", quoted(&format!("{}={name}", camera.id()))));
+        images.insert(camera.id().to_owned(), name.into());
+    }
+    fs::write(dir.join("rig.json"), rig.to_json())?;
+    fs::write(
+        dir.join("request.json"),
+        serde_json::to_string_pretty(&exposure.request)?,
+    )?;
+    if let Ok(found) = &exposure.outcome {
+        fs::write(dir.join("answer.json"), &found.json)?;
+    }
+    let about = json!({
+        "format": FORMAT,
+        "version": VERSION,
+        "mvtop": env!("CARGO_PKG_VERSION"),
+        "request_id": exposure.id,
+        "unix_ms": ms as u64,
+        "why": doubt,
+        "model": model.display().to_string(),
+        "images": images,
+        "replay": command,
+    });
+    fs::write(dir.join(ABOUT), serde_json::to_string_pretty(&about)?)
+}
+
+/// A word for a shell.
+fn quoted(word: &str) -> String {
+    format!("'{}'", word.replace('\'', r"'\''"))
+}
+
+/// Whether a folder is one that this wrote.
+fn is_ours(path: &Path) -> bool {
+    let is_folder = path.symlink_metadata().is_ok_and(|about| about.is_dir());
+    let text = fs::read_to_string(path.join(ABOUT)).unwrap_or_default();
+    let about: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+    is_folder && about["format"] == FORMAT
+}
+
+fn size(dir: &Path) -> io::Result<u64> {
+    let mut bytes = 0;
+    for entry in fs::read_dir(dir)? {
+        bytes += entry?.metadata()?.len();
+    }
+    Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::{Duration, SystemTime};
+
+    use mvtop_core::{Camera, Intrinsics, Projection, Request};
+    use nalgebra::Isometry3;
+
+    use crate::exposure::Layout;
+
+    fn kept(number: u64) -> Kept {
+        let lens = Intrinsics::new(9., 9., 4., 3., Projection::Pinhole).unwrap();
+        let camera = Camera::new("it's", [8, 6], lens, Isometry3::identity()).unwrap();
+        let exposure = Exposure {
+            number,
+            id: "a".into(),
+            time: SystemTime::UNIX_EPOCH + Duration::from_secs(number),
+            model: 0,
+            rig: 0,
+            request: Request::default(),
+            took_ms: 1.0,
+            outcome: Err("a sentence".into()),
+        };
+        let upload = Upload {
+            camera: 0,
+            bytes: vec![7; 48].into(),
+            layout: Layout::Mono8,
+        };
+        Kept {
+            exposure: Arc::new(exposure),
+            uploads: Arc::new(vec![upload]),
+            rig: Rig::new(vec![camera], 0).unwrap(),
+            model: "models/a".into(),
+            doubt: "failed: a sentence".into(),
+        }
+    }
+
+    fn names(dir: &Path) -> Vec<String> {
+        let entries = fs::read_dir(dir).unwrap();
+        let mut names: Vec<String> = entries
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn oldest_exposures_make_way_and_nothing_else_is_removed() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::create_dir(dir.path().join("exposure-0-theirs")).unwrap();
+        let record = Record {
+            dir: dir.path().to_owned(),
+            most: 2,
+            most_bytes: 1 << 20,
+            below: 0.5,
+        };
+        let mut folder = Folder::open(&record).unwrap();
+        for number in 1..=3 {
+            folder.write(&kept(number)).unwrap();
+        }
+        let all = [
+            "exposure-0-theirs",
+            "exposure-00000000002000-2",
+            "exposure-00000000003000-3",
+        ];
+        assert_eq!(names(dir.path()), all);
+        // Started again it knows what it has.
+        let mut folder = Folder::open(&record).unwrap();
+        folder.write(&kept(4)).unwrap();
+        assert_eq!(
+            names(dir.path())[1..],
+            ["exposure-00000000003000-3", "exposure-00000000004000-4"]
+        );
+        let one = dir.path().join("exposure-00000000004000-4");
+        assert_eq!(
+            names(&one),
+            ["0.png", "about.json", "request.json", "rig.json"]
+        );
+        let about = fs::read_to_string(one.join(ABOUT)).unwrap();
+        assert!(about.contains(r"'it'\\''s=0.png'"), "{about}");
+        let few = Record {
+            most: 9,
+            most_bytes: 1,
+            ..record
+        };
+        Folder::open(&few).unwrap().write(&kept(5)).unwrap();
+        assert_eq!(names(dir.path())[1..], ["exposure-00000000005000-5"]);
+    }
+}

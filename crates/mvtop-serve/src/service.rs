@@ -1,0 +1,272 @@
+//! From images to an answer, however they came: read [`Service::expose`].
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
+
+use mvtop_core::{Request, ViewImage};
+use tokio::sync::{Semaphore, oneshot};
+
+use crate::config::Config;
+use crate::exposure::{Exposure, Found, Upload, decode_all};
+use crate::history::History;
+use crate::metrics::Metrics;
+use crate::problem::{Kind, Problem};
+use crate::queue::{Place, Queue};
+use crate::record::Recorder;
+use crate::station::{self, Model, NamedRig};
+
+/// Clients that may send images at once: each of them may fill memory up to the largest body.
+pub const MOST_UPLOADS: usize = 16;
+
+/// All that is shared by those who ask.
+pub struct Service {
+    config: Config,
+    rigs: Vec<NamedRig>,
+    /// There once all are loaded and tested.
+    models: OnceLock<Vec<Model>>,
+    pub metrics: Metrics,
+    history: Mutex<History>,
+    recorder: Option<Recorder>,
+    queue: Queue,
+    /// Places of clients that send images.
+    pub uploads: Arc<Semaphore>,
+    stopping: AtomicBool,
+    exposures: AtomicU64,
+    requests: AtomicU64,
+    started: u64,
+}
+
+/// What is asked of some images.
+pub struct Asked {
+    /// Of the request, for logs and answers.
+    pub id: String,
+    /// Index of the model.
+    pub model: usize,
+    /// Index of the rig.
+    pub rig: usize,
+    pub request: Request,
+    pub began: Instant,
+}
+
+impl Service {
+    /// Loads the rigs; models come by [`Service::load`].
+    pub fn new(config: Config) -> Result<Self, String> {
+        station::check_names("model", &config.models)?;
+        station::check_names("rig", &config.rigs)?;
+        let recorder = config.record.as_ref().map(Recorder::new).transpose()?;
+        let since = SystemTime::now().duration_since(UNIX_EPOCH);
+        Ok(Self {
+            rigs: station::load_rigs(&config.rigs)?,
+            models: OnceLock::new(),
+            metrics: Metrics::new(),
+            history: Mutex::new(History::new(config.history_bytes)),
+            recorder,
+            queue: Queue::new(config.waiting)?,
+            uploads: Arc::new(Semaphore::new(MOST_UPLOADS)),
+            stopping: AtomicBool::new(false),
+            exposures: AtomicU64::new(0),
+            requests: AtomicU64::new(0),
+            started: since.map_or(0, |since| since.as_millis() as u64),
+            config,
+        })
+    }
+
+    /// Loads all models and runs their self-tests.
+    pub fn load(&self) -> Result<(), String> {
+        let load =
+            |(name, folder): &(String, PathBuf)| Model::load(name, folder, &self.config.options);
+        let models = self.config.models.iter().map(load);
+        let models = models.collect::<Result<Vec<_>, _>>()?;
+        // Once for a service.
+        let _ = self.models.set(models);
+        Ok(())
+    }
+
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    pub fn rigs(&self) -> &[NamedRig] {
+        &self.rigs
+    }
+
+    /// The models, once they are loaded, and until the service ends.
+    pub fn models(&self) -> Result<&[Model], Problem> {
+        if self.stopping.load(Ordering::Relaxed) {
+            let message = "the service is stopping; send this again later";
+            return Err(Problem::new(Kind::NotReady, message));
+        }
+        self.models.get().map(Vec::as_slice).ok_or_else(|| {
+            let message = "the models are still being loaded; send this again later";
+            Problem::new(Kind::NotReady, message)
+        })
+    }
+
+    pub fn model(&self, name: Option<&str>) -> Result<usize, Problem> {
+        let models = self.models()?;
+        station::find(
+            "model",
+            name,
+            models.iter().map(|model| model.name.as_str()),
+        )
+    }
+
+    pub fn rig(&self, name: Option<&str>) -> Result<usize, Problem> {
+        station::find("rig", name, self.rigs.iter().map(|rig| rig.name.as_str()))
+    }
+
+    pub fn history(&self) -> MutexGuard<'_, History> {
+        self.history.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub fn queue_length(&self) -> usize {
+        self.queue.length()
+    }
+
+    /// An id for a request that brought none: no other of this service or the next has it.
+    pub fn next_id(&self) -> String {
+        let number = self.requests.fetch_add(1, Ordering::Relaxed);
+        format!("{:x}-{number:x}", self.started)
+    }
+
+    /// Takes no new work from now on.
+    pub fn stop(&self) {
+        self.stopping.store(true, Ordering::Relaxed);
+    }
+
+    /// Waits for what was begun.
+    pub fn finish(&self) {
+        self.queue.finish();
+        if let Some(recorder) = &self.recorder {
+            recorder.finish();
+        }
+    }
+
+    /// Takes a place in the queue, before images are decoded.
+    pub fn enter(&self) -> Result<Place, Problem> {
+        self.queue.enter()
+    }
+
+    /// Decodes the images, waits for the thread that predicts, and answers.
+    ///
+    /// Nothing is done for a client that has gone: the future is then dropped.
+    pub async fn expose(
+        self: &Arc<Self>,
+        place: Place,
+        mut asked: Asked,
+        uploads: Vec<Upload>,
+    ) -> Result<Arc<Exposure>, Problem> {
+        let request = &mut asked.request;
+        if request.base_from_world.is_none() {
+            request.base_from_world = self.config.base_from_world;
+        }
+        let model = &self.models()?[asked.model];
+        let rig = &self.rigs[asked.rig].rig;
+        request.check(model.bundle(), rig, model.grasps.is_some())?;
+        let uploads = Arc::new(uploads);
+        let (reply, answer) = oneshot::channel();
+        let (service, request_time) = (self.clone(), self.config.request_time);
+        tokio::task::spawn_blocking(move || {
+            let rig = &service.rigs[asked.rig].rig;
+            let images = match decode_all(&uploads, rig) {
+                Ok(images) => images,
+                Err(error) => {
+                    let problem = Problem::from(error);
+                    service.note(asked, uploads, Err(problem.message.clone()));
+                    let _ = reply.send(Err(problem));
+                    return;
+                }
+            };
+            let queue = service.clone();
+            let task = move || {
+                // The client has gone.
+                if reply.is_closed() {
+                    return;
+                }
+                let done = service.predict(&asked, &images);
+                let _ = reply.send(match done {
+                    Ok(found) => Ok(service.note(asked, uploads, Ok(found))),
+                    Err(problem) => {
+                        service.note(asked, uploads, Err(problem.message.clone()));
+                        Err(problem)
+                    }
+                });
+            };
+            // Else the reply is dropped, which says so.
+            let _ = queue.queue.submit(place, Box::new(task));
+        });
+        match tokio::time::timeout(request_time, answer).await {
+            Ok(Ok(answer)) => answer,
+            Ok(Err(_)) => {
+                let message = "the service is stopping; send this again later";
+                Err(Problem::new(Kind::NotReady, message))
+            }
+            Err(_) => Err(Problem::new(
+                Kind::TimedOut,
+                format!(
+                    "expected an answer within {} s, it takes longer; raise --request-seconds, or send fewer at once",
+                    request_time.as_secs()
+                ),
+            )),
+        }
+    }
+
+    /// One prediction, whatever happens in it.
+    fn predict(&self, asked: &Asked, images: &[ViewImage]) -> Result<Found, Problem> {
+        let predict = || -> Result<Found, Problem> {
+            let models = self.models.get().map(Vec::as_slice).unwrap_or_default();
+            let Some(model) = models.get(asked.model) else {
+                return Err(Problem::new(Kind::NotReady, "the model is not loaded"));
+            };
+            let rig = &self.rigs[asked.rig].rig;
+            let (estimator, grasps) = (&model.estimator, model.grasps.as_ref());
+            let answer = asked.request.answer(estimator, grasps, rig, images)?;
+            let mut json = answer.report.to_json()?;
+            json.push('\n');
+            Ok(Found {
+                json,
+                accepted: answer.is_accepted(&asked.request),
+                prediction: answer.prediction,
+            })
+        };
+        catch_unwind(AssertUnwindSafe(predict)).unwrap_or_else(|_| {
+            let message = "the prediction failed by an error of the program; send the images with a bug report";
+            Err(Problem::new(Kind::Internal, message))
+        })
+    }
+
+    /// Counts an exposure and remembers it.
+    fn note(
+        &self,
+        asked: Asked,
+        uploads: Arc<Vec<Upload>>,
+        outcome: Result<Found, String>,
+    ) -> Arc<Exposure> {
+        if let Ok(found) = &outcome {
+            self.metrics.found(&found.prediction, asked.began.elapsed());
+        }
+        let exposure = Arc::new(Exposure {
+            number: self.exposures.fetch_add(1, Ordering::Relaxed) + 1,
+            id: asked.id,
+            time: SystemTime::now(),
+            model: asked.model,
+            rig: asked.rig,
+            request: asked.request,
+            took_ms: asked.began.elapsed().as_secs_f64() * 1e3,
+            outcome,
+        });
+        self.history().add(exposure.clone(), uploads.clone());
+        if let (Some(recorder), Some(record)) = (&self.recorder, &self.config.record)
+            && let Some(doubt) = exposure.doubt(record.below)
+            && let Some(model) = self.models.get().and_then(|all| all.get(exposure.model))
+        {
+            let rig = self.rigs[exposure.rig].rig.clone();
+            let sent = recorder.keep(exposure.clone(), uploads, rig, &model.folder, doubt);
+            self.metrics.recorded(sent);
+        }
+        exposure
+    }
+}
