@@ -24,6 +24,7 @@ VIEWS ?= 2
 CASES ?= 100000
 PREDICTIONS ?= 10000
 KILLED ?= 20
+LOAD_SECONDS ?= 60
 MIRI = six_locations_worked_by_hand gradients_worked_by_hand locations_that_are_not_finite_contribute_nothing \
   a_tap_of_weight_zero_does_not_read arrays_that_do_not_belong_together_are_refused empty_axes_give_empty_or_zero_results
 MODEL ?= models/mvball
@@ -49,7 +50,8 @@ MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
 .PHONY: help demo test built-tests test-rust test-python lint fuzz soak miri fixtures eval accuracy test-accuracy accuracy-baseline detector \
-  lies tables pictures bench bench-peers wheel release-wheel test-wheel stubs reference site licences test-ray
+  lies tables pictures bench bench-peers bench-serve wheel release-wheel test-wheel stubs reference site licences test-ray \
+  test-page
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -87,9 +89,9 @@ lint: .venv/lint.done
 	scripts/licences.py --check crates/mvtop-py/THIRD-PARTY-LICENCES.txt
 	scripts/deny.sh
 	$(PY) -m ruff check training crates/mvtop-py
-	$(PY) -m ruff check --config crates/mvtop-py/pyproject.toml examples benches
+	$(PY) -m ruff check --config crates/mvtop-py/pyproject.toml examples benches crates/mvtop-serve scripts/bench-serve.py
 	$(PY) -m ruff format --check training crates/mvtop-py
-	$(PY) -m ruff format --check --config crates/mvtop-py/pyproject.toml examples benches
+	$(PY) -m ruff format --check --config crates/mvtop-py/pyproject.toml examples benches crates/mvtop-serve scripts/bench-serve.py
 
 wheel: $(MVTOP) $(WHEELS)/built-train  ## the Python wheels of mvtop, installed in .venv, and of mvtop-train, in target/wheels
 
@@ -130,6 +132,11 @@ licences:  ## gather the licences of the crates that the wheel is built of anew
 
 test-ray: test-wheel .venv/ray.done  ## a whole BOP data set on a local Ray cluster, a worker killed
 	$(PY) -m pytest -q examples
+
+test-page: .venv/page.done $(CLI)  ## the service's page in a real browser; writes docs/images/serve.jpg
+	scripts/need-chromium.sh
+	$(RUNTIME) MVTOP_CLI="$(CURDIR)/$(CLI)" MVTOP_SCREENSHOT="$(CURDIR)/docs/images/serve.jpg" \
+	  $(PY) -m pytest -q crates/mvtop-serve/tests
 
 fuzz: .venv/run.done  ## readers of every kind of file, rigs, meshes, trackers, changed at random: CASES=n for each
 	$(RUNTIME) PROPTEST_CASES=$(CASES) PROPTEST_RNG_SEED=$$RANDOM cargo test --release -p mvtop-core -p mvtop-eval -p mvtop-import --test fuzz
@@ -192,6 +199,9 @@ bench: .venv/run.done  ## criterion benches
 bench-peers: .venv/test.done $(MVTOP)  ## beside other runtimes on the same network, times and memory: docs/benchmarks.md
 	$(PY) benches/peers.py --out out/peers
 
+bench-serve: .venv/run.done $(CLI)  ## the service under load of 1, 2, 4 and 8 clients: LOAD_SECONDS=n of each
+	$(RUNTIME) $(PY) scripts/bench-serve.py --cli $(CLI) --seconds $(LOAD_SECONDS)
+
 # Always asked: cargo knows best what is stale.
 .PHONY: $(CLI)
 $(CLI):
@@ -207,6 +217,10 @@ $(CLI):
 	touch $@
 
 # Exact versions; the ranges that mvtop-train asks for are in training/pyproject.toml.
+.venv/page.done: .venv/run.done scripts/page-requirements.txt
+	$(PY) -m pip install --quiet --disable-pip-version-check -r scripts/page-requirements.txt
+	touch $@
+
 .venv/lint.done: .venv/run.done training/requirements/lint.txt
 	$(PY) -m pip install --quiet --disable-pip-version-check -r training/requirements/lint.txt
 	touch $@

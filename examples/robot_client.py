@@ -1,4 +1,6 @@
-"""Poses for a robot's program, by the line protocol of `mvtop-cli serve --line-port`: plain Python, nothing to install.
+"""Poses for a robot's program, by the line protocol of `mvtop-cli serve --line-port`.
+
+Plain Python, nothing to install:
 
     python robot_client.py --port 9000 FIND most=1 frame=base unit=mm min_confidence=0.9
 
@@ -49,7 +51,10 @@ class Robot:
             self.ask(f"TOKEN {token}")
 
     def ask(self, line: str) -> list[str]:
-        """Sends a line, and returns those of the answer. Raises Refused, or OSError where there is none."""
+        """Sends a line, and returns those of the answer.
+
+        Raises Refused, or OSError where there is none.
+        """
         self.socket.sendall(line.encode() + b"\n")
         answer = []
         while (got := self.lines.readline().rstrip("\n")) != "END":
