@@ -4,6 +4,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
@@ -30,7 +31,7 @@ pub struct Server {
     pub child: Child,
     pub address: String,
     pub lines: Option<String>,
-    log: Receiver<String>,
+    log: Mutex<Receiver<String>>,
 }
 
 impl Server {
@@ -61,7 +62,7 @@ impl Server {
                 assert!(!line.starts_with("error"), "{line}");
             }
         }
-        let address = address.unwrap();
+        let (address, log) = (address.unwrap(), Mutex::new(log));
         Self {
             child,
             address,
@@ -144,7 +145,8 @@ impl Server {
 
     /// Its log so far holds no sign of a panic.
     fn is_sound(&self) -> bool {
-        self.log.try_iter().all(|line| !line.contains("panicked"))
+        let log = self.log.lock().unwrap();
+        log.try_iter().all(|line| !line.contains("panicked"))
     }
 }
 

@@ -109,6 +109,7 @@ fn plain_python_is_enough_for_a_robot() {
             "FIND",
             "most=1",
             "unit=mm",
+            "min_confidence=0.5",
         ])
         .output()
         .unwrap();
@@ -118,7 +119,7 @@ fn plain_python_is_enough_for_a_robot() {
     );
     assert!(ran.status.success(), "{err}");
     assert!(
-        out.contains("mvball") && out.contains("accept") == out.contains("verdict"),
+        out.contains("name='mvball'") && out.contains("verdict='accept'"),
         "{out}"
     );
     let ran = std::process::Command::new("python3")

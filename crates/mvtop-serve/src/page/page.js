@@ -182,7 +182,7 @@ async function send(files) {
   const rig = await known(rigs, "rigs", $("rig").value);
   const ids = rig.cameras.map((camera) => camera.id);
   const stem = (file) => file.name.replace(/\.[^.]*$/, "");
-  const sorted = [...files].sort((a, b) => a.name.localeCompare(b.name));
+  const sorted = files.sort((a, b) => a.name.localeCompare(b.name));
   const named = sorted.some((file) => ids.includes(stem(file)));
   const form = new FormData();
   sorted.forEach((file, i) => form.append(named ? stem(file) : ids[i] || stem(file), file));
@@ -192,7 +192,8 @@ async function send(files) {
   await ask(`v1/predict?${query}`, { method: "POST", body: form });
 }
 
-const sent = (files) => files.length && send(files).catch((error) => say(error.message));
+/** A browser empties its list of files as soon as the field is, so it is copied. */
+const sent = (files) => files.length && send([...files]).catch((error) => say(error.message));
 
 $("files").onchange = (e) => {
   sent(e.target.files);
