@@ -148,16 +148,17 @@ async function view(number, camera, objects) {
   const pen = canvas.getContext("2d");
   pen.drawImage(picture, 0, 0);
   const scale = picture.width / camera.width;
-  pen.lineWidth = Math.max(1, picture.width / 500);
-  pen.font = `${Math.max(12, picture.width / 40)}px system-ui, sans-serif`;
+  pen.font = `${Math.max(12, picture.width / 32)}px system-ui, sans-serif`;
   objects.forEach((object, index) => {
     const seen = object.cameras.find((one) => one.id === camera.id);
     if (!seen || !seen.box) return;
     const [x0, y0, x1, y1] = seen.box.map((x) => (x + 0.5) * scale);
+    pen.lineWidth = Math.max(1, picture.width / 500);
     pen.strokeStyle = pen.fillStyle = COLORS[index % COLORS.length];
     pen.strokeRect(x0, y0, x1 - x0, y1 - y0);
     const label = `${object.class} ${percent(object.confidence)}`;
     pen.strokeStyle = "#000";
+    pen.lineWidth = Math.max(3, picture.width / 200);
     pen.strokeText(label, x0, Math.max(14, y0 - 6));
     pen.fillText(label, x0, Math.max(14, y0 - 6));
   });

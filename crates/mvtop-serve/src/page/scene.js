@@ -59,7 +59,7 @@ export class Scene {
     if (!all.length) return;
     this.middle = [0, 1, 2].map((i) => all.reduce((sum, p) => sum + p[i], 0) / all.length);
     const far = (p) => Math.hypot(...p.map((x, i) => x - this.middle[i]));
-    this.radius = Math.max(0.1, ...all.map(far)) * 1.25;
+    this.radius = Math.max(0.1, ...all.map(far)) * 1.1;
     this.draw();
   }
 
