@@ -115,11 +115,16 @@ impl Request {
     /// # Ok::<(), mvtop_core::Error>(())
     /// ```
     pub fn from_json(text: &str) -> Result<Self> {
-        crate::json::from_str(text).map_err(|cause| {
-            Error::Input(format!(
-                "request: expected JSON with keys as in docs/serve.md, got: {cause}"
+        let refuse = |got: String| {
+            refuse(&format!(
+                "request: expected JSON with keys as in docs/serve.md, got: {got}"
             ))
-        })
+        };
+        // A list would be taken for values without their keys.
+        if text.trim_start().starts_with('[') {
+            return Err(refuse("a list".into()));
+        }
+        crate::json::from_str(text).map_err(|cause| refuse(cause.to_string()))
     }
 
     /// What the estimator is told.
