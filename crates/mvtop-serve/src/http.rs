@@ -31,6 +31,9 @@ const MOST_CONNECTIONS: usize = 256;
 /// How long a client may take to send a request's head, and stay connected without one.
 const HEAD_TIME: Duration = Duration::from_secs(30);
 
+/// How long it waits after a connection that could not be accepted.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(50);
+
 /// Serves until `stopped`, then until all requests are answered.
 pub async fn serve(
     service: Arc<Service>,
@@ -45,11 +48,14 @@ pub async fn serve(
             let place = connections.clone().acquire_owned().await;
             (listener.accept().await, place)
         };
-        let (stream, place) = tokio::select! {
-            (Ok((stream, _)), Ok(place)) = accepted => (stream, place),
+        let accepted = tokio::select! {
+            accepted = accepted => accepted,
             _ = stopped.changed() => break,
+        };
+        let (Ok((stream, _)), Ok(place)) = accepted else {
             // No file handles left, say: others end meanwhile.
-            else => { tokio::time::sleep(Duration::from_millis(50)).await; continue }
+            tokio::time::sleep(ACCEPT_PAUSE).await;
+            continue;
         };
         // Answers are short: none waits to be sent with more.
         let _ = stream.set_nodelay(true);

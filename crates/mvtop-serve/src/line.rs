@@ -33,6 +33,9 @@ const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "PNG", "
 /// Largest image file.
 const MOST_BYTES: u64 = 1 << 29;
 
+/// How long it waits after a connection that could not be accepted.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(50);
+
 /// Serves until `stopped`, then until what was asked is answered.
 pub async fn serve(
     service: Arc<Service>,
@@ -45,10 +48,14 @@ pub async fn serve(
             let place = connections.clone().acquire_owned().await;
             (listener.accept().await, place)
         };
-        let (stream, place) = tokio::select! {
-            (Ok((stream, _)), Ok(place)) = accepted => (stream, place),
+        let accepted = tokio::select! {
+            accepted = accepted => accepted,
             _ = stopped.changed() => break,
-            else => { tokio::time::sleep(Duration::from_millis(50)).await; continue }
+        };
+        let (Ok((stream, _)), Ok(place)) = accepted else {
+            // No file handles left, say: others end meanwhile.
+            tokio::time::sleep(ACCEPT_PAUSE).await;
+            continue;
         };
         let (service, stopped) = (service.clone(), stopped.clone());
         tokio::spawn(async move {

@@ -21,6 +21,9 @@ use crate::station::{self, Model, NamedRig};
 /// Clients that may send images at once: each of them may fill memory up to the largest body.
 pub const MOST_UPLOADS: usize = 16;
 
+/// Objects whose boxes a request may give: each takes its own time.
+const MOST_BOXES: usize = 200;
+
 /// All that is shared by those who ask.
 pub struct Service {
     config: Config,
@@ -166,6 +169,12 @@ impl Service {
         let model = &self.models()?[asked.model];
         let rig = &self.rigs[asked.rig].rig;
         request.check(model.bundle(), rig, model.grasps.is_some())?;
+        let boxes = request.boxes.as_ref().map_or(0, Vec::len);
+        if boxes > MOST_BOXES {
+            return Err(Problem::bad(format!(
+                "boxes: expected {MOST_BOXES} objects at most, got {boxes}; send them in several requests"
+            )));
+        }
         let uploads = Arc::new(uploads);
         let (reply, answer) = oneshot::channel();
         let (service, request_time) = (self.clone(), self.config.request_time);
