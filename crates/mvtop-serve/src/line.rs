@@ -223,10 +223,7 @@ async fn find(service: &Arc<Service>, order: Order) -> Result<String, Problem> {
 fn images(folder: &Path, rig: &Rig, most_age_s: Option<f64>) -> Result<Vec<Upload>, Problem> {
     let mut uploads = Vec::new();
     for (index, camera) in rig.cameras().iter().enumerate() {
-        // An id that leads elsewhere names no file here.
-        if camera.id().contains(['/', '\\']) || camera.id().starts_with('.') {
-            continue;
-        }
+        // An id is always one that a file may have.
         let paths = ENDINGS
             .iter()
             .map(|ending| folder.join(format!("{}.{ending}", camera.id())));

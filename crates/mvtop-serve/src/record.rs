@@ -182,8 +182,8 @@ fn write_exposure(dir: &Path, kept: &Kept, ms: u128) -> io::Result<()> {
     for upload in uploads.iter() {
         let camera = &rig.cameras()[upload.camera];
         let (bytes, ending) = upload.file(camera);
-        // Ids may hold anything; the place in the rig does not.
-        let name = format!("{}.{ending}", upload.camera);
+        // An id is always one that a file may have.
+        let name = format!("{}.{ending}", camera.id());
         fs::write(dir.join(&name), &bytes)?;
         command.push_str(&format!(" {}", quoted(&format!("{}={name}", camera.id()))));
         images.insert(camera.id().to_owned(), name.into());
@@ -243,7 +243,7 @@ mod tests {
 
     fn kept(number: u64) -> Kept {
         let lens = Intrinsics::new(9., 9., 4., 3., Projection::Pinhole).unwrap();
-        let camera = Camera::new("it's", [8, 6], lens, Isometry3::identity()).unwrap();
+        let camera = Camera::new("top", [8, 6], lens, Isometry3::identity()).unwrap();
         let exposure = Exposure {
             number,
             id: "a".into(),
@@ -263,7 +263,7 @@ mod tests {
             exposure: Arc::new(exposure),
             uploads: Arc::new(vec![upload]),
             rig: Rig::new(vec![camera], 0).unwrap(),
-            model: "models/a".into(),
+            model: "models/it's".into(),
             doubt: "failed: a sentence".into(),
         }
     }
@@ -307,10 +307,13 @@ mod tests {
         let one = dir.path().join("exposure-00000000004000-4");
         assert_eq!(
             names(&one),
-            ["0.png", "about.json", "request.json", "rig.json"]
+            ["about.json", "request.json", "rig.json", "top.png"]
         );
         let about = fs::read_to_string(one.join(ABOUT)).unwrap();
-        assert!(about.contains(r"'it'\\''s=0.png'"), "{about}");
+        assert!(
+            about.contains(r"'models/it'\\''s'") && about.contains("'top=top.png'"),
+            "{about}"
+        );
         let few = Record {
             most: 9,
             most_bytes: 1,

@@ -128,10 +128,7 @@ impl Format {
         let place = pose.translation.vector * scale;
         let mut numbers: Vec<f64> = place.iter().copied().collect();
         numbers.extend(self.turn(&pose.rotation));
-        let texts: Vec<String> = numbers
-            .iter()
-            .map(|number| format!("{number:.6}"))
-            .collect();
+        let texts: Vec<String> = numbers.into_iter().map(text).collect();
         texts.join(" ")
     }
 
@@ -144,6 +141,15 @@ impl Format {
                 [about_z, about_y, about_x].map(f64::to_degrees).to_vec()
             }
         }
+    }
+}
+
+/// A number with six digits after the point; none is -0, which some controllers do not read.
+fn text(number: f64) -> String {
+    let text = format!("{number:.6}");
+    match text.strip_prefix('-') {
+        Some(zero) if zero.bytes().all(|c| c == b'0' || c == b'.') => zero.to_owned(),
+        _ => text,
     }
 }
 
