@@ -4,7 +4,7 @@ Plain Python, nothing to install:
 
     python robot_client.py --port 9000 FIND most=1 frame=base unit=mm min_confidence=0.9
 
-`docs/serve.md` describes the lines.
+`docs/how-to/serve.md` describes the lines.
 """
 
 import argparse

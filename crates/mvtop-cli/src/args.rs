@@ -23,8 +23,6 @@ pub struct Cli {
 pub enum Command {
     /// Find the objects in the images of a rig, and their poses
     Infer(Infer),
-    /// Answer programs and robots: poses over HTTP, with a page to look at
-    Serve(Serve),
     /// Compare predictions with the truth
     #[command(subcommand)]
     Eval(Eval),
@@ -34,6 +32,8 @@ pub enum Command {
     /// Make rig files from other programs' calibrations, and look at them
     #[command(subcommand)]
     Rig(Rig),
+    /// Answer programs and robots: poses over HTTP, with a page to look at
+    Serve(Serve),
     /// Say what was found of ONNX Runtime and the model, and what to do
     Doctor(NetworkArgs),
 }
@@ -85,9 +85,6 @@ pub struct Infer {
     #[arg(long, value_name = "P", value_parser = probability)]
     pub min_confidence: Option<f64>,
 
-    #[command(flatten)]
-    pub choice: Choice,
-
     /// Print JSON instead of text
     #[arg(long, conflicts_with = "truth")]
     pub json: bool,
@@ -108,6 +105,9 @@ pub struct Infer {
     /// Overwrite pictures that exist
     #[arg(long, requires = "overlay")]
     pub force: bool,
+
+    #[command(flatten)]
+    pub choice: Choice,
 
     #[command(flatten)]
     pub network: NetworkArgs,

@@ -117,7 +117,7 @@ impl Request {
     pub fn from_json(text: &str) -> Result<Self> {
         let refuse = |got: String| {
             refuse(&format!(
-                "request: expected JSON with keys as in docs/serve.md, got: {got}"
+                "request: expected JSON with keys as in docs/how-to/serve.md, got: {got}"
             ))
         };
         // A list would be taken for values without their keys.
@@ -196,7 +196,7 @@ impl Request {
         if self.grasps && !has_grasps {
             return Err(refuse(&format!(
                 "grasps: expected a model bundle with {GRASPS_FILE}, got {} without; write one as in \
-                 docs/serve.md",
+                 docs/how-to/serve.md",
                 bundle.dir.display()
             )));
         }

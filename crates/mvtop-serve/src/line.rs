@@ -1,6 +1,6 @@
 //! The line protocol over TCP, for robot controllers: a line asks, lines answer, `END` ends.
 //!
-//! `docs/serve.md` describes it.
+//! `docs/how-to/serve.md` describes it.
 
 mod reply;
 
