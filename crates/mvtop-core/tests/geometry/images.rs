@@ -57,16 +57,16 @@ fn every_kind_of_pixel_becomes_rgb8() {
     let rgb = RgbImage::from_pixel(3, 2, Rgb([1, 2, 3]));
     let (grey_tiff, rgb_bmp) = (grey.clone(), rgb.clone());
     let rgba = image::RgbaImage::from_pixel(3, 2, Rgba([1, 2, 3, 0]));
-    let deep = image::ImageBuffer::from_pixel(3, 2, Rgb([257u16, 514, 5140]));
+    let deep = image::ImageBuffer::from_pixel(3, 2, Rgb([257u16, 514, 51400]));
     let float = image::Rgb32FImage::from_pixel(3, 2, Rgb([0.0, 0.2, 1.0]));
     for (name, image, expected) in [
         ("grey.png", DynamicImage::from(grey), [7, 7, 7]),
         ("grey_alpha.png", grey_alpha.into(), [7, 7, 7]),
         ("rgb.png", rgb.into(), [1, 2, 3]),
         ("rgba.png", rgba.into(), [1, 2, 3]),
-        ("deep.png", deep.clone().into(), [1, 2, 20]),
+        ("deep.png", deep.clone().into(), [1, 2, 200]),
         ("grey.tif", grey_tiff.into(), [7, 7, 7]),
-        ("deep.tif", deep.into(), [1, 2, 20]),
+        ("deep.tif", deep.into(), [1, 2, 200]),
         ("float.tif", float.into(), [0, 51, 255]),
         ("rgb.bmp", rgb_bmp.into(), [1, 2, 3]),
     ] {

@@ -54,14 +54,21 @@ pub const COLUMNS: [Column; 16] = [
     main("recall", |s| percent(s.right.recall)),
 ];
 
-/// BOP's average recall; without depth, and so without VSD, the mean of the other two, which says so.
+/// BOP's average recall; without depth, and so without VSD, the mean of the other two, which is marked.
 fn average_recall(scores: &Scores) -> String {
     match (scores.ar, scores.ar_mssd.zip(scores.ar_mspd)) {
         (None, Some((mssd, mspd))) => {
-            format!("{} without VSD", percent(Some((mssd + mspd) / 2.0)))
+            format!("{}*", percent(Some((mssd + mspd) / 2.0)))
         }
         (ar, _) => percent(ar),
     }
+}
+
+/// What [`average_recall`] marks.
+const WITHOUT_VSD: &str = "* AR without VSD, as there is no depth";
+
+fn is_without_vsd(scores: &Scores) -> bool {
+    scores.ar.is_none() && scores.ar_mssd.is_some()
 }
 
 const fn main(name: &'static str, cell: fn(&Scores) -> String) -> Column {
@@ -137,14 +144,27 @@ fn table(what: &str, rows: &[(String, &Scores)]) -> String {
     let columns = || COLUMNS.iter().filter(|column| column.main);
     let names = rows.iter().map(|(name, _)| name.chars().count());
     let width = names.max().unwrap_or(0).max(what.len());
-    let header = columns().map(|column| format!("  {}", column.name));
-    let mut lines = vec![format!("{what:width$}{}", header.collect::<String>())];
-    for (name, scores) in rows {
-        let cells = columns().map(|column| {
-            let width = column.name.chars().count() + 2;
-            format!("{:>width$}", (column.cell)(scores))
-        });
-        lines.push(format!("{name:width$}{}", cells.collect::<String>()));
+    let cells_of = |column: &Column| {
+        let cells = rows.iter().map(|(_, scores)| (column.cell)(scores));
+        let mut cells: Vec<String> = [column.name.to_owned()].into_iter().chain(cells).collect();
+        let width = cells.iter().map(|cell| cell.chars().count()).max();
+        let width = width.unwrap_or(0) + 2;
+        for cell in &mut cells {
+            *cell = format!("{cell:>width$}");
+        }
+        cells
+    };
+    let columns: Vec<Vec<String>> = columns().map(cells_of).collect();
+    let names = [what]
+        .into_iter()
+        .chain(rows.iter().map(|(name, _)| name.as_str()));
+    let line = |(row, name): (usize, &str)| {
+        let cells: String = columns.iter().map(|cells| cells[row].as_str()).collect();
+        format!("{name:width$}{cells}")
+    };
+    let mut lines: Vec<String> = names.enumerate().map(line).collect();
+    if rows.iter().any(|(_, scores)| is_without_vsd(scores)) {
+        lines.push(WITHOUT_VSD.to_owned());
     }
     lines.join("\n")
 }
