@@ -409,7 +409,7 @@ class Rig:
         """
     def __repr__(self, /) -> str: ...
     @classmethod
-    def calibrate(cls, /, images: Any, board: Any, **options: Any) -> Any:
+    def calibrate(cls, /, images: Any, board: Any, **options: "Any") -> Any:
         """
         A rig from images of a board, with a verdict on it: a `mvtop.Calibration`, whose `rig` it is.
 

@@ -36,7 +36,7 @@ pub struct Column {
 }
 
 pub const COLUMNS: [Column; 16] = [
-    main("of truth", |s| s.objects.to_string()),
+    main("true", |s| s.objects.to_string()),
     main("found", |s| s.found.to_string()),
     main("rotation, median °", |s| number(s.rot_median_deg, 1.0)),
     main("translation, median mm", |s| number(s.trans_median_m, 1e3)),
