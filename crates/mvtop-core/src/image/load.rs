@@ -88,7 +88,7 @@ pub fn decode(bytes: &[u8], path: &Path, camera: &Camera) -> Result<RgbImage> {
             "ends before its last pixels; copy or take it again".into(),
         ));
     }
-    if let Some(pages) = tiff::pages(&bytes).filter(|pages| *pages > 1) {
+    if let Some(pages) = tiff::pages(bytes).filter(|pages| *pages > 1) {
         return Err(refuse(format!(
             "has {pages} pages, expected one; save the one that is meant as a file of its own"
         )));
@@ -105,7 +105,7 @@ pub fn decode(bytes: &[u8], path: &Path, camera: &Camera) -> Result<RgbImage> {
     if let Some(problem) = value_problem(&decoded) {
         return Err(refuse(problem));
     }
-    match gamma::correction(&bytes) {
+    match gamma::correction(bytes) {
         None => Ok(decoded.into_rgb8()),
         Some(exponent) => {
             let mut samples = decoded.into_rgb16();
