@@ -56,7 +56,8 @@ class Trained:
         monkeypatch.setattr(pipeline.loop, "train", self.train)
         load = lambda path: (torch.nn.Identity(), None, 1)  # noqa: E731
         monkeypatch.setattr(pipeline.checkpoint, "load_weights", load)
-        for name in ("thresholds_of", "export", "calibrated", "evaluate"):
+        monkeypatch.setattr(pipeline, "calibrated", lambda *args: 0)
+        for name in ("thresholds_of", "export", "evaluate"):
             monkeypatch.setattr(pipeline, name, lambda *args: None)
 
     def train(self, settings, folder):
