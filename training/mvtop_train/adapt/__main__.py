@@ -1,6 +1,6 @@
 """Adapt a network to its user's own cell, from photographs without labels.
 
-    python -m mvtop_train.adapt --model runs/mine/bundle --rig rig.json --images photos/ \\
+    mvtop-train adapt --model runs/mine/bundle --rig rig.json --images photos/ \\
         --minutes 20 --out runs/mine-adapted
 
 Photographs are `photos/EXPOSURE/CAMERA.png`, or scenes in BOP layout without --rig. Poses that are

@@ -47,7 +47,7 @@ class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one sentence; its help has the words of the other commands'."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
-        super().__init__(*args, add_help=False, **options)
+        super().__init__(*args, **(options | {"add_help": False}))
         self._optionals.title, self._positionals.title = "Options", "Arguments"
         self.add_argument("-h", "--help", action="help", help="Print help")
 
