@@ -23,6 +23,7 @@ use hyper_util::service::TowerToHyperService;
 use tokio::net::TcpListener;
 use tokio::sync::{Semaphore, watch};
 
+use crate::accept::accept;
 use crate::problem::{Kind, Problem};
 use crate::service::Service;
 
@@ -30,9 +31,6 @@ use crate::service::Service;
 const MOST_CONNECTIONS: usize = 256;
 /// How long a client may take to send a request's head, and stay connected without one.
 const HEAD_TIME: Duration = Duration::from_secs(30);
-
-/// How long it waits after a connection that could not be accepted.
-const ACCEPT_PAUSE: Duration = Duration::from_millis(50);
 
 /// Serves until `stopped`, then until all requests are answered.
 pub async fn serve(
@@ -43,20 +41,7 @@ pub async fn serve(
     let app = router(service);
     let connections = Arc::new(Semaphore::new(MOST_CONNECTIONS));
     let graceful = GracefulShutdown::new();
-    loop {
-        let accepted = async {
-            let place = connections.clone().acquire_owned().await;
-            (listener.accept().await, place)
-        };
-        let accepted = tokio::select! {
-            accepted = accepted => accepted,
-            _ = stopped.changed() => break,
-        };
-        let (Ok((stream, _)), Ok(place)) = accepted else {
-            // No file handles left, say: others end meanwhile.
-            tokio::time::sleep(ACCEPT_PAUSE).await;
-            continue;
-        };
+    while let Some((stream, place)) = accept(&listener, &connections, &mut stopped).await {
         // Answers are short: none waits to be sent with more.
         let _ = stream.set_nodelay(true);
         let mut http = http1::Builder::new();

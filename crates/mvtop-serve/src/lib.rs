@@ -4,6 +4,7 @@
 //! waits in a bounded queue for the one thread that predicts: a prediction uses all cores by itself, so two
 //! at once would only delay each other. Start reading at [`run`], then [`service`].
 
+mod accept;
 mod config;
 mod exposure;
 mod history;

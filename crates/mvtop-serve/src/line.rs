@@ -14,6 +14,7 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Semaphore, watch};
 
 use self::reply::Format;
+use crate::accept::accept;
 use crate::exposure::{Exposure, Layout, Upload};
 use crate::http::is_token;
 use crate::log;
@@ -33,9 +34,6 @@ const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "PNG", "
 /// Largest image file.
 const MOST_BYTES: u64 = 1 << 29;
 
-/// How long it waits after a connection that could not be accepted.
-const ACCEPT_PAUSE: Duration = Duration::from_millis(50);
-
 /// Serves until `stopped`, then until what was asked is answered.
 pub async fn serve(
     service: Arc<Service>,
@@ -43,20 +41,7 @@ pub async fn serve(
     mut stopped: watch::Receiver<bool>,
 ) {
     let connections = Arc::new(Semaphore::new(MOST_CONNECTIONS));
-    loop {
-        let accepted = async {
-            let place = connections.clone().acquire_owned().await;
-            (listener.accept().await, place)
-        };
-        let accepted = tokio::select! {
-            accepted = accepted => accepted,
-            _ = stopped.changed() => break,
-        };
-        let (Ok((stream, _)), Ok(place)) = accepted else {
-            // No file handles left, say: others end meanwhile.
-            tokio::time::sleep(ACCEPT_PAUSE).await;
-            continue;
-        };
+    while let Some((stream, place)) = accept(&listener, &connections, &mut stopped).await {
         let (service, stopped) = (service.clone(), stopped.clone());
         tokio::spawn(async move {
             // What a client does to its connection is its own matter.
