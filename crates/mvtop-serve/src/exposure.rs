@@ -160,3 +160,20 @@ impl Exposure {
         ))
     }
 }
+
+#[cfg(test)]
+impl Exposure {
+    /// One of that number, which failed that many seconds after the epoch.
+    pub fn failed(number: u64) -> Self {
+        Self {
+            number,
+            id: "a".into(),
+            time: SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(number),
+            model: 0,
+            rig: 0,
+            request: Request::default(),
+            took_ms: 1.0,
+            outcome: Err("a sentence".into()),
+        }
+    }
+}

@@ -77,26 +77,14 @@ impl History {
 mod tests {
     use super::*;
     use crate::exposure::Layout;
-    use mvtop_core::Request;
-    use std::time::SystemTime;
 
     fn add(history: &mut History, number: u64, bytes: usize) {
-        let exposure = Exposure {
-            number,
-            id: number.to_string(),
-            time: SystemTime::now(),
-            model: 0,
-            rig: 0,
-            request: Request::default(),
-            took_ms: 1.0,
-            outcome: Err("a sentence".into()),
-        };
         let upload = Upload {
             camera: 0,
             bytes: vec![0; bytes].into(),
             layout: Layout::File,
         };
-        history.add(Arc::new(exposure), Arc::new(vec![upload]));
+        history.add(Arc::new(Exposure::failed(number)), Arc::new(vec![upload]));
     }
 
     #[test]

@@ -234,9 +234,8 @@ fn size(dir: &Path) -> io::Result<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::time::{Duration, SystemTime};
 
-    use mvtop_core::{Camera, Intrinsics, Projection, Request};
+    use mvtop_core::{Camera, Intrinsics, Projection};
     use nalgebra::Isometry3;
 
     use crate::exposure::Layout;
@@ -244,23 +243,13 @@ mod tests {
     fn kept(number: u64) -> Kept {
         let lens = Intrinsics::new(9., 9., 4., 3., Projection::Pinhole).unwrap();
         let camera = Camera::new("top", [8, 6], lens, Isometry3::identity()).unwrap();
-        let exposure = Exposure {
-            number,
-            id: "a".into(),
-            time: SystemTime::UNIX_EPOCH + Duration::from_secs(number),
-            model: 0,
-            rig: 0,
-            request: Request::default(),
-            took_ms: 1.0,
-            outcome: Err("a sentence".into()),
-        };
         let upload = Upload {
             camera: 0,
             bytes: vec![7; 48].into(),
             layout: Layout::Mono8,
         };
         Kept {
-            exposure: Arc::new(exposure),
+            exposure: Arc::new(Exposure::failed(number)),
             uploads: Arc::new(vec![upload]),
             rig: Rig::new(vec![camera], 0).unwrap(),
             model: "models/it's".into(),
