@@ -4,6 +4,7 @@ import copy
 import json
 from pathlib import Path
 
+from .errors import asking_mvtop
 from .files import read_json
 
 NAME = "model.json"
@@ -20,6 +21,14 @@ EARLIER = "support_threshold", "print_threshold", "most_deviation"
 
 def read(bundle: Path) -> dict:
     return read_json(bundle / NAME, "--bundle must name a bundle's folder")
+
+
+def default_inference(group: str) -> dict:
+    """Settings of a group of `inference`, as the core has them where a bundle says nothing."""
+    with asking_mvtop("make wheel"):
+        from mvtop._mvtop import default_inference  # loads its compiled part
+
+    return json.loads(default_inference())[group]
 
 
 def write(bundle: Path, description: dict):

@@ -1,6 +1,5 @@
 """A bundle's detector by itself, on one image, and the true boxes in it."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +12,7 @@ from .. import description
 from ..data import objects
 from ..data.boxes import around
 from ..data.letterbox import image_tensor, input_size, letterbox
-from ..errors import UserError, asking_mvtop
+from ..errors import UserError
 from ..files import read_json
 from .groups import Group
 from .matching import peaks
@@ -26,10 +25,8 @@ def tiling_of(about: dict) -> dict[str, float]:
 
     - about: its `model.json`
     """
-    with asking_mvtop("make wheel"):
-        from mvtop._mvtop import default_inference  # loads its compiled part
-
-    return json.loads(default_inference())["tiling"] | about.get("inference", {}).get("tiling", {})
+    own = about.get("inference", {}).get("tiling", {})
+    return description.default_inference("tiling") | own
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ cameras that are off.
 """
 
 import functools
-import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
+from .. import description
 from ..data import bop, objects
 from ..data.objects import Object
 from ..errors import asking_mvtop
@@ -219,9 +219,7 @@ def by_boxes(rig) -> bool:
 @functools.cache
 def defaults() -> dict[str, float]:
     """`inference.rig` of the core, by setting."""
-    from mvtop._mvtop import default_inference
-
-    return json.loads(default_inference())["rig"]
+    return description.default_inference("rig")
 
 
 def contradiction(rig, settings: dict[str, float]) -> float:
