@@ -4,7 +4,7 @@
 //! lie, and wants their poses in a frame that it knows. One type says so, for the command line, the
 //! service and its line protocol alike.
 //!
-//! The estimator is not told of it: objects are found first and chosen then. So what is left out takes
+//! The estimator does not know of it: objects are found first and chosen then. So what is left out takes
 //! its time all the same, and what is given is what it would be without the choice.
 
 mod choice;
@@ -127,7 +127,7 @@ impl Request {
         crate::json::from_str(text).map_err(|cause| refuse(cause.to_string()))
     }
 
-    /// What the estimator is told.
+    /// The part that the estimator needs.
     pub fn options(&self) -> PredictOptions {
         PredictOptions {
             reference: self.reference.clone(),
@@ -236,8 +236,8 @@ impl Request {
         let (prediction, left_out) = choice::choose(self, found, bundle, rig);
         let mut report = Report::new(&prediction, rig);
         if let Some(least) = self.min_confidence {
-            for (told, object) in report.objects.iter_mut().zip(&prediction.objects) {
-                told.verdict = Some(Verdict::of(object, least));
+            for (reported, object) in report.objects.iter_mut().zip(&prediction.objects) {
+                reported.verdict = Some(Verdict::of(object, least));
             }
         }
         report.left_out = self.chooses().then_some(left_out);
@@ -249,14 +249,14 @@ impl Request {
         if let Some(frame) = frame {
             let frame_from_world = self.frame_from_world(rig)?;
             report.frame = Some(frame.to_owned());
-            for (told, object) in report.objects.iter_mut().zip(&prediction.objects) {
+            for (reported, object) in report.objects.iter_mut().zip(&prediction.objects) {
                 let pose = frame_from_world * object.world_from_obj;
-                told.t_frame_obj = Some(report::rows(&pose));
+                reported.t_frame_obj = Some(report::rows(&pose));
             }
             if let (true, Some(grasps)) = (self.grasps, grasps) {
                 let given = grasps.of_all(&prediction, bundle, &frame_from_world);
-                for (told, grasps) in report.objects.iter_mut().zip(given) {
-                    told.grasps = Some(grasps);
+                for (reported, grasps) in report.objects.iter_mut().zip(given) {
+                    reported.grasps = Some(grasps);
                 }
             }
         }

@@ -25,7 +25,7 @@ const UNUSED: &str = "unused";
 const SIZE_KEY: &str = "size's key";
 /// Coefficients that have a key each, as `brown_conrady` orders them.
 const BROWN: [&str; 8] = ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"];
-/// How far from the middle of an image its principal point is hardly ever, shares of a side.
+/// A principal point farther from the middle of its image is implausible, share of a side.
 const OFF_MIDDLE: f64 = 0.1;
 
 /// What files say, in their order.

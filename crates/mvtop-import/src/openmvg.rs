@@ -1,8 +1,8 @@
 //! OpenMVG's `sfm_data.json`: views, intrinsics that they share, and poses.
 //!
 //! Source: <https://github.com/openMVG/openMVG>, `sfm/sfm_data_io_cereal.hpp` and `cameras/`: `rotation` maps
-//! world to camera, `center` is the camera's place in the world; pixel centers are integers. A lens is told by
-//! the key of its coefficients: `disto_k1`, `disto_k3` (k1 k2 k3), `disto_t2` (k1 k2 k3 t1 t2, OpenCV's p1 p2)
+//! world to camera, `center` is the camera's place in the world; pixel centers are integers. The key of
+//! its coefficients names the lens: `disto_k1`, `disto_k3` (k1 k2 k3), `disto_t2` (k1 k2 k3 t1 t2, OpenCV's p1 p2)
 //! and `fisheye` (OpenCV's k1 to k4). The unit is arbitrary.
 
 use std::collections::BTreeMap;

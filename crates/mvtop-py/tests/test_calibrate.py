@@ -540,7 +540,7 @@ def stereo_images(tmp_path_factory):
         unpack = ["dpkg-deb", "-x", str(package), str(folder)]
         subprocess.run(unpack, capture_output=True, timeout=60, check=True)
     except (OSError, ValueError, subprocess.SubprocessError) as cause:
-        pytest.skip(f"Debian's package opencv-doc is not to be had: {cause}")
+        pytest.skip(f"Debian's package opencv-doc cannot be downloaded: {cause}")
     return folder / str(OPENCV_DOC).lstrip("/")
 
 

@@ -51,7 +51,7 @@ pub struct Serve {
     #[arg(long, value_name = "FILE")]
     pub token_file: Option<PathBuf>,
 
-    /// Exposures that may wait while one is worked on; further ones are told to come again
+    /// Exposures that may wait while one is worked on; further ones are refused with a time to retry
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(..=1000))]
     pub waiting: u32,
 

@@ -217,7 +217,7 @@ fn told_to_end_it_finishes_what_runs() {
             .write_all(&server.posted("", &[], &images()))
             .unwrap();
     }
-    // They are in the queue before it is told to end.
+    // They are in the queue before SIGTERM.
     while server.get("/v1/exposures", &[]).json()["exposures"]
         .as_array()
         .unwrap()

@@ -226,7 +226,7 @@ impl Answer {
         serde_json::from_slice(&self.body).unwrap_or_else(|_| panic!("{}", self.text()))
     }
 
-    /// The code of an error, which is told as one should be.
+    /// The code of an error, whose body has the documented form.
     pub fn code(&self) -> String {
         let error = &self.json()["error"];
         let message = error["message"].as_str().unwrap();

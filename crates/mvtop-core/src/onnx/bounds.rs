@@ -100,8 +100,8 @@ pub fn bounded<T: Send + 'static>(
 
 #[cfg(target_os = "linux")]
 mod memory {
-    //! The process's limit, as long as bounded work runs: what asks for more is told that there is
-    //! none, which ONNX Runtime says in an error.
+    //! The process's limit, as long as bounded work runs: an allocation beyond it fails, and ONNX
+    //! Runtime gives that as an error.
 
     use std::sync::{Mutex, PoisonError};
 

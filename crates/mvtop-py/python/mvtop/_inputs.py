@@ -35,7 +35,7 @@ def refuse_no_rig(rig: object) -> None:
 
 
 def groups_of(images: object) -> list[Any] | None:
-    """The groups of a list of groups; None of what is one group of images."""
+    """The groups, where a list of groups is given; None for one group of images."""
     if not isinstance(images, (list, tuple)) or not images:
         return None
     first = images[0]

@@ -102,7 +102,7 @@ def adjust(bundle: Bundle, *, robust_px: float, covariance: bool = False) -> Adj
             if before > (1 - DONE) * cost and limit == robust_px:
                 break
             cost = _least_squares(bundle, weights)
-    return _told(bundle, robust_px, covariance)
+    return _summarised(bundle, robust_px, covariance)
 
 
 def _least_squares(bundle: Bundle, weights: NDArray[np.float64]) -> float:
@@ -153,7 +153,7 @@ def _least_squares(bundle: Bundle, weights: NDArray[np.float64]) -> float:
     return 2 * float(found.cost)
 
 
-def _told(bundle: Bundle, robust_px: float, covariance: bool) -> Adjusted:
+def _summarised(bundle: Bundle, robust_px: float, covariance: bool) -> Adjusted:
     residuals = _residuals(bundle)
     sigma = 1.4826 * float(np.median(np.abs(residuals))) if len(residuals) else 0.0
     matrix = np.zeros((0, 0))

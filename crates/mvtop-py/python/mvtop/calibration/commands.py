@@ -152,7 +152,7 @@ def _run_calibrate(args: argparse.Namespace) -> None:
     read = [args.board] + ([args.intrinsics] if args.intrinsics else [])
     for path in outputs:
         may_write(path, args.force, read)
-    told = calibrate(
+    result = calibrate(
         args.folders,
         args.board,
         lens=_lenses(args.lens),
@@ -166,12 +166,12 @@ def _run_calibrate(args: argparse.Namespace) -> None:
         trust_unit=args.trust_unit,
         progress=_progress,
     )
-    print(told.text())
-    write(args.out, told.rig.to_json())
+    print(result.text())
+    write(args.out, result.rig.to_json())
     if args.page is not None:
-        write(args.page, told.page())
+        write(args.page, result.page())
     if args.json is not None:
-        write(args.json, json.dumps(told.to_dict(), indent=1) + "\n")
+        write(args.json, json.dumps(result.to_dict(), indent=1) + "\n")
     print(f"{args.out}: written; look at it: mvtop-cli rig show {args.out} --picture rig.svg")
 
 

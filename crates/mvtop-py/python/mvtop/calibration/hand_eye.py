@@ -144,11 +144,11 @@ def solve(
                 "add poses that are turned more"
             )
     world, board, used, sd = fit.world_from_ref, fit.board, fit.used, fit.sd
-    told = [
+    of_poses = [
         PoseResidual(name, float(turn), float(shift), bool(ok))
         for name, (turn, shift), ok in zip(common, fit.off, used, strict=True)
     ]
-    return HandEye(reading[0], *reading[1:], world, board, told, *sd, other, len(readings) > 1)
+    return HandEye(reading[0], *reading[1:], world, board, of_poses, *sd, other, len(readings) > 1)
 
 
 def _open(all_of_them: Sequence[str], *said: str | None) -> list[str]:
