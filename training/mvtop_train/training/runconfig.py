@@ -1,4 +1,4 @@
-"""The one file that describes a training run (TOML); `training/runs/` has those of the docs."""
+"""The one file that describes a training run (TOML); `mvtop-train list` names those shipped."""
 
 import argparse
 import dataclasses
@@ -272,7 +272,7 @@ def _change(fields: dict, change: str):
 
 def load(path: Path, changes: list[str] = ()) -> RunConfig:
     """The config file `path` with `changes` ("key=value", "table.key=value") on top."""
-    text = read_text(path, "see training/runs/", MAX_FILE_BYTES)
+    text = read_text(path, "see `mvtop-train list`", MAX_FILE_BYTES)
     try:
         fields = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -348,7 +348,7 @@ def keep_copy(config: RunConfig, folder: Path):
 
 def add_arguments(parser: argparse.ArgumentParser, required: bool = True):
     """The options by which commands take a config."""
-    parser.add_argument("--config", type=Path, required=required, help="TOML, see training/runs/")
+    parser.add_argument("--config", type=Path, required=required, help="TOML, or a name of `list`")
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="change a key of the config"
     )
