@@ -169,10 +169,10 @@ impl Estimator {
     /// - `images`: in any order; at least one, at most one per camera, of the camera's size
     ///
     /// # Errors
-    /// [`Error::TooFewImages`], [`Error::ImageSize`], [`Error::UnknownCamera`],
+    /// [`Error::TooFewImages`], [`Error::ImageSize`], [`Error::Geometry`],
     /// [`Error::UnknownClass`] and [`Error::Input`] where the images, the reference, the given boxes
     /// or the fewest views do not fit the rig or the bundle; [`Error::Shape`], [`Error::Pose`] and
-    /// [`Error::Rotation6d`] where the network does not do its part.
+    /// [`Error::Geometry`] where the network does not do its part.
     ///
     /// ```no_run
     /// use std::path::Path;

@@ -142,7 +142,7 @@ impl Request {
     /// - `has_grasps`: whether there are grasps for the model
     ///
     /// # Errors
-    /// [`Error::UnknownCamera`], [`Error::UnknownClass`], and [`Error::Input`] for numbers that cannot
+    /// [`Error::Geometry`], [`Error::UnknownClass`], and [`Error::Input`] for numbers that cannot
     /// be meant, or for what the model does not have.
     pub fn check(&self, bundle: &Bundle, rig: &Rig, has_grasps: bool) -> Result<()> {
         if let Some(id) = &self.reference {
@@ -225,7 +225,7 @@ impl Request {
     /// Chooses from what was found; [`Request::options`] do not count.
     ///
     /// # Errors
-    /// [`Error::UnknownCamera`] and [`Error::Input`] where the frame is none.
+    /// [`Error::Geometry`] and [`Error::Input`] where the frame is none.
     pub fn choose(
         &self,
         found: Prediction,
@@ -270,7 +270,7 @@ impl Request {
     /// World frame to the frame that is asked for; the world's by default.
     ///
     /// # Errors
-    /// [`Error::UnknownCamera`] for another name, and [`Error::Input`] where the base's transform is
+    /// [`Error::Geometry`] for another name, and [`Error::Input`] where the base's transform is
     /// missing or none.
     pub fn frame_from_world(&self, rig: &Rig) -> Result<Isometry3<f64>> {
         let base = self.base_from_world.as_ref().map(from_matrix).transpose();

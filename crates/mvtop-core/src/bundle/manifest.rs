@@ -406,7 +406,7 @@ impl FileRecord {
 /// Text of the bundle; the error is the problem.
 pub(super) fn read_text(path: &Path) -> Result<String, String> {
     file::read_text(path, MAX_TEXT_BYTES).map_err(|error| match error {
-        Error::Read { cause, .. } => format!("cannot be read: {cause}"),
+        mvtop_geometry::Error::Read { cause, .. } => format!("cannot be read: {cause}"),
         other => other.to_string(),
     })
 }

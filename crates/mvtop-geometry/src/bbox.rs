@@ -25,7 +25,7 @@ pub struct BBox {
 
 impl BBox {
     /// The least one around some points; `None` where one is not known, or there are none.
-    pub(crate) fn around(points: impl Iterator<Item = Option<Point2<f64>>>) -> Option<Self> {
+    pub fn around(points: impl Iterator<Item = Option<Point2<f64>>>) -> Option<Self> {
         let mut all: Option<Self> = None;
         for point in points {
             let at = point?;
@@ -52,7 +52,7 @@ impl BBox {
     }
 
     /// Larger or smaller by a factor, about its middle.
-    pub(crate) fn scaled(&self, factor: f64) -> Self {
+    pub fn scaled(&self, factor: f64) -> Self {
         let (center, width, height) = (self.center(), self.width(), self.height());
         Self {
             x0: center.x - factor * width / 2.0,
@@ -77,7 +77,7 @@ impl BBox {
     }
 
     /// Whether its sides are finite and in order.
-    pub(crate) fn is_proper(&self) -> bool {
+    pub fn is_proper(&self) -> bool {
         <[f64; 4]>::from(*self).iter().all(|side| side.is_finite())
             && self.x0 < self.x1
             && self.y0 < self.y1
@@ -85,7 +85,7 @@ impl BBox {
 
     /// Intersection over union: the area shared by two boxes over the area they cover together, 0
     /// to 1.
-    pub(crate) fn iou(&self, other: &Self) -> f64 {
+    pub fn iou(&self, other: &Self) -> f64 {
         let area = |b: &Self| b.width().max(0.0) * b.height().max(0.0);
         let shared = area(&Self {
             x0: self.x0.max(other.x0),

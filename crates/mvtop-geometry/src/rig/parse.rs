@@ -3,9 +3,9 @@
 use serde_json::Value;
 
 use super::fields::{Checked, Fields, shorten, show};
-use super::{FORMAT, Rig, VERSION, transform, unit};
+use super::{FORMAT, Rig, VERSION, unit};
 use crate::camera::{self, Camera, Intrinsics, Projection};
-use crate::{Error, Result, json};
+use crate::{Error, Result, json, transform};
 
 /// Reads a rig.
 ///
@@ -140,7 +140,7 @@ fn projection(fields: &Fields) -> Checked<Projection> {
 
 fn world_from_cam(fields: &Fields, unit: f64) -> Checked<nalgebra::Isometry3<f64>> {
     let place = &fields.place;
-    let read = |key: &str, value| transform::read(format!("{place}, `{key}`"), value, unit);
+    let read = |key: &str, value| transform::from_json(format!("{place}, `{key}`"), value, unit);
     let [world_cam, cam_world] = ["T_world_cam", "T_cam_world"].map(|key| fields.optional(key));
     match (world_cam, cam_world) {
         (Some(value), None) => read("T_world_cam", value),

@@ -1,4 +1,4 @@
-use mvtop_core::pose::{rotation_error_deg, rotation_from_6d, translation_error, wxyz};
+use mvtop_geometry::pose::{rotation_error_deg, rotation_from_6d, translation_error, wxyz};
 use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 

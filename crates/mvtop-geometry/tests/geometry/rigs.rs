@@ -1,6 +1,6 @@
 use std::io;
 
-use mvtop_core::{ErrorKind, Projection, Rig};
+use mvtop_geometry::{Error, Projection, Rig};
 use nalgebra::{Isometry3, Point3, Vector3};
 use proptest::prelude::*;
 use serde_json::{Value, json};
@@ -193,23 +193,23 @@ fn loading_names_the_file() {
 
 #[test]
 fn causes_can_be_matched_on() {
-    use std::error::Error;
+    use std::error::Error as _;
     let folder = tempfile::tempdir().unwrap();
     let error = Rig::load(&folder.path().join("none.json")).unwrap_err();
-    assert_eq!(error.kind(), ErrorKind::Io);
+    assert!(matches!(error, Error::Read { .. }), "{error:?}");
     let cause = error
         .source()
         .and_then(|cause| cause.downcast_ref::<io::Error>());
     assert_eq!(cause.unwrap().kind(), io::ErrorKind::NotFound);
     let error = Rig::from_json("{\n\"format\"").unwrap_err();
-    assert_eq!(error.kind(), ErrorKind::Rig);
+    assert!(matches!(error, Error::Rig { .. }), "{error:?}");
     let cause = error
         .source()
         .and_then(|cause| cause.downcast_ref::<serde_json::Error>());
     assert_eq!(cause.unwrap().line(), 2);
     // A rig that is JSON has no other cause than itself.
     let error = Rig::from_json("{}").unwrap_err();
-    assert!(error.kind() == ErrorKind::Rig && error.source().is_none());
+    assert!(matches!(error, Error::Rig { .. }) && error.source().is_none());
 }
 
 #[test]

@@ -3,14 +3,18 @@
 use nalgebra::Isometry3;
 use serde_json::Value;
 
-use super::fields::{Checked, Fields, numbers, show};
-use crate::transform::{TransformError, from_matrix, from_quaternion_wxyz};
+use super::{TransformError, from_matrix, from_quaternion_wxyz};
+use crate::rig::fields::{Checked, Fields, numbers, show};
 
 /// A transform as a 4x4 matrix in rows, or as `t` with `q_wxyz` or `q_xyzw`.
 ///
 /// - `place`: how to name it in an error
 /// - `unit`: metres per unit of its translation
-pub(crate) fn read(place: String, value: &Value, unit: f64) -> Checked<Isometry3<f64>> {
+///
+/// # Errors
+/// One sentence that names the place, for anything else and as [`from_matrix`] and
+/// [`from_quaternion_wxyz`].
+pub fn from_json(place: String, value: &Value, unit: f64) -> Result<Isometry3<f64>, String> {
     match value {
         Value::Array(rows) => {
             let row = |row| -> Option<[f64; 4]> { numbers(row)?.try_into().ok() };

@@ -10,7 +10,7 @@ mod radial;
 
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
 
-pub use intrinsics::Intrinsics;
+pub use intrinsics::{Branchless, Intrinsics};
 pub use projection::ProjectionModel;
 
 use crate::{Error, Result, transform};
@@ -51,14 +51,14 @@ impl Camera {
     /// size outside the image, or a pose that is not finite, not of unit rotation or too far away.
     ///
     /// ```
-    /// use mvtop_core::camera::{Camera, Intrinsics, Projection};
+    /// use mvtop_geometry::camera::{Camera, Intrinsics, Projection};
     /// use nalgebra::{Isometry3, Point3};
     ///
     /// let intrinsics = Intrinsics::new(500.0, 510.0, 320.0, 240.0, Projection::Pinhole)?;
     /// let camera = Camera::new("left", [640, 480], intrinsics, Isometry3::identity())?;
     /// let pixel = camera.intrinsics().project(&Point3::new(0.1, -0.2, 2.0)).expect("in front");
     /// assert_eq!([pixel.x, pixel.y], [345.0, 189.0]);
-    /// # Ok::<(), mvtop_core::Error>(())
+    /// # Ok::<(), mvtop_geometry::Error>(())
     /// ```
     pub fn new(
         id: impl Into<String>,
@@ -115,7 +115,7 @@ impl Camera {
     /// the greatest angle at which it images anything.
     ///
     /// ```
-    /// use mvtop_core::camera::{Camera, Intrinsics, Projection};
+    /// use mvtop_geometry::camera::{Camera, Intrinsics, Projection};
     /// use nalgebra::Isometry3;
     ///
     /// // r (1 - 0.9 r²) turns back at r = 0.61, which is 0.41 focal lengths from the middle of the image.
@@ -123,7 +123,7 @@ impl Camera {
     /// let lens = Intrinsics::new(400.0, 400.0, 319.5, 239.5, folding)?;
     /// let camera = Camera::new("left", [640, 480], lens, Isometry3::identity())?;
     /// assert!((camera.blind_share() - 0.73).abs() < 0.01);
-    /// # Ok::<(), mvtop_core::Error>(())
+    /// # Ok::<(), mvtop_geometry::Error>(())
     /// ```
     pub fn blind_share(&self) -> f64 {
         let [columns, rows] = BLIND_GRID;

@@ -1,9 +1,8 @@
 //! A rig: calibrated cameras in one world frame. `docs/reference/rig-file.md` describes its file
 //! format.
 
-mod fields;
+pub(crate) mod fields;
 mod parse;
-pub(crate) mod transform;
 mod unit;
 
 use std::collections::HashSet;
@@ -49,7 +48,7 @@ impl Rig {
     /// quarter of it, unless its greatest angle is given.
     ///
     /// ```
-    /// use mvtop_core::{Camera, Intrinsics, Projection, Rig};
+    /// use mvtop_geometry::{Camera, Intrinsics, Projection, Rig};
     /// use nalgebra::Isometry3;
     ///
     /// let intrinsics = Intrinsics::new(500.0, 500.0, 320.0, 240.0, Projection::Pinhole)?;
@@ -59,7 +58,7 @@ impl Rig {
     /// let rig = Rig::new(vec![camera("left", 0.0)?, camera("right", 0.4)?], 0)?;
     /// assert_eq!(rig.index_of("right"), Some(1));
     /// assert_eq!(Rig::from_json(&rig.to_json())?, rig);
-    /// # Ok::<(), mvtop_core::Error>(())
+    /// # Ok::<(), mvtop_geometry::Error>(())
     /// ```
     pub fn new(cameras: Vec<Camera>, reference: usize) -> Result<Self> {
         Self::checked(cameras, reference).map_err(Error::rig)
@@ -94,9 +93,9 @@ impl Rig {
     ///
     /// ```no_run
     /// # use std::path::Path;
-    /// let rig = mvtop_core::Rig::load(Path::new("rig.json"))?;
+    /// let rig = mvtop_geometry::Rig::load(Path::new("rig.json"))?;
     /// println!("{} cameras, {} first", rig.cameras().len(), rig.reference_camera().id());
-    /// # Ok::<(), mvtop_core::Error>(())
+    /// # Ok::<(), mvtop_geometry::Error>(())
     /// ```
     pub fn load(path: &Path) -> Result<Self> {
         let text = file::read_text(path, MAX_FILE_BYTES)?;

@@ -23,12 +23,12 @@ pub fn open(path: &Path) -> Result<File> {
 ///
 /// ```
 /// use std::path::Path;
-/// use mvtop_core::file;
+/// use mvtop_geometry::file;
 ///
 /// assert_eq!(file::read(Path::new("Cargo.toml"), 1 << 20)?, std::fs::read("Cargo.toml").unwrap());
 /// assert!(file::read(Path::new("Cargo.toml"), 10).is_err());
 /// assert!(file::read(Path::new("src"), 1 << 20).is_err());
-/// # Ok::<(), mvtop_core::Error>(())
+/// # Ok::<(), mvtop_geometry::Error>(())
 /// ```
 pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     bounded(path, most).map_err(Error::read(path))

@@ -1,5 +1,5 @@
-use mvtop_core::pose::wxyz;
-use mvtop_core::transform::{TransformError, from_matrix, from_quaternion_wxyz, from_rotation};
+use mvtop_geometry::pose::wxyz;
+use mvtop_geometry::transform::{TransformError, from_matrix, from_quaternion_wxyz, from_rotation};
 use nalgebra::{Isometry3, Point3, Vector3};
 use proptest::prelude::*;
 

@@ -2,7 +2,11 @@
 //!
 //! A transform `a_from_b` takes coordinates of frame b to frame a.
 
+mod json;
+
 use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
+
+pub use json::from_json;
 
 /// How far a rotation may be from exact before it is taken for a mistake rather than for rounding.
 const TOLERANCE: f64 = 1e-3;
@@ -69,7 +73,7 @@ pub enum TransformError {
 /// 10 000 km, another last row, or a number that is not finite.
 ///
 /// ```
-/// use mvtop_core::transform::{TransformError, from_matrix};
+/// use mvtop_geometry::transform::{TransformError, from_matrix};
 ///
 /// let mut rows = [[1., 0., 0., 0.1], [0., 1., 0., 0.], [0., 0., 1., 0.8], [0., 0., 0., 1.]];
 /// let world_from_cam = from_matrix(&rows)?;

@@ -6,10 +6,10 @@ use serde_json::{Map, Value};
 use crate::camera::projection::{distortions, families};
 
 /// A sentence about what is wrong.
-pub(super) type Checked<T> = Result<T, String>;
+pub(crate) type Checked<T> = Result<T, String>;
 
 /// A JSON object and how to name it in an error.
-pub(super) struct Fields<'a> {
+pub(crate) struct Fields<'a> {
     pub place: String,
     map: &'a Map<String, Value>,
 }
@@ -86,16 +86,16 @@ fn number(value: &Value) -> Option<f64> {
 }
 
 /// A list of finite numbers.
-pub(super) fn numbers(value: &Value) -> Option<Vec<f64>> {
+pub(crate) fn numbers(value: &Value) -> Option<Vec<f64>> {
     value.as_array()?.iter().map(number).collect()
 }
 
 /// The value as JSON, shortened for a sentence.
-pub(super) fn show(value: &Value) -> String {
+pub(crate) fn show(value: &Value) -> String {
     shorten(&value.to_string())
 }
 
-pub(super) fn shorten(text: &str) -> String {
+pub(crate) fn shorten(text: &str) -> String {
     const LONGEST: usize = 60;
     match text.char_indices().nth(LONGEST) {
         Some((end, _)) => format!("{}…", &text[..end]),

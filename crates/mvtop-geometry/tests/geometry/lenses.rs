@@ -1,12 +1,12 @@
 use std::f64::consts::{FRAC_PI_4, PI};
 use std::path::Path;
 
-use mvtop_core::{Intrinsics, Projection};
+use mvtop_geometry::{Intrinsics, Projection};
 use nalgebra::{Point2, Point3};
 use proptest::prelude::*;
 use safetensors::SafeTensors;
 
-use super::{brown_conrady, kannala_brandt, lenses, pinhole};
+use super::examples::{brown_conrady, kannala_brandt, lenses, pinhole};
 
 /// Focal length 1 px, principal point (0, 0).
 fn unit(projection: Projection) -> Intrinsics {

@@ -57,13 +57,13 @@ impl Intrinsics {
     /// numbers are in another order.
     ///
     /// ```
-    /// use mvtop_core::{Intrinsics, Projection};
+    /// use mvtop_geometry::{Intrinsics, Projection};
     /// use nalgebra::Point3;
     ///
     /// let lens = Intrinsics::new(500.0, 510.0, 320.0, 240.0, Projection::Pinhole)?.with_skew(2.0)?;
     /// let pixel = lens.project(&Point3::new(0.1, -0.2, 2.0)).expect("in front");
     /// assert_eq!([pixel.x, pixel.y], [345.0 - 0.2, 189.0]);
-    /// # Ok::<(), mvtop_core::Error>(())
+    /// # Ok::<(), mvtop_geometry::Error>(())
     /// ```
     pub fn with_skew(self, skew: f64) -> Result<Self> {
         if !skew.is_finite() || skew.abs() > MOST_SKEW * self.fx {
@@ -84,14 +84,14 @@ impl Intrinsics {
     /// [`Error::Camera`] for an angle that is not above 0 and at most 180 degrees.
     ///
     /// ```
-    /// use mvtop_core::{Intrinsics, Projection};
+    /// use mvtop_geometry::{Intrinsics, Projection};
     /// use nalgebra::Point3;
     ///
     /// let lens = Intrinsics::new(500.0, 500.0, 320.0, 240.0, Projection::Pinhole)?;
     /// let lens = lens.with_max_angle(45.5)?;
     /// assert!(lens.project(&Point3::new(1.0, 0.0, 1.0)).is_some());
     /// assert!(lens.project(&Point3::new(1.1, 0.0, 1.0)).is_none());
-    /// # Ok::<(), mvtop_core::Error>(())
+    /// # Ok::<(), mvtop_geometry::Error>(())
     /// ```
     pub fn with_max_angle(self, degrees: f64) -> Result<Self> {
         if !(degrees > 0.0 && degrees <= 180.0) {
@@ -166,7 +166,7 @@ impl Intrinsics {
     /// which the distortion would fold the image back onto itself, or the lens images nothing.
     ///
     /// ```
-    /// use mvtop_core::{Intrinsics, Projection};
+    /// use mvtop_geometry::{Intrinsics, Projection};
     /// use nalgebra::Point3;
     ///
     /// let fisheye = Projection::from_params("fisheye", None, &[-0.006, 0.016, -0.024, 0.0155])?;
@@ -174,7 +174,7 @@ impl Intrinsics {
     /// let pixel = intrinsics.project(&Point3::new(1.0, 0.0, 0.0)).expect("fisheyes see sidewards");
     /// let ray = intrinsics.unproject(&pixel).expect("the way back");
     /// assert!((ray.x - 1.0).abs() < 1e-9);
-    /// # Ok::<(), mvtop_core::Error>(())
+    /// # Ok::<(), mvtop_geometry::Error>(())
     /// ```
     #[inline]
     pub fn project(&self, point: &Point3<f64>) -> Option<Point2<f64>> {
@@ -190,12 +190,12 @@ impl Intrinsics {
     }
 
     /// Itself as a lens that projects without branches, if it is one.
-    pub(crate) fn as_branchless(&self) -> Option<Branchless<'_>> {
+    pub fn as_branchless(&self) -> Option<Branchless<'_>> {
         match &self.projection {
             _ if self.max_angle.is_some() => None,
-            Projection::Pinhole => Some(Branchless::Pinhole(self)),
+            Projection::Pinhole => Some(Branchless(Kind::Pinhole(self))),
             Projection::BrownConrady(lens) if lens.is_upright() => {
-                Some(Branchless::BrownConrady(self, lens))
+                Some(Branchless(Kind::BrownConrady(self, lens)))
             }
             _ => None,
         }
@@ -243,25 +243,29 @@ impl Intrinsics {
 /// Lenses without limits of their own, most of all that there are, which project many points at once:
 /// without branches, so that compilers make vectors of them. Where [`Intrinsics::project`] is `None`,
 /// what they give is not finite.
-pub(crate) enum Branchless<'a> {
+#[derive(Debug, Clone, Copy)]
+pub struct Branchless<'a>(Kind<'a>);
+
+#[derive(Debug, Clone, Copy)]
+enum Kind<'a> {
     Pinhole(&'a Intrinsics),
     BrownConrady(&'a Intrinsics, &'a BrownConrady),
 }
 
 impl Branchless<'_> {
-    /// x and y of each point's pixel.
+    /// x and y, px, of the pixels of the points 0 to N - 1, in the camera frame.
     #[inline(always)]
     pub fn project<const N: usize>(&self, point: impl Fn(usize) -> Point3<f64>) -> [[f64; N]; 2] {
         let (mut x, mut y) = ([0.0; N], [0.0; N]);
         // A loop for each, as one that is given what to do as a closure is not made of vectors.
-        match *self {
-            Self::Pinhole(lens) => {
+        match self.0 {
+            Kind::Pinhole(lens) => {
                 for i in 0..N {
                     let [on_x, on_y] = plane(&point(i));
                     [x[i], y[i]] = lens.pixel(on_x, on_y);
                 }
             }
-            Self::BrownConrady(lens, distortion) => {
+            Kind::BrownConrady(lens, distortion) => {
                 for i in 0..N {
                     [x[i], y[i]] = plane(&point(i));
                 }

@@ -33,7 +33,7 @@ pub fn read<T: DeserializeOwned>(path: &Path, expected: &str) -> Result<T> {
 /// Those of serde_json, with line and column.
 ///
 /// ```
-/// use mvtop_core::json::from_str;
+/// use mvtop_geometry::json::from_str;
 ///
 /// let twice = from_str::<serde_json::Value>(r#"{"fx": 600, "fy": 600, "fx": 60}"#);
 /// assert!(twice.unwrap_err().to_string().contains("the key `fx` comes twice"));
