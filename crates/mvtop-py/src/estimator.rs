@@ -274,6 +274,7 @@ fn options(
         boxes: boxes.map(|all| all.into_iter().map(given).collect()),
         min_views,
         refine,
+        ..PredictOptions::default()
     }
 }
 
