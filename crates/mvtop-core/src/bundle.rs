@@ -6,6 +6,7 @@ mod manifest;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use nalgebra::Point3;
 use serde::Deserialize;
 
 use self::manifest::{Header, Manifest, ManifestClass, read_points};
@@ -182,6 +183,21 @@ impl Class {
         });
         let least = spiral.map(half_width).fold(f64::INFINITY, f64::min);
         [least.max(0.0), self.diameter_m / 2.0]
+    }
+
+    /// Middle of the box around the surface points, object frame, metres; the origin without any.
+    pub fn middle(&self) -> Point3<f64> {
+        let along = |axis: usize| {
+            let all = self.points.iter().map(|point| point.position[axis]);
+            let ends = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
+                (low.min(x), high.max(x))
+            });
+            (ends.0 + ends.1) / 2.0
+        };
+        match self.points.is_empty() {
+            true => Point3::origin(),
+            false => Point3::new(along(0), along(1), along(2)),
+        }
     }
 }
 

@@ -10,6 +10,7 @@ use mvtop_core::annotations::GivenBoxes;
 use mvtop_core::bundle::Class;
 use mvtop_core::calibration::{Expected, observe};
 use mvtop_core::config::InferenceConfig;
+use mvtop_core::estimator::TrackOptions;
 use mvtop_core::onnx::SessionOptions;
 use mvtop_core::{Estimator, Options, PredictOptions, Tracker, ViewImage, image, overlay};
 use pyo3::prelude::*;
@@ -193,14 +194,28 @@ impl Drop for NativeEstimator {
 #[pymethods]
 impl NativeTracker {
     #[new]
-    fn new(estimator: PyRef<NativeEstimator>, rig: PyRef<Rig>) -> Self {
+    fn new(
+        estimator: PyRef<NativeEstimator>,
+        rig: PyRef<Rig>,
+        max_motion_m: Option<f64>,
+        patience: usize,
+    ) -> PyResult<Self> {
+        if let Some(reach) = max_motion_m.filter(|reach| !(reach.is_finite() && *reach >= 0.0)) {
+            return Err(value(format!(
+                "max_motion_m: expected metres, 0 or more, got {reach}"
+            )));
+        }
         let rig = rig.core().clone();
         let tracker = Tracker::new((*estimator.estimator).clone(), rig.clone());
-        Self {
+        let tracker = tracker.with_tracks(TrackOptions {
+            max_motion_m,
+            patience,
+        });
+        Ok(Self {
             tracker: ManuallyDrop::new(Mutex::new(tracker)),
             rig,
             process: estimator.process,
-        }
+        })
     }
 
     /// New images are given by the index of their camera.
@@ -274,6 +289,7 @@ fn options(
         boxes: boxes.map(|all| all.into_iter().map(given).collect()),
         min_views,
         refine,
+        ..PredictOptions::default()
     }
 }
 

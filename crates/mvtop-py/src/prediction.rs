@@ -47,6 +47,7 @@ struct ObjectValues {
     next_view: Option<String>,
     symmetry: Option<UndeterminedValues>,
     cameras: Vec<CameraValues>,
+    track_id: Option<u64>,
 }
 
 #[derive(IntoPyObject)]
@@ -235,6 +236,7 @@ impl From<report::Object> for ObjectValues {
             next_view: of.next_view,
             symmetry: of.symmetry.map(Into::into),
             cameras: of.cameras.into_iter().map(camera).collect(),
+            track_id: of.track_id,
         }
     }
 }

@@ -173,7 +173,7 @@ impl Pipeline<'_> {
         let mut open: Vec<(f64, &mut Instance)> = instances
             .iter_mut()
             .filter(|one| works(one))
-            .filter(|one| !self.is_settled(one))
+            .filter(|one| !self.is_done(one))
             .map(|one| (one.confidence(), one))
             .filter(|(confidence, _)| !calibrated || *confidence >= search.hopeless)
             .collect();

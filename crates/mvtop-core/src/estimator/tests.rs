@@ -11,6 +11,7 @@ mod instances;
 mod judged;
 mod occlusion;
 mod proposers;
+mod wanted;
 
 use super::grouping::mean_rotation;
 use super::*;

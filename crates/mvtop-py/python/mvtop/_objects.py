@@ -179,6 +179,8 @@ class ObjectPose:
     """None where the pose is the only one that looks like this."""
     cameras: dict[str, CameraPose]
     """Every camera that gave an image, in the rig's order, by id."""
+    track_id: int | None = None
+    """Number by which a `Tracker` knows the object over time; None of single predictions."""
 
     @property
     def quat_xyzw(self) -> NDArray[np.float64]:

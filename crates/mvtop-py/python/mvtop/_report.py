@@ -93,6 +93,8 @@ def _reported(found: ObjectPose) -> dict[str, Any]:
             "detected": seen.box is not None,
         }
 
+    # As the core's, which leaves it out of single predictions.
+    track = {} if found.track_id is None else {"track_id": found.track_id}
     return {
         "class": found.class_name,
         "class_id": found.class_id,
@@ -111,4 +113,5 @@ def _reported(found: ObjectPose) -> dict[str, Any]:
         "next_view": found.next_view,
         "symmetry": None if found.symmetry is None else symmetry(found.symmetry),
         "cameras": [camera(seen) for seen in found.cameras.values()],
+        **track,
     }
