@@ -51,8 +51,9 @@ pub struct Bundle {
     /// The graph that runs on whole images: the detector, and the encoder where poses are decoded from
     /// these. Absolute or relative to the current folder, like `dir`.
     pub features: PathBuf,
-    /// The graph that decodes poses, likewise.
-    pub decoder: PathBuf,
+    /// The graph that decodes poses, likewise; `None` where close-ups give object coordinates, on which
+    /// PnP finds the poses.
+    pub decoder: Option<PathBuf>,
     /// Whether the graphs use standard operators only.
     pub portable: bool,
     /// What the network answers to one fixed input; bundles of earlier exports have none.
@@ -66,10 +67,6 @@ pub struct Bundle {
 pub struct SelfTest {
     /// How far an output may be off, as a share of the largest of its group.
     pub tolerance: f64,
-    /// Whether the decoder was asked about given numbers, as since 26 November 2026, not about what the
-    /// encoder makes of the input: there, steps of 8 bits are magnified.
-    #[serde(default)]
-    pub memory_is_given: bool,
     /// Groups of numbers by name.
     pub outputs: BTreeMap<String, Vec<f64>>,
 }
@@ -86,7 +83,7 @@ pub enum PoseInput {
     CloseUps(CloseUps),
 }
 
-/// How poses are decoded from close-ups, see [`crate::closeup`].
+/// How poses are found in close-ups, see [`crate::closeup`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct CloseUps {
     /// Side of the pictures, px.
@@ -126,7 +123,7 @@ pub struct Class {
     /// Motions after which it looks the same.
     pub symmetry: Symmetry,
     /// Unit of the object coordinates that the network gives for close-ups, metres; all classes of a
-    /// bundle have one, or none.
+    /// bundle without a decoder have one.
     pub coordinates_extent_m: Option<f64>,
 }
 
@@ -262,7 +259,7 @@ impl Bundle {
             inference: manifest.inference,
             poses,
             features: dir.join(manifest.graphs.features),
-            decoder: dir.join(manifest.graphs.decoder),
+            decoder: manifest.graphs.decoder.map(|name| dir.join(name)),
             portable: manifest.portable,
             self_test: manifest.self_test,
             provenance: manifest.provenance,
@@ -271,8 +268,7 @@ impl Bundle {
 
     /// Whether the network says which place of the object each cell of a close-up shows.
     pub fn has_coordinates(&self) -> bool {
-        let mut classes = self.classes.iter();
-        classes.all(|class| class.coordinates_extent_m.is_some())
+        self.decoder.is_none()
     }
 
     /// Index of the class `name`, as the network counts them.

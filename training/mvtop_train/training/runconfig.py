@@ -91,7 +91,7 @@ class Generate(Table):
 
 
 class SecondStage(Table):
-    """The second stage of `mvtop_train.run`, of networks with close-ups."""
+    """The second stage of `mvtop_train.run`, of networks that decode poses from close-ups."""
 
     share: Annotated[float, Field(gt=0, lt=1)] = 0.4  # of the time of the training
     copies: NonNegativeInt = 0  # as in `RunConfig`, and those that follow; 0: as many as there
@@ -144,7 +144,6 @@ class RunConfig(Table):
     # rest is trained on what that made of close-ups before.
     backbone: str = ""
     copies: Count = 5  # of each image among these, each seen otherwise
-    poses: bool = True  # false: boxes and object coordinates alone, for a second stage to build on
     steps: Annotated[int, Field(ge=0, examples=[20_000])] = 0
     minutes: Annotated[float, Field(ge=0, examples=[25])] = 0.0
     images: Count = 64  # views per batch, of all processes together

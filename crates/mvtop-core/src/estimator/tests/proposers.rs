@@ -27,7 +27,7 @@ impl Network for Noting<'_> {
         self.network.detect(images)
     }
 
-    fn encode(&self, pictures: ArrayView4<f32>, rays: ArrayView3<f32>) -> Result<Encoded> {
+    fn encode(&self, pictures: ArrayView4<f32>, rays: ArrayView3<f32>) -> Result<Array3<f32>> {
         self.crops.lock().unwrap().push(pictures.dim().0);
         self.network.encode(pictures, rays)
     }
