@@ -289,7 +289,9 @@ class Prediction:
         return (BOP_RESULTS_HEADER if header else "") + "".join(rows)
 
     def overlay(self, *, edges: bool = False) -> dict[str, NDArray[np.uint8]]:
-        """Pictures of the images with points, axes and boxes of the objects drawn in.
+        """Pictures of the images with outlines, axes and labels of the objects drawn in.
+
+        Without a mesh, an object's points and box take the place of its outline.
 
         Arrays that were changed since the prediction are drawn as they are now.
 
