@@ -5,8 +5,8 @@
     python scripts/reference.py --check              # compare, end with 1 where a page has drifted
     python scripts/reference.py --cli path/mvtop-cli # default: beside this Python, else on PATH
 
-cli.md holds what `mvtop-cli ... --help` prints, without examples; groups of options that several
-commands share, and options that an earlier one has, are given once. The tables of inference.md are
+cli.md holds what `mvtop-cli ... --help` prints, without examples and closing notes; groups of options
+that several commands share, and options that an earlier one has, are given once. The tables of inference.md are
 made of the doc comments and defaults in crates/mvtop-core/src/config.rs and refine/config.rs.
 """
 
@@ -29,13 +29,14 @@ SHARED = ("Conditions", "Network")  # groups of options that several commands ha
 EXAMPLES = ("Example", "Examples")  # which the how-to pages have
 REPEATED = 6  # words of an option from which it is not given again
 HELP = re.compile(r"^  (?:-h, --help|help) +Print .*\n?", re.MULTILINE)
+ARGPARSE = re.compile(r"^usage: (?:.+\n?)+?(?=\n|\Z)", re.MULTILINE)
 NOT_MEASURED = re.compile(r"[.;,]? (?:all of it is )?not measured(?=[.;]|$)", re.IGNORECASE)
 
 CLI_HEAD = """\
 # Command line
 
 Written by `scripts/reference.py` from `mvtop-cli ... --help`; `make reference` renews it. Examples
-are in `--help` and the how-to pages.
+and notes are in `--help` and the how-to pages.
 
 Exit codes: 0 success, 2 an error (one sentence on stderr), 3 a pose that `infer --min-confidence`
 does not accept.
@@ -55,7 +56,14 @@ def help_of(cli: Path, *command: str) -> str:
         capture_output=True, text=True, check=True, env={**os.environ, "COLUMNS": "100"},
     )  # fmt: skip
     text = "\n".join(line.rstrip() for line in done.stdout.strip().splitlines()) + "\n"
-    return re.sub(r"^Options:\n(?=\n|\Z)", "", HELP.sub("", text), flags=re.MULTILINE).strip()
+    text = re.sub(r"^Options:\n(?=\n|\Z)", "", HELP.sub("", text), flags=re.MULTILINE)
+    return ARGPARSE.sub(lambda usage: without_options(usage[0]), text).strip()
+
+
+def without_options(usage: str) -> str:
+    """Argparse's usage without the options that may be left out, as clap has it."""
+    innermost = r"\[-[^][]*(?:\[[^][]*\][^][]*)*\]"
+    return " ".join(re.sub(innermost, "", usage).replace("usage:", "Usage:").split()) + "\n"
 
 
 def subcommands(text: str) -> list[str]:
@@ -100,9 +108,10 @@ def cli_page(cli: Path) -> str:
         if subcommands(text) and path:
             continue  # its commands follow, each with its own help
         title = " ".join(["mvtop-cli", *path])
-        kept = []
+        kept, listed = [], False
         for name, block in groups(text):
-            if name in EXAMPLES:
+            listed |= bool(name)
+            if name in EXAMPLES or (listed and not name):
                 continue
             if name in SHARED and shared.setdefault(name, block) == block:
                 block = f"{name} options: see below"
@@ -203,16 +212,18 @@ def meaning(comment: str) -> str:
     return short + (" †" if NOT_MEASURED.search(comment) else "")
 
 
-def rows(path: str, kind: str, known: dict, given: dict) -> list[str]:
-    """A row for each leaf of a struct."""
-    found = []
+def rows(path: str, kind: str, known: dict, given: dict, told: dict | None = None) -> list[str]:
+    """A row for each leaf of a struct; a field of a struct that comes again names the first one."""
+    found, told = [], {} if told is None else told
     for name, of, comment in known[kind]:
         at = f"{path}.{name}"
         if of in known:
             inner = given.get(of) or given[kind][name]
-            found += rows(at, of, known, {**given, of: inner})
+            found += rows(at, of, known, {**given, of: inner}, told)
         else:
-            found.append(f"| `{at}` | {compact(given[kind][name])} | {meaning(comment)} |")
+            first = told.setdefault((kind, name), at)
+            text = meaning(comment) if first == at else f"as of `{first}`"
+            found.append(f"| `{at}` | {compact(given[kind][name])} | {text} |")
     return found
 
 

@@ -96,6 +96,7 @@ impl Sample {
             boxes: conditions.true_boxes.then(|| self.boxes(noise)),
             min_views: conditions.min_views as usize,
             refine: conditions.refine,
+            ..PredictOptions::default()
         };
         let rig = noise.disturb_rig(&self.rig, &self.name)?;
         let mut prediction = estimator.predict(&rig, &self.images, &options)?;

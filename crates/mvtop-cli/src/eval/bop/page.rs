@@ -8,7 +8,7 @@ use base64::prelude::BASE64_STANDARD;
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::{FilterType, resize};
 use mvtop_core::ViewImage;
-use mvtop_core::overlay::{Drawn, contact_sheet, draw, draw_truth};
+use mvtop_core::overlay::{Drawn, Shape, contact_sheet, draw, draw_truth};
 use mvtop_eval::runner::bop::{COLUMNS, Line, Plan, Results, Scored};
 use mvtop_eval::runner::{self, Bounds};
 use nalgebra::{Isometry3, Matrix4};
@@ -146,10 +146,11 @@ fn picture(line: &Line, scored: &Scored, plan: &Plan) -> Result<String> {
             let camera = &sample.rig.cameras()[*camera];
             let drawn = predicted.flatten().map(|world_from_obj| Drawn {
                 cam_from_obj: camera.world_from_cam().inv_mul(&world_from_obj),
-                points: model.mesh.vertices(),
+                shape: Shape::Mesh(&model.mesh),
                 diameter_m: model.diameter_m,
                 bbox: None,
                 label: scored.outcome.class.clone(),
+                instance: 0,
             });
             let image = draw(image, camera, drawn.as_slice());
             draw_truth(&image, camera, &known.world_from_obj, model.diameter_m)
