@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 use nalgebra::Point3;
 use serde::Deserialize;
 
+#[cfg(feature = "onnx")]
+pub(crate) use self::graph::OPERATOR_DOMAIN;
 use self::manifest::{Header, Manifest, ManifestClass, read_points};
 use crate::config::InferenceConfig;
 use crate::mesh::Mesh;
@@ -73,6 +75,7 @@ pub struct SelfTest {
 
 /// What the network is shown of an object to decode its pose from.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum PoseInput {
     /// The images, as the detector sees them.
     WholeImages {

@@ -59,6 +59,7 @@ impl Cancel {
     }
 
     /// Does some work that `stop` ends.
+    #[cfg(feature = "onnx")]
     pub(crate) fn stopping<T>(
         &self,
         stop: impl Fn() + Send + 'static,

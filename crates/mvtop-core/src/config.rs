@@ -126,6 +126,7 @@ pub struct SearchConfig {
 /// Who proposes candidate poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Proposer {
     /// The network on crops where the best pose projects the object, in all views.
     Reprojected,

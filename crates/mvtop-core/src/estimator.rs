@@ -28,6 +28,7 @@ mod verification;
 mod view;
 mod wanted;
 
+#[cfg(feature = "onnx")]
 use std::path::{Path, PathBuf};
 
 use self::pipeline::Pipeline;
@@ -35,12 +36,16 @@ use crate::annotations::GivenBoxes;
 use crate::bundle::{Bundle, Class};
 use crate::config::InferenceConfig;
 use crate::image::ViewImage;
-use crate::network::{Network, OnnxNetwork};
+use crate::network::Network;
+#[cfg(feature = "onnx")]
+use crate::network::OnnxNetwork;
+#[cfg(feature = "onnx")]
+use crate::onnx;
 use crate::prediction::{ObjectPose, Prediction};
 use crate::refine::{self, Edge, Refiner};
 use crate::request::{Plane, Prior};
 use crate::scorer::Scorer;
-use crate::{Error, Result, Rig, cancel, onnx};
+use crate::{Error, Result, Rig, cancel};
 
 pub use self::tracker::Tracker;
 pub use self::tracks::{TrackOptions, Tracks};
@@ -49,8 +54,10 @@ pub use self::tracks::{TrackOptions, Tracks};
 #[derive(Debug, Clone, Default)]
 pub struct Options {
     /// ONNX Runtime's library; `None` searches for it, see [`onnx::Runtime::locate`].
+    #[cfg(feature = "onnx")]
     pub ort_lib: Option<PathBuf>,
     /// What runs the graphs, and on how many threads.
+    #[cfg(feature = "onnx")]
     pub session: onnx::SessionOptions,
     /// Inference settings that replace the bundle's, by dotted path, as in `search.settled`.
     pub inference: Vec<(String, serde_json::Value)>,
@@ -98,6 +105,7 @@ impl Estimator {
     /// # Errors
     /// Where the runtime is missing or too old, the bundle is incomplete, changed or of another
     /// version, or the provider cannot be had.
+    #[cfg(feature = "onnx")]
     pub fn load(bundle: &Path, options: &Options) -> Result<Self> {
         let bundle = Bundle::load(bundle)?;
         let runtime = onnx::Runtime::locate(options.ort_lib.as_deref())?;

@@ -34,6 +34,7 @@ pub mod mesh;
 pub mod bundle;
 
 /// Graphs in ONNX Runtime.
+#[cfg(feature = "onnx")]
 pub mod onnx;
 
 /// The network's parts as the estimator sees them.
@@ -68,6 +69,7 @@ pub mod request;
 pub mod report;
 
 /// Pictures of a prediction.
+#[cfg(feature = "overlay")]
 pub mod overlay;
 
 /// One error for the whole crate, and how to print it.

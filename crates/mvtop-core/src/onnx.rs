@@ -21,7 +21,6 @@ mod provider;
 mod runtime;
 mod trust;
 
-pub(crate) use operator::OPERATOR_DOMAIN;
 pub use provider::Provider;
 pub use runtime::{Runtime, check_threads};
 

@@ -1,7 +1,5 @@
 //! Whether a graph, an ONNX file, may be run: a bundle may be a stranger's.
 
-use crate::onnx::OPERATOR_DOMAIN;
-
 /// Messages of ONNX's format that operators or weights can be in.
 #[derive(Clone, Copy)]
 enum Message {
@@ -45,6 +43,8 @@ const DATA_LOCATION: u64 = 14;
 
 /// Where a node says whose its operator is.
 const NODE_DOMAIN: u64 = 7;
+/// Of this crate's operators, in a graph.
+pub(crate) const OPERATOR_DOMAIN: &str = "mvtop";
 /// ONNX's standard operators by both their names, and mvtop's. Others, as ONNX Runtime's own, may
 /// loop without a graph of their own.
 const DOMAINS: [&str; 3] = ["", "ai.onnx", OPERATOR_DOMAIN];

@@ -5,6 +5,7 @@
 //! See [`crate::sampling`] for what it computes.
 
 use crate::Error;
+use crate::bundle::OPERATOR_DOMAIN;
 use crate::sampling::{LevelShapes, Sampling};
 use ndarray::{ArrayView, Dimension};
 use ort::operator::{
@@ -15,9 +16,6 @@ use ort::value::{DynValue, Shape, SymbolicDimensions, TensorElementType, ValueTy
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
-
-/// Of this crate's operators, in a graph.
-pub(crate) const OPERATOR_DOMAIN: &str = "mvtop";
 
 /// The operators of this crate.
 pub(super) fn domain() -> ort::Result<OperatorDomain> {

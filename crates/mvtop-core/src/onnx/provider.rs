@@ -9,6 +9,7 @@ use std::str::FromStr;
 /// What runs the graphs. Nodes that a provider cannot take stay on the processor.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Provider {
     /// ONNX Runtime's own kernels, in every library.
     #[default]
