@@ -46,6 +46,7 @@ use mvtop_geometry::{Error, Result, Rig};
 
 /// A rig, and what there is to know of how it came about.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct Imported {
     /// In metres.
     pub rig: Rig,

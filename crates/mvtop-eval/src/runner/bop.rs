@@ -51,6 +51,7 @@ pub struct Evaluation<'a> {
 /// What came of all groups.
 ///
 /// The folder of the results stays locked until it is dropped.
+#[non_exhaustive]
 pub struct Evaluated {
     /// What results depend on, as run.json says.
     pub about: Value,

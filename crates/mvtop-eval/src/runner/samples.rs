@@ -18,6 +18,7 @@ use crate::{Error, Result};
 
 /// What came of all samples.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct Evaluated {
     /// Of each object of the truth.
     pub outcomes: Vec<Outcome>,

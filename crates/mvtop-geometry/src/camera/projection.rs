@@ -77,6 +77,7 @@ macro_rules! projections {
 
         /// Between rays and the image plane of unit focal length.
         #[derive(Debug, Clone, PartialEq)]
+        #[non_exhaustive]
         pub enum Projection {
             /// An ideal pinhole.
             Pinhole,
