@@ -21,6 +21,16 @@ pub enum Error {
     #[error(transparent)]
     Geometry(#[from] Geometry),
 
+    /// A file or folder that could not be written.
+    #[error("cannot {action} {}: {cause}", path.display())]
+    Write {
+        /// What could not be done with it: `write`.
+        action: &'static str,
+        path: PathBuf,
+        #[source]
+        cause: io::Error,
+    },
+
     /// An image file that cannot be used.
     #[error("image {} of camera `{camera}`: {problem}", path.display())]
     Image {
@@ -120,7 +130,7 @@ pub enum Error {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum ErrorKind {
-    /// A file could not be read.
+    /// A file could not be read or written.
     Io,
     /// A camera, its intrinsics or its projection.
     Camera,
@@ -171,6 +181,7 @@ impl Error {
                 Geometry::Rotation6d(_) => ErrorKind::Pose,
                 _ => ErrorKind::Input,
             },
+            Self::Write { .. } => ErrorKind::Io,
             Self::Image { .. } => ErrorKind::Image,
             Self::Shape { .. } => ErrorKind::Shape,
             Self::RuntimeMissing { .. } | Self::Runtime { .. } => ErrorKind::Runtime,
@@ -191,6 +202,18 @@ impl Error {
     pub fn read(path: &Path) -> impl Fn(io::Error) -> Self {
         let read = Geometry::read(path);
         move |cause| read(cause).into()
+    }
+
+    /// For `map_err`: a file or folder that could not be written.
+    ///
+    /// - `action`: what could not be done with it, `write`
+    pub fn write(action: &'static str, path: &Path) -> impl Fn(io::Error) -> Self {
+        let path = path.to_owned();
+        move |cause| Self::Write {
+            action,
+            path: path.clone(),
+            cause,
+        }
     }
 }
 

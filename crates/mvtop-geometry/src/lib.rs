@@ -40,3 +40,8 @@ pub use camera::{Camera, Intrinsics, Projection};
 pub use error::{Error, Result};
 pub use nalgebra;
 pub use rig::Rig;
+
+// The example of the README, compiled.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

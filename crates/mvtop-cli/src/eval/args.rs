@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use clap::{ArgGroup, Args, Subcommand};
 use mvtop_core::Estimator;
 use mvtop_eval::bop::Grouping;
+use mvtop_eval::runner::bop::{Options, Split};
+use mvtop_eval::runner::{Bounds, Conditions, Noise};
 
-use super::bounds::Bounds;
-use super::noise::Noise;
 use crate::failure::Result;
 use crate::options::{
     Detection, NetworkArgs, Refinement, knows_confidence, not_negative, probability,
@@ -167,7 +167,7 @@ pub struct Trial {
     pub true_boxes: bool,
 
     #[command(flatten)]
-    pub noise: Noise,
+    pub noise: NoiseArgs,
 
     /// Largest rotation error of a pose that counts as resolved
     #[arg(long, value_name = "DEG", default_value_t = 15.0, value_parser = not_negative)]
@@ -186,15 +186,37 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// The network that is evaluated, and the folder of its bundle.
-    pub fn load(&self) -> Result<(PathBuf, Estimator)> {
-        let bundle = self.network.bundle()?;
-        let estimator = self.network.load(&bundle)?;
+    /// The network that is evaluated.
+    pub fn load(&self) -> Result<Estimator> {
+        let estimator = self.network.load(&self.network.bundle()?)?;
         if self.min_confidence.is_some() {
             knows_confidence(estimator.bundle())?;
         }
-        Ok((bundle, estimator))
+        Ok(estimator)
     }
+}
+
+// A plain comment, as clap would take it for the command's own: how much is added, and which draw.
+#[derive(Args)]
+pub struct NoiseArgs {
+    /// Move each side of the true boxes at random: standard deviation, as a share of the box's size
+    #[arg(long = "box-noise", value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(value_parser = not_negative, requires = "true_boxes")]
+    pub boxes: f64,
+
+    /// Turn every camera but the reference by this angle about a random axis through its center
+    #[arg(long = "rig-noise-deg", value_name = "DEG", default_value_t = 0.0)]
+    #[arg(value_parser = not_negative)]
+    pub rig_deg: f64,
+
+    /// Move the center of every camera but the reference by this distance in a random direction
+    #[arg(long = "rig-noise-mm", value_name = "MM", default_value_t = 0.0)]
+    #[arg(value_parser = not_negative)]
+    pub rig_mm: f64,
+
+    /// Which random axes and directions: the same seed gives the same ones, scaled, for any noise
+    #[arg(long = "noise-seed", value_name = "N", default_value_t = 0)]
+    pub seed: u64,
 }
 
 fn name_and_id(text: &str) -> std::result::Result<(String, u32), String> {
@@ -205,11 +227,52 @@ fn name_and_id(text: &str) -> std::result::Result<(String, u32), String> {
 }
 
 impl Trial {
-    pub fn bounds(&self) -> Bounds {
-        Bounds {
-            resolved_deg: self.resolved_deg,
-            right_deg: self.right_deg,
-            right_mm: self.right_mm,
+    pub fn conditions(&self) -> Conditions {
+        Conditions {
+            views: self.views,
+            min_views: self.detection.min_views,
+            refine: self.refinement.wanted(),
+            min_confidence: self.min_confidence,
+            true_boxes: self.true_boxes,
+            noise: Noise {
+                boxes: self.noise.boxes,
+                rig_deg: self.noise.rig_deg,
+                rig_mm: self.noise.rig_mm,
+                seed: self.noise.seed,
+            },
+            bounds: Bounds {
+                resolved_deg: self.resolved_deg,
+                right_deg: self.right_deg,
+                right_mm: self.right_mm,
+            },
+        }
+    }
+}
+
+impl BopArgs {
+    pub fn options(&self) -> Options {
+        let SplitArgs {
+            dataset,
+            split,
+            grouping,
+            sensor,
+            targets,
+            objects,
+        } = &self.split;
+        Options {
+            split: Split {
+                dataset: dataset.clone(),
+                split: split.clone(),
+                grouping: *grouping,
+                sensor: sensor.clone(),
+                targets: targets.clone(),
+                objects: objects.clone(),
+            },
+            predictions: self.predictions.clone(),
+            map: self.map.clone(),
+            vsd_delta_mm: self.vsd_delta_mm,
+            force: self.force,
+            conditions: self.trial.conditions(),
         }
     }
 }

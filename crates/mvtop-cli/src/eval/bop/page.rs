@@ -9,15 +9,11 @@ use image::codecs::jpeg::JpegEncoder;
 use image::imageops::{FilterType, resize};
 use mvtop_core::ViewImage;
 use mvtop_core::overlay::{Drawn, Shape, contact_sheet, draw, draw_truth};
+use mvtop_eval::runner::bop::{COLUMNS, Line, Plan, Results, Scored};
+use mvtop_eval::runner::{self, Bounds};
 use nalgebra::{Isometry3, Matrix4};
 use serde_json::Value;
 
-use super::journal::Line;
-use super::plan::Plan;
-use super::results::{COLUMNS, Results};
-use super::score::Scored;
-use crate::eval::bounds::Bounds;
-use crate::eval::right;
 use crate::failure::{Failure, Result};
 use crate::plot::{histogram, recall_curves};
 use crate::write;
@@ -61,7 +57,7 @@ pub fn page(about: &Value, results: &Results, lines: &[Line], plan: &Plan) -> Re
         columns: COLUMNS.iter().map(|column| column.name).collect(),
         rows: rows.into_iter().map(|(name, s)| (name, cells(s))).collect(),
         bounds: results.summary.bounds,
-        confidence_columns: right::COLUMNS,
+        confidence_columns: runner::COLUMNS,
         by_confidence: results.summary.by_confidence(),
         plots: plots(lines)?,
         worst: worst(lines, plan)?,

@@ -19,7 +19,7 @@ impl Network for Counting<'_> {
         self.network.detect(images)
     }
 
-    fn encode(&self, pictures: ArrayView4<f32>, rays: ArrayView3<f32>) -> Result<Encoded> {
+    fn encode(&self, pictures: ArrayView4<f32>, rays: ArrayView3<f32>) -> Result<Array3<f32>> {
         self.crops.fetch_add(pictures.dim().0, Ordering::Relaxed);
         self.network.encode(pictures, rays)
     }

@@ -3,21 +3,28 @@
 use std::path::{Path, PathBuf};
 
 use mvtop_core::annotations::{self, GivenBoxes, TruePose};
-use mvtop_core::{Error, Estimator, PredictOptions, Prediction, Rig, ViewImage};
+use mvtop_core::{Estimator, PredictOptions, Prediction, Rig, ViewImage};
 
-use super::args::Trial;
+use super::Conditions;
 use super::noise::Noise;
-use crate::failure::{Failure, Result};
+use crate::{Error, Result};
 
+/// Images of one scene, the rig, and the truth.
 pub struct Sample {
     /// Name of its folder.
     pub name: String,
+    /// The cameras, also those without an image.
     pub rig: Rig,
+    /// Of the cameras that are used.
     pub images: Vec<ViewImage>,
+    /// The objects, and where they are.
     pub truth: Vec<TruePose>,
 }
 
 /// Folders with a rig in them, sorted by name.
+///
+/// # Errors
+/// [`Error::Geometry`] where the folder cannot be read, [`Error::Input`] where there is none in it.
 pub fn folders(dir: &Path) -> Result<Vec<PathBuf>> {
     let entries = std::fs::read_dir(dir).map_err(Error::read(dir))?;
     let mut folders: Vec<PathBuf> = entries
@@ -26,7 +33,7 @@ pub fn folders(dir: &Path) -> Result<Vec<PathBuf>> {
         .collect();
     folders.sort();
     if folders.is_empty() {
-        return Err(Failure(format!(
+        return Err(Error::Input(format!(
             "no sample in {}: expected folders with rig.json, truth.json and one image per camera",
             dir.display()
         )));
@@ -35,14 +42,19 @@ pub fn folders(dir: &Path) -> Result<Vec<PathBuf>> {
 }
 
 impl Sample {
+    /// Reads a folder.
+    ///
     /// - `views`: as many images, from the reference camera on; all without it
+    ///
+    /// # Errors
+    /// Where a file is missing or refused, or the rig has fewer cameras.
     pub fn load(folder: &Path, views: Option<u32>) -> Result<Self> {
         let rig = Rig::load(&folder.join("rig.json"))?;
         let truth = annotations::load_truth(&folder.join("truth.json"))?;
         let cameras = rig.cameras().len();
         let views = views.map_or(cameras, |views| views as usize);
         if views > cameras {
-            return Err(Failure(format!(
+            return Err(Error::Input(format!(
                 "sample {}: expected at least {views} cameras, as --views asks for, got {cameras}",
                 folder.display()
             )));
@@ -54,7 +66,7 @@ impl Sample {
                 .map(|end| folder.join(format!("{}.{end}", camera.id())));
             let file = files.iter().find(|file| file.is_file()).ok_or_else(|| {
                 let missing = files[0].display();
-                Failure(format!(
+                Error::Input(format!(
                     "no image of camera `{}`: expected {missing} (or .jpg, .tif, .bmp)",
                     camera.id()
                 ))
@@ -73,18 +85,22 @@ impl Sample {
         })
     }
 
-    pub fn predict(&self, estimator: &Estimator, trial: &Trial) -> Result<Prediction> {
-        let noise = &trial.noise;
+    /// What the estimator says of it under these conditions.
+    ///
+    /// # Errors
+    /// As [`Estimator::predict`], and for noise that moves a camera too far.
+    pub fn predict(&self, estimator: &Estimator, conditions: &Conditions) -> Result<Prediction> {
+        let noise = &conditions.noise;
         let options = PredictOptions {
             reference: None,
-            boxes: trial.true_boxes.then(|| self.boxes(noise)),
-            min_views: trial.detection.min_views as usize,
-            refine: trial.refinement.wanted(),
+            boxes: conditions.true_boxes.then(|| self.boxes(noise)),
+            min_views: conditions.min_views as usize,
+            refine: conditions.refine,
             ..PredictOptions::default()
         };
         let rig = noise.disturb_rig(&self.rig, &self.name)?;
         let mut prediction = estimator.predict(&rig, &self.images, &options)?;
-        if let Some(least) = trial.min_confidence {
+        if let Some(least) = conditions.min_confidence {
             let objects = &mut prediction.objects;
             objects.retain(|object| object.confidence.is_some_and(|p| p >= least));
         }

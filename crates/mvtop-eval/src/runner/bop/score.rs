@@ -1,20 +1,20 @@
 //! What BOP's metrics say of one pose, and of many.
 
+use crate::bop::Model;
+use crate::metrics::{auc_exact, auc_poet, auc_posecnn, recall};
+use crate::statistics::median;
 use mvtop_core::annotations::TruePose;
 use mvtop_core::pose::{rotation_error_deg, translation_error};
 use mvtop_core::prediction::ObjectPose;
-use mvtop_eval::bop::Model;
-use mvtop_eval::metrics::{auc_exact, auc_poet, auc_posecnn, recall};
-use mvtop_eval::statistics::median;
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 use super::tally::{Recalls, Tally};
 use super::view::View;
-use crate::eval::bounds::Bounds;
-use crate::eval::outcome::{Errors, Outcome};
-use crate::eval::right::Right;
-use crate::failure::Result;
+use crate::Result;
+use crate::runner::bounds::Bounds;
+use crate::runner::outcome::{Errors, Outcome};
+use crate::runner::right::Right;
 
 /// Threshold up to which areas under curves go, as published.
 const AUC_MAX_M: f64 = 0.1;
@@ -27,12 +27,18 @@ const SAME_M: f64 = 1e-6;
 /// are the least over the object's symmetries.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Scored {
+    /// The errors.
     #[serde(flatten)]
     pub outcome: Outcome,
+    /// Number of the object.
     pub obj_id: u32,
+    /// Of the object.
     pub diameter_m: f64,
+    /// Whether models_info.json names symmetries.
     pub symmetric: bool,
+    /// ADD-S.
     pub add_s_m: Option<f64>,
+    /// Maximum symmetry-aware surface distance.
     pub mssd_m: Option<f64>,
     /// In the reference image, as if that were 640 px wide.
     pub mspd_px640: Option<f64>,
@@ -46,30 +52,41 @@ pub struct Scored {
 pub struct Areas {
     /// Share below a tenth of the diameter.
     pub recall_01d: Option<f64>,
+    /// Area under the recall curve up to 0.1 m, as PoseCNN's evaluation has it.
     pub auc_posecnn: Option<f64>,
+    /// The same without its approximations.
     pub auc_exact: Option<f64>,
     /// Over found objects only, as PoET has it.
     pub auc_poet_found: Option<f64>,
 }
 
+/// What BOP's metrics say of many objects.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Scores {
+    /// Targets.
     pub objects: usize,
+    /// Of these, those with a pose.
     pub found: usize,
+    /// Rotation error, median of the found.
     pub rot_median_deg: Option<f64>,
+    /// Translation error, median of the found.
     pub trans_median_m: Option<f64>,
+    /// ADD.
     pub add: Areas,
+    /// ADD-S.
     pub add_s: Areas,
     /// ADD-(S): ADD-S of objects that have symmetries in models_info.json, ADD of others.
     pub add_or_add_s: Areas,
     /// Average recalls of BOP, whose matching of estimates and targets is another one for each
     /// threshold: see [`Tally`].
     pub ar_mssd: Option<f64>,
+    /// The same of MSPD.
     pub ar_mspd: Option<f64>,
     /// Over the objects in images with depth.
     pub ar_vsd: Option<f64>,
     /// BOP's average recall: the mean of the three, where there is VSD of all objects.
     pub ar: Option<f64>,
+    /// How many are right.
     #[serde(flatten)]
     pub right: Right,
 }
@@ -111,7 +128,7 @@ fn none_better(mut errors: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
 
 impl Scored {
     /// - `outcome`: with the [`errors`] of `found`
-    pub fn new(
+    pub(super) fn new(
         outcome: Outcome,
         known: &TruePose,
         found: Option<&ObjectPose>,
@@ -144,6 +161,7 @@ impl Scored {
         })
     }
 
+    /// ADD-S of a symmetric object, ADD of another one, metres.
     pub fn add_or_add_s(&self) -> Option<f64> {
         match self.symmetric {
             true => self.add_s_m,
@@ -158,6 +176,8 @@ impl Scored {
 }
 
 impl Scores {
+    /// The scores of some objects.
+    ///
     /// - `tallies`: of the same objects
     pub fn new(scored: &[&Scored], tallies: &[&Tally], bounds: &Bounds) -> Self {
         let in_diameters = |error: &dyn Fn(&Scored) -> Option<f64>| -> Vec<f64> {
@@ -201,12 +221,12 @@ impl Scores {
 mod tests {
     use super::*;
     use crate::matching::tests::found;
+    use crate::metrics::{BOP_MAX_STEP, ContinuousSymmetry, DepthImage, Surface, Symmetries};
     use mvtop_core::annotations::GivenBoxes;
     use mvtop_core::mesh::Mesh;
     use mvtop_core::prediction::Timings;
     use mvtop_core::symmetry::{Axis, Symmetry};
     use mvtop_core::{Camera, Intrinsics, Projection};
-    use mvtop_eval::metrics::{BOP_MAX_STEP, ContinuousSymmetry, DepthImage, Surface, Symmetries};
     use nalgebra::{Point3, Vector3};
     use std::f64::consts::PI;
 

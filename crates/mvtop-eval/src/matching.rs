@@ -59,7 +59,7 @@ pub fn unmatched<'a>(
 }
 
 #[cfg(test)]
-pub mod tests {
+pub(crate) mod tests {
     use super::*;
     use mvtop_core::annotations::GivenBoxes;
     use mvtop_core::prediction::{Sigma, Timings};

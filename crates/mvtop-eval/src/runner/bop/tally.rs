@@ -1,16 +1,17 @@
 //! How many targets are right, as BOP's evaluation counts them.
 
-use mvtop_eval::bop::{Model, count_right};
-use mvtop_eval::metrics::{MSPD_THRESHOLDS_PX, MSSD_THRESHOLDS, VSD_TAUS, VSD_THRESHOLDS};
+use crate::bop::{Model, count_right};
+use crate::metrics::{MSPD_THRESHOLDS_PX, MSSD_THRESHOLDS, VSD_TAUS, VSD_THRESHOLDS};
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 use super::view::View;
-use crate::failure::Result;
+use crate::Result;
 
-/// Of one object in one image.
+/// How many targets of one object in one image are right.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Tally {
+    /// Number of the object.
     pub obj_id: u32,
     /// True instances that count.
     pub targets: usize,
@@ -38,7 +39,7 @@ pub struct Recalls {
 impl Tally {
     /// - `truth`: poses of the targets, world frame
     /// - `estimates`: poses, surest first
-    pub fn new(
+    pub(super) fn new(
         truth: &[Isometry3<f64>],
         estimates: &[Isometry3<f64>],
         model: &Model,

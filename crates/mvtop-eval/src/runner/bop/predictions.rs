@@ -3,15 +3,15 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use crate::bop::{Group, ResultRow, doubt_of_unit, load_results};
 use mvtop_core::Prediction;
 use mvtop_core::prediction::{ObjectPose, Sigma, Timings};
 use mvtop_core::symmetry::Symmetry;
-use mvtop_eval::bop::{Group, ResultRow, doubt_of_unit, load_results};
 
+use super::Options;
 use super::plan::Plan;
-use crate::eval::args::BopArgs;
-use crate::eval::sample::Sample;
-use crate::failure::{Failure, Result};
+use crate::runner::sample::Sample;
+use crate::{Error, Result};
 
 /// What a file says, by scene and image.
 pub struct Predictions {
@@ -21,8 +21,8 @@ pub struct Predictions {
 }
 
 impl Predictions {
-    pub fn load(path: &Path, args: &BopArgs, plan: &Plan) -> Result<Self> {
-        let (all, inexact) = load_results(path, &plan.names(args))?;
+    pub fn load(path: &Path, options: &Options, plan: &Plan) -> Result<Self> {
+        let (all, inexact) = load_results(path, &plan.names(options))?;
         let of = all.len();
         let unit = doubt_of_unit(&all).map(|doubt| format!("{}: {doubt}", path.display()));
         let mut rows: BTreeMap<(u32, u32), Vec<ResultRow>> = BTreeMap::new();
@@ -36,7 +36,7 @@ impl Predictions {
             counted += of_image.into_iter().flatten().filter(wanted).count();
         }
         if counted == 0 {
-            return Err(Failure(format!(
+            return Err(Error::Input(format!(
                 "{}: expected poses of the images and objects that are evaluated, got none in {of} \
                  lines; choose another --split, --targets or --objects, or say which object a name is \
                  with --map NAME=ID",

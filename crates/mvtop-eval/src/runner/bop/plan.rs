@@ -3,12 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
+use crate::bop::{Doubts, FrameId, Group, Model, Scene, Target};
+use crate::bop::{groups, load_models, load_targets, scene_ids};
 use mvtop_core::bundle::Class;
-use mvtop_eval::bop::{Doubts, FrameId, Group, Model, Scene, Target};
-use mvtop_eval::bop::{groups, load_models, load_targets, scene_ids};
 
-use crate::eval::args::BopArgs;
-use crate::failure::{Failure, Result};
+use super::Options;
+use crate::{Error, Result};
 
 /// What is evaluated.
 pub struct Plan {
@@ -16,32 +16,39 @@ pub struct Plan {
     pub models: BTreeMap<u32, Model>,
     /// Name of the network's class, or of the object, by obj_id.
     pub classes: BTreeMap<u32, String>,
+    /// By number.
     pub scenes: BTreeMap<u32, Scene>,
+    /// Views that are looked at together.
     pub groups: Vec<Group>,
     /// What makes results doubtful, a sentence each.
     pub warnings: Vec<String>,
 }
 
 /// `000048/000001+000036`: scene, then views.
-pub fn name(group: &Group) -> String {
+pub(super) fn name(group: &Group) -> String {
     let views: Vec<String> = group.views.iter().map(FrameId::to_string).collect();
     format!("{:06}/{}", group.scene, views.join("+"))
 }
 
 impl Plan {
+    /// Reads the data set's annotations and models.
+    ///
     /// - `known`: the network's classes; without it, each image is looked at alone, as in results in
     ///   BOP's format
-    pub fn new(args: &BopArgs, known: Option<&[Class]>) -> Result<Self> {
-        let options = &args.split;
-        let root: &Path = &options.dataset;
-        let asked = |id: &u32| options.objects.as_ref().is_none_or(|ids| ids.contains(id));
+    ///
+    /// # Errors
+    /// Where a file cannot be read or is refused, or nothing is left to evaluate.
+    pub fn new(options: &Options, known: Option<&[Class]>) -> Result<Self> {
+        let split = &options.split;
+        let root: &Path = &split.dataset;
+        let asked = |id: &u32| split.objects.as_ref().is_none_or(|ids| ids.contains(id));
         let (models, classes) = match known {
-            Some(known) => of_network(args, known, asked)?,
+            Some(known) => of_network(options, known, asked)?,
             None => {
                 let models = load_models(root, |id| asked(&id))?;
-                let mut ids = options.objects.iter().flatten();
+                let mut ids = split.objects.iter().flatten();
                 if let Some(id) = ids.find(|id| !models.contains_key(*id)) {
-                    return Err(Failure(format!(
+                    return Err(Error::Input(format!(
                         "{}: expected object {id} of --objects in models_info.json, got none",
                         root.display()
                     )));
@@ -54,11 +61,11 @@ impl Plan {
                 (models, classes)
             }
         };
-        let folder = root.join(&options.split);
-        let targets = options.targets.as_deref().map(load_targets).transpose()?;
+        let folder = root.join(&split.split);
+        let targets = split.targets.as_deref().map(load_targets).transpose()?;
         let ids = scene_ids(&folder)?;
         if let Some(target) = targets.iter().flatten().find(|t| !ids.contains(&t.scene)) {
-            return Err(Failure(format!(
+            return Err(Error::Input(format!(
                 "{}: expected scene {:06}, which is a target, got none; choose another --split",
                 folder.display(),
                 target.scene
@@ -81,18 +88,18 @@ impl Plan {
             }
             let scene = Scene::load(&folder, id)?;
             let views = match known {
-                Some(_) => args.trial.views.map(|views| views as usize),
+                Some(_) => options.conditions.views.map(|views| views as usize),
                 None => Some(1),
             };
-            let sensor = options.sensor.as_deref();
-            let mut found = groups(&scene, options.grouping, views, sensor, of_scene)?;
+            let sensor = split.sensor.as_deref();
+            let mut found = groups(&scene, split.grouping, views, sensor, of_scene)?;
             found.retain(|group| plan.asks(&scene, group));
             plan.groups.extend(found);
             plan.scenes.insert(id, scene);
         }
         if plan.groups.is_empty() {
             let ids: Vec<String> = plan.classes.keys().map(u32::to_string).collect();
-            return Err(Failure(format!(
+            return Err(Error::Input(format!(
                 "{}: no image shows any of the objects {}{}",
                 folder.display(),
                 ids.join(", "),
@@ -103,10 +110,10 @@ impl Plan {
             )));
         }
         match known {
-            Some(_) => plan.has_views(args.trial.views, &folder)?,
-            None => plan.keep_images_once(options.sensor.as_deref())?,
+            Some(_) => plan.has_views(options.conditions.views, &folder)?,
+            None => plan.keep_images_once(split.sensor.as_deref())?,
         }
-        plan.warnings = plan.doubts(args, known.is_some());
+        plan.warnings = plan.doubts(options, known.is_some());
         Ok(plan)
     }
 
@@ -115,11 +122,13 @@ impl Plan {
         let listed = self.groups.iter().any(|group| group.listed);
         let most = self.groups.iter().map(|group| group.views.len()).max();
         match (asked, most) {
-            (Some(views), Some(most)) if most < views as usize && !listed => Err(Failure(format!(
-                "{}: expected groups of {views} views, as asked for, got {most} at most; ask for \
+            (Some(views), Some(most)) if most < views as usize && !listed => {
+                Err(Error::Input(format!(
+                    "{}: expected groups of {views} views, as asked for, got {most} at most; ask for \
                  fewer views",
-                folder.display()
-            ))),
+                    folder.display()
+                )))
+            }
             _ => Ok(()),
         }
     }
@@ -137,7 +146,7 @@ impl Plan {
             .map(|group| group.views[0].sensor.as_str());
         let sensors: BTreeSet<&str> = sensors.collect();
         if sensors.len() > 1 {
-            return Err(Failure(format!(
+            return Err(Error::Input(format!(
                 "--targets names images of several sensors ({}), which results do not tell apart; \
                  choose one with --sensor",
                 sensors.into_iter().collect::<Vec<_>>().join(", ")
@@ -147,13 +156,13 @@ impl Plan {
     }
 
     /// What of the data set and of what is asked for makes results doubtful.
-    fn doubts(&self, args: &BopArgs, network: bool) -> Vec<String> {
+    fn doubts(&self, options: &Options, network: bool) -> Vec<String> {
         let mut doubts = Doubts::default();
         for scene in self.scenes.values() {
             doubts.extend(scene.doubts.clone());
         }
         let mut sentences = doubts.sentences();
-        let views = args.trial.views;
+        let views = options.conditions.views;
         let count = |few: &dyn Fn(usize) -> bool| {
             let few = self.groups.iter().filter(|group| few(group.views.len()));
             let first = few.clone().next().map(name).unwrap_or_default();
@@ -185,7 +194,7 @@ impl Plan {
             objects.peek().is_some() && objects.all(|object| object.bbox.is_none())
         });
         let without: Vec<&Scene> = without.collect();
-        if let (true, Some(first)) = (args.trial.true_boxes, without.first()) {
+        if let (true, Some(first)) = (options.conditions.true_boxes, without.first()) {
             sentences.push(format!(
                 "{} scenes have no bbox_obj in scene_gt_info.json, the first is {}: --true-boxes gives \
                  none there, so nothing is found; add the file, or leave out --true-boxes",
@@ -197,10 +206,10 @@ impl Plan {
     }
 
     /// The number of an object by its name, in models_info.json or in --map.
-    pub fn names(&self, args: &BopArgs) -> BTreeMap<String, u32> {
+    pub(super) fn names(&self, options: &Options) -> BTreeMap<String, u32> {
         let models = self.models.values();
         let names = models.filter_map(|model| Some((model.name.clone()?, model.id)));
-        names.chain(args.map.iter().cloned()).collect()
+        names.chain(options.map.iter().cloned()).collect()
     }
 
     /// Whether there is something to predict in a group; of images without annotations that is not
@@ -211,7 +220,7 @@ impl Plan {
     }
 
     /// Whether a group asks for an object.
-    pub fn wanted(&self, group: &Group, object: u32) -> bool {
+    pub(super) fn wanted(&self, group: &Group, object: u32) -> bool {
         let targets = group.objects.as_ref();
         targets.is_none_or(|counts| counts.contains_key(&object))
             && self.models.contains_key(&object)
@@ -221,7 +230,7 @@ impl Plan {
     /// order; they stay in the order given.
     ///
     /// - `sort`: what orders them, the greatest first
-    pub fn first<T>(
+    pub(super) fn first<T>(
         &self,
         group: &Group,
         many: Vec<T>,
@@ -244,7 +253,7 @@ impl Plan {
     }
 
     /// obj_id of a class.
-    pub fn object(&self, class: &str) -> Option<u32> {
+    pub(super) fn object(&self, class: &str) -> Option<u32> {
         let mut classes = self.classes.iter();
         classes.find(|(_, name)| *name == class).map(|(&id, _)| id)
     }
@@ -257,24 +266,24 @@ impl Plan {
 
 /// The objects that a network's classes are, and the names of these.
 fn of_network(
-    args: &BopArgs,
+    options: &Options,
     known: &[Class],
     asked: impl Fn(&u32) -> bool,
 ) -> Result<(BTreeMap<u32, Model>, BTreeMap<u32, String>)> {
-    if let Some((name, _)) = args
+    if let Some((name, _)) = options
         .map
         .iter()
         .find(|(name, _)| known.iter().all(|c| c.name != *name))
     {
         let names: Vec<&str> = known.iter().map(|class| class.name.as_str()).collect();
-        return Err(Failure(format!(
+        return Err(Error::Input(format!(
             "--map: no class `{name}` in the model, expected one of: {}",
             names.join(", ")
         )));
     }
     let mut classes: BTreeMap<u32, String> = BTreeMap::new();
     for class in known {
-        let mapped = args.map.iter().find(|(name, _)| *name == class.name);
+        let mapped = options.map.iter().find(|(name, _)| *name == class.name);
         let id = mapped
             .map(|(_, id)| *id)
             .or_else(|| u32::try_from(class.id).ok());
@@ -282,7 +291,7 @@ fn of_network(
             continue;
         };
         if let Some(other) = classes.insert(id, class.name.clone()) {
-            return Err(Failure(format!(
+            return Err(Error::Input(format!(
                 "object {id} would be both of the model's classes `{other}` and `{}`; say which with \
                  --map NAME=ID",
                 class.name
@@ -290,17 +299,17 @@ fn of_network(
         }
     }
     if classes.is_empty() {
-        return Err(Failure(
+        return Err(Error::Input(
             "the model knows none of the objects in --objects; leave it out to evaluate those it \
              knows, or give a --model that was trained on this data set (docs/how-to/train.md)"
                 .into(),
         ));
     }
-    let root = &args.split.dataset;
+    let root = &options.split.dataset;
     let models = load_models(root, |id| classes.contains_key(&id))?;
-    check_names(&models, &classes, args)?;
+    check_names(&models, &classes, options)?;
     if let Some(id) = classes.keys().find(|id| !models.contains_key(id)) {
-        return Err(Failure(format!(
+        return Err(Error::Input(format!(
             "{}: expected object {id} in models_info.json, as the model's class `{}` has this id, got \
              none; choose objects with --objects, say which object a class is with --map NAME=ID, or \
              give a --model that was trained on this data set (docs/how-to/train.md)",
@@ -315,15 +324,15 @@ fn of_network(
 fn check_names(
     models: &BTreeMap<u32, Model>,
     classes: &BTreeMap<u32, String>,
-    args: &BopArgs,
+    options: &Options,
 ) -> Result<()> {
     for (id, model) in models {
         let class = &classes[id];
-        if args.map.iter().any(|(name, _)| name == class) {
+        if options.map.iter().any(|(name, _)| name == class) {
             continue;
         }
         if let Some(name) = model.name.as_ref().filter(|name| *name != class) {
-            return Err(Failure(format!(
+            return Err(Error::Input(format!(
                 "object {id} is `{name}` in models_info.json and `{class}` in the model; give the \
                  model that was trained on this data set, or --map {class}={id} if they are the same"
             )));

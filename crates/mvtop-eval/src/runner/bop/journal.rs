@@ -6,21 +6,21 @@ use std::fs::{File, OpenOptions, TryLockError, remove_file};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use crate::bop::Estimate;
 use mvtop_core::{file, json};
-use mvtop_eval::bop::Estimate;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::score::Scored;
 use super::tally::Tally;
-use crate::failure::{Failure, Result};
-use crate::write::{self, failed};
+use crate::{Error, Result, files};
 
 /// What a group gave.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Line {
     /// Scene and views: unique in a split.
     pub group: String,
+    /// Number of the scene.
     pub scene: u32,
     /// Of the reference image; empty where the scene has one only.
     pub sensor: String,
@@ -36,6 +36,7 @@ pub struct Line {
     pub estimates: Vec<Estimate>,
     /// What BOP's evaluation counts, by object.
     pub tallies: Vec<Tally>,
+    /// Of each target.
     pub objects: Vec<Scored>,
 }
 
@@ -68,45 +69,45 @@ impl Journal {
     ) -> Result<(Self, Vec<Line>)> {
         let (about, path) = (dir.join(ABOUT), dir.join(GROUPS));
         for name in results.iter().chain(&[ABOUT, GROUPS]) {
-            write::spare(&dir.join(name), read, "name another folder")?;
+            files::spare(&dir.join(name), read, "name another folder")?;
         }
-        write::folder(dir)?;
+        files::folder(dir)?;
         // Before `run.json` is looked for: an evaluation that begins meanwhile writes that first.
         let foreign = foreign(dir, results);
         if let (Some(name), None) = (foreign, begun(&about)?) {
-            return Err(Failure(format!(
+            return Err(Error::Input(format!(
                 "{} holds {name}, but no {ABOUT} that says of which evaluation; name another \
                  folder, or move the file",
                 dir.display()
             )));
         }
         let file = OpenOptions::new().create(true).append(true).open(&path);
-        let file = file.map_err(failed("open", &path))?;
+        let file = file.map_err(Error::write("open", &path))?;
         file.try_lock().map_err(|cause| match cause {
-            TryLockError::WouldBlock => Failure(format!(
+            TryLockError::WouldBlock => Error::Input(format!(
                 "another evaluation is writing to {}; wait for it, or name another folder",
                 dir.display()
             )),
-            TryLockError::Error(cause) => failed("lock", &path)(cause),
+            TryLockError::Error(cause) => Error::write("lock", &path)(cause),
         })?;
         // Not before: another evaluation may have begun and ended in between.
         let mut begun = begun(&about)?;
         if force && begun.is_some() {
-            file.set_len(0).map_err(failed("empty", &path))?;
+            file.set_len(0).map_err(Error::write("empty", &path))?;
             for old in results
                 .iter()
                 .map(|name| dir.join(name))
                 .chain([about.clone()])
             {
                 if old.symlink_metadata().is_ok() {
-                    remove_file(&old).map_err(failed("remove", &old))?;
+                    remove_file(&old).map_err(Error::write("remove", &old))?;
                 }
             }
             begun = None;
         }
         if let Some(begun) = begun {
             if begun != *run {
-                return Err(Failure(format!(
+                return Err(Error::Input(format!(
                     "{} is of another evaluation ({}); name another folder, or begin anew with \
                      --force",
                     dir.display(),
@@ -114,19 +115,19 @@ impl Journal {
                 )));
             }
         } else {
-            write::whole(&about, format!("{run:#}\n").as_bytes())?;
+            files::whole(&about, format!("{run:#}\n").as_bytes())?;
         }
         let lines = whole_lines(&path)?;
         Ok((Self { file, path }, lines))
     }
 
     pub fn append(&mut self, line: &Line) -> Result<()> {
-        let text = write::json(line)? + "\n";
+        let text = files::json(line)? + "\n";
         // In one piece; what a kill leaves of it is dropped when it is read again.
         self.file
             .write_all(text.as_bytes())
             .and_then(|()| self.file.flush())
-            .map_err(failed("write", &self.path))
+            .map_err(Error::write("write", &self.path))
     }
 }
 
@@ -151,7 +152,7 @@ fn begun(about: &Path) -> Result<Option<Value>> {
     let source = ["model_sha256", "predictions_sha256"].map(|key| begun.get(key));
     match source {
         [Some(_), _] | [_, Some(_)] => Ok(Some(begun)),
-        [None, None] => Err(Failure(format!(
+        [None, None] => Err(Error::Input(format!(
             "{} is not one of mvtop-cli's; name another folder",
             about.display()
         ))),
@@ -166,13 +167,13 @@ fn whole_lines(path: &Path) -> Result<Vec<Line>> {
     if end < text.len() {
         let file = OpenOptions::new().write(true).open(path);
         file.and_then(|file| file.set_len(end as u64))
-            .map_err(failed("cut", path))?;
+            .map_err(Error::write("cut", path))?;
     }
     let whole = text[..end].split(|&byte| byte == b'\n');
     let read = |(i, line): (usize, &[u8])| {
         serde_json::from_slice(line).map_err(|cause| {
             let (path, line) = (path.display(), i + 1);
-            Failure(format!(
+            Error::Input(format!(
                 "{path}: line {line} is not one of mvtop-cli's ({cause}); begin anew with --force"
             ))
         })
@@ -182,7 +183,7 @@ fn whole_lines(path: &Path) -> Result<Vec<Line>> {
     let mut groups = HashSet::new();
     match lines.iter().find(|line| !groups.insert(&line.group)) {
         None => Ok(lines),
-        Some(twice) => Err(Failure(format!(
+        Some(twice) => Err(Error::Input(format!(
             "{}: group {} stands twice, so it would count twice; begin anew with --force",
             path.display(),
             twice.group

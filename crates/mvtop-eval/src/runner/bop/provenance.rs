@@ -4,14 +4,14 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
+use crate::bop::FrameId;
 use mvtop_core::{Error, file};
-use mvtop_eval::bop::FrameId;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
+use super::Options;
 use super::plan::Plan;
-use crate::eval::args::BopArgs;
-use crate::failure::Result;
+use crate::Result;
 
 /// Largest file that results are said to depend on.
 const MAX_FILE_BYTES: u64 = 1 << 30;
@@ -20,8 +20,8 @@ const MAX_FILE_BYTES: u64 = 1 << 30;
 /// data set.
 ///
 /// - `sources`: what poses come from, a file and what to call it
-pub fn about(args: &BopArgs, sources: &[(&str, PathBuf)], plan: &Plan) -> Result<Value> {
-    let (split, trial) = (&args.split, &args.trial);
+pub fn about(options: &Options, sources: &[(&str, PathBuf)], plan: &Plan) -> Result<Value> {
+    let (split, conditions) = (&options.split, &options.conditions);
     let targets = split.targets.as_deref().map(|path| hash([path]));
     let mut about = json!({
         "tool": concat!("mvtop-cli ", env!("CARGO_PKG_VERSION")),
@@ -29,22 +29,22 @@ pub fn about(args: &BopArgs, sources: &[(&str, PathBuf)], plan: &Plan) -> Result
         "split": split.split,
         "grouping": split.grouping.to_string(),
         "sensor": split.sensor,
-        "views": trial.views,
+        "views": conditions.views,
         "objects": split.objects,
         "targets_sha256": targets.transpose()?,
         "annotations_sha256": annotations(plan)?,
         "images_sha256": images(plan)?,
         "meshes_sha256": hash(plan.models.values().map(|model| model.path.as_path()))?,
-        "map": args.map,
-        "true_boxes": trial.true_boxes,
-        "min_views": trial.detection.min_views,
-        "refine": trial.refinement.wanted(),
-        "min_confidence": trial.min_confidence,
-        "box_noise": trial.noise.boxes,
-        "rig_noise_deg": trial.noise.rig_deg,
-        "rig_noise_mm": trial.noise.rig_mm,
-        "noise_seed": trial.noise.seed,
-        "vsd_delta_mm": args.vsd_delta_mm,
+        "map": options.map,
+        "true_boxes": conditions.true_boxes,
+        "min_views": conditions.min_views,
+        "refine": conditions.refine,
+        "min_confidence": conditions.min_confidence,
+        "box_noise": conditions.noise.boxes,
+        "rig_noise_deg": conditions.noise.rig_deg,
+        "rig_noise_mm": conditions.noise.rig_mm,
+        "noise_seed": conditions.noise.seed,
+        "vsd_delta_mm": options.vsd_delta_mm,
     });
     for (name, path) in sources {
         about[name] = hash([path.as_path()])?.into();

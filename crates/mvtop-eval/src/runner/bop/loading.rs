@@ -2,15 +2,15 @@
 
 use std::collections::BTreeMap;
 
+use crate::bop::{Frame, Group, Instance, Scene};
 use mvtop_core::annotations::{GivenBoxes, TruePose};
 use mvtop_core::pose::translation_error;
 use mvtop_core::{Camera, Rig, ViewImage};
-use mvtop_eval::bop::{Frame, Group, Instance, Scene};
 use nalgebra::Isometry3;
 
 use super::plan::{Plan, name};
-use crate::eval::sample::Sample;
-use crate::failure::{Failure, Result};
+use crate::runner::sample::Sample;
+use crate::{Error, Result};
 
 /// Annotations of one object in two views are of the same one where its origins in the world are no
 /// farther apart, in diameters.
@@ -21,6 +21,9 @@ const LEAST_AWAY: f64 = 0.04;
 
 impl Plan {
     /// The images of a group, a rig of their cameras, and the objects of the targets in the reference.
+    ///
+    /// # Errors
+    /// Where an image cannot be read, or numbers look like a mistake.
     pub fn load(&self, group: &Group) -> Result<Sample> {
         let mut sample = self.known(group)?;
         let frames = &self.scenes[&group.scene].frames;
@@ -32,7 +35,7 @@ impl Plan {
     }
 
     /// The same without the images.
-    pub fn known(&self, group: &Group) -> Result<Sample> {
+    pub(super) fn known(&self, group: &Group) -> Result<Sample> {
         let scene = &self.scenes[&group.scene];
         let views: Vec<&Frame> = group.views.iter().map(|id| &scene.frames[id]).collect();
         let mut cameras = Vec::new();
@@ -43,7 +46,7 @@ impl Plan {
                 // One view needs no world.
                 None if views.len() == 1 => Isometry3::identity(),
                 None => {
-                    return Err(Failure(format!(
+                    return Err(Error::Input(format!(
                         "{}: image {}: expected cam_R_w2c and cam_t_w2c in scene_camera.json, got \
                          none; several views need to know where their cameras stand, so add them \
                          or give --views 1",
@@ -84,7 +87,7 @@ impl Plan {
     /// reference image, and those that the targets do not ask for.
     ///
     /// - `sample`: of the group
-    pub fn beside(&self, group: &Group, sample: &Sample) -> Vec<TruePose> {
+    pub(super) fn beside(&self, group: &Group, sample: &Sample) -> Vec<TruePose> {
         let frames = &self.scenes[&group.scene].frames;
         let mut beside: Vec<TruePose> = Vec::new();
         for (id, camera) in group.views.iter().zip(sample.rig.cameras()) {
@@ -116,7 +119,7 @@ impl Plan {
         let place = format!("{}: image {}", scene.folder.display(), view.id);
         let center = [camera.width(), camera.height()].map(|side| f64::from(side - 1) / 2.0);
         if camera.intrinsics().unproject(&center.into()).is_none() {
-            return Err(Failure(format!(
+            return Err(Error::Input(format!(
                 "{place}: expected a lens that sees the image's center, got cam_K and cam_dist by \
                  which no ray meets it"
             )));
@@ -127,7 +130,7 @@ impl Plan {
             };
             let distance = object.cam_from_obj.translation.vector.norm();
             if distance < LEAST_AWAY * model.diameter_m {
-                return Err(Failure(format!(
+                return Err(Error::Input(format!(
                     "{place}: object {}: expected millimetres in cam_t_m2c, got {:.4} mm from the \
                      camera, where its middle can't be",
                     object.object,

@@ -85,7 +85,7 @@ fn at_least(
     }
 }
 
-/// What [`table`]'s columns are.
+/// Columns of [`Summary::by_confidence`](super::Summary::by_confidence).
 pub const COLUMNS: [&str; 5] = [
     "--min-confidence",
     "predicted",
@@ -136,8 +136,8 @@ pub fn text(table: &[[String; 5]]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::eval::summary::Summary;
-    use crate::eval::summary::tests::{bounds, missed, off_by};
+    use crate::runner::summary::Summary;
+    use crate::runner::summary::tests::{bounds, missed, off_by};
 
     #[test]
     fn right_is_what_is_within_both_bounds() {

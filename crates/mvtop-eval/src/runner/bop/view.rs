@@ -1,11 +1,11 @@
 //! The reference view, in which BOP measures errors.
 
+use crate::bop::Model;
+use crate::metrics::{DepthImage, MatchingCost, PixelCenter, VSD_TAUS, VsdOptions, vsd};
 use mvtop_core::Camera;
-use mvtop_eval::bop::Model;
-use mvtop_eval::metrics::{DepthImage, MatchingCost, PixelCenter, VSD_TAUS, VsdOptions, vsd};
 use nalgebra::Isometry3;
 
-use crate::failure::Result;
+use crate::Result;
 
 /// Width for which BOP's MSPD thresholds are made, px.
 const MSPD_WIDTH: f64 = 640.0;
@@ -56,7 +56,7 @@ impl View<'_> {
         let size = [self.camera.width(), self.camera.height()];
         let depths = |poses: &[Isometry3<f64>]| -> Result<Vec<DepthImage>> {
             let depth = |pose| {
-                mvtop_eval::metrics::depth(&model.mesh, pose, intrinsics, size, PixelCenter::Half)
+                crate::metrics::depth(&model.mesh, pose, intrinsics, size, PixelCenter::Half)
             };
             poses.iter().map(|pose| Ok(depth(pose)?)).collect()
         };

@@ -2,22 +2,24 @@
 
 use std::collections::BTreeMap;
 
-use mvtop_eval::statistics::mean;
+use crate::statistics::mean;
 use serde::Serialize;
 
 use super::journal::Line;
 use super::score::{Scored, Scores};
 use super::tally::Tally;
-use crate::eval::bounds::Bounds;
-use crate::eval::outcome::Outcome;
-use crate::eval::right::percent;
-use crate::eval::summary::Summary;
+use crate::runner::bounds::Bounds;
+use crate::runner::outcome::Outcome;
+use crate::runner::right::percent;
+use crate::runner::summary::Summary;
 
 /// What `eval samples` says, and BOP's metrics.
 #[derive(Serialize)]
 pub struct Results {
+    /// Errors and confidences.
     #[serde(flatten)]
     pub summary: Summary,
+    /// Of all objects.
     pub all: Scores,
     /// By obj_id.
     pub objects: BTreeMap<u32, Scores>,
@@ -29,12 +31,15 @@ pub struct Results {
 
 /// A column of the tables.
 pub struct Column {
+    /// Its heading.
     pub name: &'static str,
+    /// What stands in it.
     pub cell: fn(&Scores) -> String,
     /// Whether it is one of the few that a terminal has room for.
     pub main: bool,
 }
 
+/// All columns.
 pub const COLUMNS: [Column; 16] = [
     main("true", |s| s.objects.to_string()),
     main("found", |s| s.found.to_string()),
@@ -86,6 +91,8 @@ fn number(x: Option<f64>, unit: f64) -> String {
 }
 
 impl Results {
+    /// What all groups amount to.
+    ///
     /// - `measured`: whether times were measured here, rather than read
     pub fn new(lines: &[Line], bounds: Bounds, measured: bool) -> Self {
         let scored: Vec<&Scored> = lines.iter().flat_map(|line| &line.objects).collect();
@@ -126,6 +133,7 @@ impl Results {
         rows.chain([("all".to_owned(), &self.all)]).collect()
     }
 
+    /// Tables for a terminal.
     pub fn text(&self, classes: &BTreeMap<u32, String>) -> String {
         let summary = self.summary.text("groups", self.all.objects);
         let table = table("object", &self.rows(classes));

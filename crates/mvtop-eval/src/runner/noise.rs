@@ -4,7 +4,6 @@
 //! order of samples nor the number of views, and grows in proportion to its size: a camera is turned
 //! about the same axis by 0.5 and by 2 degrees. `docs/reference/json.md` gives the recipe.
 
-use clap::Args;
 use mvtop_core::annotations::GivenBoxes;
 use mvtop_core::rays::BoxRays;
 use mvtop_core::{BBox, Rig};
@@ -14,28 +13,16 @@ use rand::rngs::ChaCha20Rng;
 use rand_distr::{Distribution, StandardNormal, UnitSphere};
 use sha2::{Digest, Sha256};
 
-use crate::options::not_negative;
-
-// A plain comment, as clap would take it for the command's own: how much is added, and which draw.
-#[derive(Debug, Clone, Copy, Default, Args)]
+/// How much is added, and which draw; nothing by default.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Noise {
-    /// Move each side of the true boxes at random: standard deviation, as a share of the box's size
-    #[arg(long = "box-noise", value_name = "SHARE", default_value_t = 0.0)]
-    #[arg(value_parser = not_negative, requires = "true_boxes")]
+    /// Standard deviation by which each side of the true boxes is moved, as a share of the box's size.
     pub boxes: f64,
-
-    /// Turn every camera but the reference by this angle about a random axis through its center
-    #[arg(long = "rig-noise-deg", value_name = "DEG", default_value_t = 0.0)]
-    #[arg(value_parser = not_negative)]
+    /// Angle by which every camera but the reference is turned about a random axis through its center.
     pub rig_deg: f64,
-
-    /// Move the center of every camera but the reference by this distance in a random direction
-    #[arg(long = "rig-noise-mm", value_name = "MM", default_value_t = 0.0)]
-    #[arg(value_parser = not_negative)]
+    /// Distance by which the center of every camera but the reference is moved in a random direction.
     pub rig_mm: f64,
-
-    /// Which random axes and directions: the same seed gives the same ones, scaled, for any noise
-    #[arg(long = "noise-seed", value_name = "N", default_value_t = 0)]
+    /// Which random axes and directions: the same seed gives the same ones, scaled, for any noise.
     pub seed: u64,
 }
 
@@ -43,7 +30,7 @@ impl Noise {
     /// The rig with the poses of all cameras but the reference disturbed.
     ///
     /// # Errors
-    /// [`mvtop_core::Error::Camera`] for a camera that is moved further than can be.
+    /// [`mvtop_geometry::Error::Camera`] for a camera that is moved further than can be.
     pub fn disturb_rig(&self, rig: &Rig, sample: &str) -> mvtop_geometry::Result<Rig> {
         if self.rig_deg == 0.0 && self.rig_mm == 0.0 {
             return Ok(rig.clone()); // not even by rounding

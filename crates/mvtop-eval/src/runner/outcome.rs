@@ -11,24 +11,35 @@ use super::sample::Sample;
 /// One object of a sample's truth. What is predicted is null where it was not found.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Outcome {
+    /// Name of the sample.
     pub sample: String,
     /// Its place in the sample's truth.
     pub object: usize,
+    /// Name of its class.
     pub class: String,
+    /// Images of the sample.
     pub views: usize,
+    /// Whether a pose is matched with it.
     pub found: bool,
+    /// Rotation error.
     pub rot_deg: Option<f64>,
+    /// Translation error.
     pub trans_m: Option<f64>,
     /// See [`Errors::by_symmetry`].
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub by_symmetry: Vec<[f64; 2]>,
+    /// ADD.
     pub add_m: Option<f64>,
+    /// The network's.
     pub score: Option<f64>,
+    /// Expected errors.
     pub sigma: Option<Sigma>,
+    /// Probability that the pose is right.
     #[serde(default)]
     pub confidence: Option<f64>,
     /// Ids of the cameras whose boxes the pose was predicted from.
     pub cameras: Vec<String>,
+    /// The predicted pose: object frame to world frame, rows of a matrix, metres.
     #[serde(rename = "T_world_obj")]
     pub t_world_obj: Option<[[f64; 4]; 4]>,
     /// Of the whole sample, milliseconds.
@@ -38,7 +49,9 @@ pub struct Outcome {
 /// How far a pose is off.
 #[derive(Debug, Clone)]
 pub struct Errors {
+    /// Rotation error.
     pub rot_deg: f64,
+    /// Translation error.
     pub trans_m: f64,
     /// Where these two are the least over symmetries, each of another one: both errors of each symmetry
     /// than which none is better in both.
@@ -60,6 +73,8 @@ impl Errors {
 }
 
 impl Outcome {
+    /// What is said of one object of a sample.
+    ///
     /// - `object`: its place in the sample's truth
     /// - `found`: what was predicted for it, and its `errors`
     pub fn new(

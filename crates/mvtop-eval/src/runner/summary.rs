@@ -1,9 +1,9 @@
 //! What many outcomes amount to.
 
-use mvtop_core::prediction::Sigma;
-use mvtop_eval::statistics::{
+use crate::statistics::{
     self, CALIBRATION_BINS, RELIABILITY_BINS, auroc, correlation, mean, median,
 };
+use mvtop_core::prediction::Sigma;
 use serde::Serialize;
 
 use super::bounds::Bounds;
@@ -16,7 +16,7 @@ const WRONG_DEG: f64 = 30.0;
 /// The fewest poses in a bin of the calibration whose means say something.
 const LEAST_IN_BIN: usize = 10;
 
-/// Means are over the found objects, null where there is none.
+/// What many outcomes amount to. Means are over the found objects, null where there is none.
 #[derive(Debug, Serialize)]
 pub struct Summary {
     views: usize,
@@ -33,6 +33,7 @@ pub struct Summary {
     sigma_t_mean_m: Option<f64>,
     /// Predicted objects that are no true object's prediction.
     extra: usize,
+    /// What counts as right.
     #[serde(flatten)]
     pub bounds: Bounds,
     #[serde(flatten)]
@@ -56,6 +57,7 @@ pub struct Summary {
     by_confidence: Option<Vec<ByConfidence>>,
 }
 
+/// Confidences of some poses, and how many of these are right.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Reliability {
     count: usize,
@@ -64,6 +66,7 @@ pub struct Reliability {
     right_share: f64,
 }
 
+/// Expected and actual rotation errors of some poses.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Bin {
     count: usize,
@@ -72,6 +75,8 @@ pub struct Bin {
 }
 
 impl Summary {
+    /// The summary of some outcomes.
+    ///
     /// - `pairs`: number of samples
     /// - `extra`: confidences of predicted objects that no outcome is about
     pub fn new(
@@ -131,7 +136,8 @@ impl Summary {
 }
 
 impl Summary {
-    /// [`right::table`] of this.
+    /// How many poses are right of all and of those of at least some confidence, in the columns
+    /// [`COLUMNS`](super::COLUMNS).
     pub fn by_confidence(&self) -> Vec<[String; 5]> {
         let predicted = self.found + self.extra;
         right::table(&self.right, predicted, self.by_confidence.as_deref())
@@ -231,7 +237,7 @@ fn calibration_error(bins: &[Reliability]) -> f64 {
 }
 
 #[cfg(test)]
-pub mod tests {
+pub(crate) mod tests {
     use super::*;
     use mvtop_core::prediction::Timings;
 
