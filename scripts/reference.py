@@ -6,7 +6,7 @@
     python scripts/reference.py --cli path/mvtop-cli # default: beside this Python, else on PATH
 
 cli.md holds what `mvtop-cli ... --help` prints, without examples and closing notes; groups of options
-that several commands share, and options that an earlier one has, are given once. The tables of inference.md are
+that several commands share, and options that an earlier one has, are given once. The lists of inference.md are
 made of the doc comments and defaults in crates/mvtop-core/src/config.rs and refine/config.rs.
 """
 
@@ -213,7 +213,7 @@ def meaning(comment: str) -> str:
 
 
 def rows(path: str, kind: str, known: dict, given: dict, told: dict | None = None) -> list[str]:
-    """A row for each leaf of a struct; a field of a struct that comes again names the first one."""
+    """A line for each leaf of a struct; a field of a struct that comes again names the first one."""
     found, told = [], {} if told is None else told
     for name, of, comment in known[kind]:
         at = f"{path}.{name}"
@@ -223,11 +223,11 @@ def rows(path: str, kind: str, known: dict, given: dict, told: dict | None = Non
         else:
             first = told.setdefault((kind, name), at)
             text = meaning(comment) if first == at else f"as of `{first}`"
-            found.append(f"| `{at}` | {compact(given[kind][name])} | {text} |")
+            found.append(f"- `{at}` ({compact(given[kind][name])}): {text}")
     return found
 
 
-def settings_tables() -> str:
+def settings_lists() -> str:
     sources = [(ROOT / path).read_text() for path in CONFIGS]
     named = constants((ROOT / CONSTANTS).read_text())
     known, given = {}, {}
@@ -238,9 +238,8 @@ def settings_tables() -> str:
     for name, kind, comment in known["InferenceConfig"]:
         if kind not in known:
             raise Drift(f"no struct {kind}")
-        head = ["| setting | default | meaning |", "|---|---|---|"]
-        table = "\n".join([*head, *rows(name, kind, known, given)])
-        parts.append(f"### `{name}`\n\n{comment}\n\n{table}\n")
+        lines = "\n".join(rows(name, kind, known, given))
+        parts.append(f"### `{name}`\n\n{comment}\n\n{lines}\n")
     return "\n".join(parts)
 
 
@@ -250,7 +249,7 @@ def settings_page() -> str:
     _, end, tail = rest.partition(MARKS[1])
     if not found or not end:
         raise Drift(f"{SETTINGS_PAGE}: expected the lines {MARKS}")
-    return head + MARKS[0] + "\n" + settings_tables() + "\n" + MARKS[1] + tail
+    return head + MARKS[0] + "\n" + settings_lists() + "\n" + MARKS[1] + tail
 
 
 def find_cli() -> Path | None:
