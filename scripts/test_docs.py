@@ -21,7 +21,7 @@ SOURCES = [
     path
     for pattern in (
         "crates/*/src/**/*.rs", "crates/*/tests/**/*.rs", "crates/*/python/**/*.py*",
-        "training/**/*.py", "training/runs/*.toml", "benches/*.py", "scripts/*", "Makefile",
+        "training/**/*.py", "training/mvtop_train/runs/*.toml", "benches/*.py", "scripts/*", "Makefile",
     )
     for path in ROOT.glob(pattern)
     if path.is_file() and path.suffix in {".rs", ".py", ".pyi", ".toml", ".sh", ""}

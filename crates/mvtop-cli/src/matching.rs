@@ -86,6 +86,7 @@ pub mod tests {
             next_view: None,
             symmetry: mvtop_core::symmetry::Symmetry::default(),
             cameras: Vec::new(),
+            track_id: None,
         }
     }
 
@@ -112,6 +113,7 @@ pub mod tests {
             timings: Timings::default(),
             provider: String::new(),
             warnings: Vec::new(),
+            near_misses: Vec::new(),
         }
     }
 

@@ -44,7 +44,7 @@ impl Noise {
     ///
     /// # Errors
     /// [`mvtop_core::Error::Camera`] for a camera that is moved further than can be.
-    pub fn disturb_rig(&self, rig: &Rig, sample: &str) -> mvtop_core::Result<Rig> {
+    pub fn disturb_rig(&self, rig: &Rig, sample: &str) -> mvtop_geometry::Result<Rig> {
         if self.rig_deg == 0.0 && self.rig_mm == 0.0 {
             return Ok(rig.clone()); // not even by rounding
         }

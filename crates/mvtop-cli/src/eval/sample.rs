@@ -80,6 +80,7 @@ impl Sample {
             boxes: trial.true_boxes.then(|| self.boxes(noise)),
             min_views: trial.detection.min_views as usize,
             refine: trial.refinement.wanted(),
+            ..PredictOptions::default()
         };
         let rig = noise.disturb_rig(&self.rig, &self.name)?;
         let mut prediction = estimator.predict(&rig, &self.images, &options)?;

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from mvtop._estimator import Estimator
     from mvtop._objects import (
         CameraPose,
+        Grasp,
         Hypothesis,
         ObjectClass,
         ObjectPose,
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
         Undetermined,
     )
     from mvtop._prediction import Prediction
+    from mvtop._request import Request
     from mvtop._shipped import example
     from mvtop._tracker import Tracker
     from mvtop.calibration import Calibration, calibrate
@@ -51,6 +53,7 @@ __all__ = [
     "CameraPose",
     "Error",
     "Estimator",
+    "Grasp",
     "Hypothesis",
     "MvtopWarning",
     "ObjectClass",
@@ -59,6 +62,7 @@ __all__ = [
     "PredictionWarning",
     "RefinedRig",
     "Refinement",
+    "Request",
     "Rig",
     "RigCheck",
     "RigConsistency",
@@ -91,12 +95,14 @@ _HOMES = {
     "Estimator": "mvtop._estimator",
     "ObjectClass": "mvtop._objects",
     "CameraPose": "mvtop._objects",
+    "Grasp": "mvtop._objects",
     "Hypothesis": "mvtop._objects",
     "ObjectPose": "mvtop._objects",
     "Prediction": "mvtop._prediction",
     "Tracker": "mvtop._tracker",
     "PredictionWarning": "mvtop._objects",
     "Refinement": "mvtop._objects",
+    "Request": "mvtop._request",
     "RigConsistency": "mvtop._objects",
     "Sigma": "mvtop._objects",
     "Undetermined": "mvtop._objects",

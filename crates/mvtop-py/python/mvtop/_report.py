@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from mvtop._mvtop import REPORT_SCHEMA_VERSION
 from mvtop._objects import (
     CameraPose,
+    Grasp,
     Hypothesis,
     ObjectPose,
     PredictionWarning,
@@ -39,7 +40,12 @@ def _object(values: Mapping[str, Any]) -> ObjectPose:
     def hypothesis(one: Mapping[str, Any]) -> Hypothesis:
         return Hypothesis(**{**one, "sigma": Sigma(**one["sigma"])})
 
+    def grasp(one: Mapping[str, Any]) -> Grasp:
+        touched = one["collides_with"]
+        return Grasp(**one, collides=None if touched is None else bool(touched))
+
     refined, symmetry = values["refinement"], values["symmetry"]
+    grasps = values["grasps"]
     return ObjectPose(
         **{
             **values,
@@ -48,6 +54,7 @@ def _object(values: Mapping[str, Any]) -> ObjectPose:
             "hypotheses": [hypothesis(one) for one in values["hypotheses"]],
             "symmetry": None if symmetry is None else Undetermined(**symmetry),
             "cameras": {seen["id"]: CameraPose(**seen) for seen in values["cameras"]},
+            "grasps": None if grasps is None else [grasp(one) for one in grasps],
         }
     )
 
@@ -63,7 +70,13 @@ def document(prediction: Prediction) -> dict[str, Any]:
         "timings_ms": dict(prediction.timings_ms),
         "provider": prediction.provider,
         "warnings": [dict(warning.__dict__) for warning in prediction.warnings],
+        **_asked(frame=prediction.frame, left_out=prediction.left_out),
     }
+
+
+def _asked(**values: Any) -> dict[str, Any]:
+    """What is in the document only where it was asked for."""
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _reported(found: ObjectPose) -> dict[str, Any]:
@@ -93,6 +106,17 @@ def _reported(found: ObjectPose) -> dict[str, Any]:
             "detected": seen.box is not None,
         }
 
+    def grasp(one: Grasp) -> dict[str, Any]:
+        return {
+            "name": one.name,
+            "T_frame_tool": one.frame_from_tool.tolist(),
+            "opening_m": one.opening_m,
+            "collides_with": one.collides_with,
+        }
+
+    in_frame = found.frame_from_obj
+    # As the core's, which leaves it out of single predictions.
+    track = {} if found.track_id is None else {"track_id": found.track_id}
     return {
         "class": found.class_name,
         "class_id": found.class_id,
@@ -106,9 +130,14 @@ def _reported(found: ObjectPose) -> dict[str, Any]:
         "refinement": None if found.refinement is None else refinement(found.refinement),
         "confidence": found.confidence,
         "evidence": found.evidence,
-        "verdict": None,  # the command line's `--min-confidence` alone asks for one
+        "verdict": found.verdict,
         "hypotheses": [hypothesis(one) for one in found.hypotheses],
         "next_view": found.next_view,
         "symmetry": None if found.symmetry is None else symmetry(found.symmetry),
         "cameras": [camera(seen) for seen in found.cameras.values()],
+        **_asked(
+            T_frame_obj=None if in_frame is None else in_frame.tolist(),
+            grasps=None if found.grasps is None else [grasp(one) for one in found.grasps],
+        ),
+        **track,
     }

@@ -116,7 +116,8 @@ async function show(number) {
   const took = `exposure ${number}, ${exposure.model}, ${exposure.rig}, ${exposure.took_ms.toFixed(0)} ms`;
   $("about").textContent = exposure.error ? took : `${took}; ${objects.length} found`;
   const warnings = exposure.answer ? exposure.answer.warnings : [];
-  $("warnings").replaceChildren(...warnings.map((warning) => element("li", warning.message)));
+  const misses = (exposure.answer && exposure.answer.why) || [];
+  $("warnings").replaceChildren(...[...warnings, ...misses].map((one) => element("li", one.message)));
   table(objects);
   scene.setRig(rig);
   scene.setObjects(objects.map((object) => {

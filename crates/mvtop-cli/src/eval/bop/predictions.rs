@@ -96,6 +96,7 @@ impl Predictions {
                 next_view: None,
                 symmetry: Symmetry::default(),
                 cameras: Vec::new(),
+                track_id: None,
             });
         }
         let time_s = rows.and_then(|rows| rows.first()?.time_s);
@@ -109,6 +110,7 @@ impl Predictions {
             },
             provider: String::new(),
             warnings: Vec::new(),
+            near_misses: Vec::new(),
         };
         Ok((prediction, time_s))
     }

@@ -229,7 +229,7 @@ impl Scene {
         let config = InferenceConfig::default().search;
         let classes = &self.bundle.classes;
         let radii: Vec<_> = classes.iter().map(Class::half_widths).collect();
-        let kept = nms::suppress(&config, classes, &self.views(), &radii, instances);
+        let kept = nms::suppress(&config, classes, &self.views(), &radii, instances).kept;
         let seen = |one: &Instance| one.detections.iter().map(Option::is_some).collect();
         kept.iter().map(|one| (one.class, seen(one))).collect()
     }

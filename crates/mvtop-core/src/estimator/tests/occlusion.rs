@@ -21,14 +21,6 @@ impl Network for Blind {
         })
     }
 
-    fn encode(&self, _: ArrayView4<f32>, _: ArrayView3<f32>) -> Result<Encoded> {
-        unreachable!("no crops")
-    }
-
-    fn decode(&self, _: ArrayView3<f32>, _: &Queries) -> Result<Decoded> {
-        unreachable!("no poses")
-    }
-
     fn provider(&self) -> &str {
         "blind"
     }
