@@ -87,7 +87,7 @@ pub fn run(args: &Infer) -> Result<bool> {
     }
     print(&table::objects(&prediction, &rig, request.min_confidence))?;
     if why || prediction.objects.is_empty() {
-        let misses = answer.report.why.iter().flatten();
+        let mut misses = answer.report.why.iter().flatten();
         misses.try_for_each(|miss| print(&format!("no {}: {}", miss.class, miss.message)))?;
     }
     print(&format!("model {} ({})", model.folder.display(), model.by))?;
