@@ -6,13 +6,13 @@ use std::path::PathBuf;
 use std::process;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use mvtop_core::annotations::GivenBoxes;
 use mvtop_core::bundle::Class;
 use mvtop_core::calibration::{Expected, observe};
 use mvtop_core::config::InferenceConfig;
 use mvtop_core::estimator::TrackOptions;
 use mvtop_core::onnx::SessionOptions;
-use mvtop_core::{Estimator, Options, PredictOptions, Tracker, ViewImage, image, overlay};
+use mvtop_core::request::Grasps;
+use mvtop_core::{Estimator, Options, Tracker, ViewImage, image, overlay};
 use pyo3::prelude::*;
 
 use crate::calibration::RigCheck;
@@ -20,15 +20,14 @@ use crate::convert::{self, F64, Rgb, shaped};
 use crate::error::{python, unless_interrupted, value};
 use crate::prediction::NativePrediction;
 use crate::process::{compute, in_pool, interruptible, let_forks_exit};
+use crate::request::{Boxes, asked};
 use crate::rig::Rig;
-
-/// An object's class, and its boxes by camera id.
-type Boxes = (String, BTreeMap<String, [f64; 4]>);
 
 /// A network that is loaded in this process.
 #[pyclass(frozen, module = "mvtop._mvtop")]
 pub struct NativeEstimator {
     estimator: ManuallyDrop<Arc<Estimator>>,
+    grasps: Option<Arc<Grasps>>,
     process: u32,
 }
 
@@ -36,6 +35,8 @@ pub struct NativeEstimator {
 #[pyclass(frozen, module = "mvtop._mvtop")]
 pub struct NativeTracker {
     tracker: ManuallyDrop<Mutex<Tracker>>,
+    estimator: ManuallyDrop<Arc<Estimator>>,
+    grasps: Option<Arc<Grasps>>,
     rig: Arc<mvtop_core::Rig>,
     process: u32,
 }
@@ -74,8 +75,10 @@ impl NativeEstimator {
         let load = || in_pool(|| Estimator::load(&bundle, &options))?.map_err(python);
         let estimator = interruptible(py, load)?;
         let_forks_exit();
+        let grasps = Grasps::of_bundle(estimator.bundle()).map_err(python)?;
         Ok(Self {
             estimator: ManuallyDrop::new(Arc::new(estimator)),
+            grasps: grasps.map(Arc::new),
             process: process::id(),
         })
     }
@@ -99,24 +102,27 @@ impl NativeEstimator {
         Ok(F64(shaped(&[class.points.len(), 3], numbers)?))
     }
 
-    /// Images are given by the index of their camera.
+    /// Images are given by the index of their camera, the request as JSON; what is given beside it
+    /// replaces what it says.
     #[allow(clippy::too_many_arguments)] // Python's keywords
     fn predict<'py>(
         &self,
         py: Python<'py>,
         rig: PyRef<Rig>,
         images: Vec<(usize, Bound<'py, PyAny>)>,
+        request: Option<&str>,
         reference: Option<String>,
         boxes: Option<Vec<Boxes>>,
-        min_views: usize,
+        min_views: Option<usize>,
         refine: Option<bool>,
     ) -> PyResult<NativePrediction> {
         let rig = rig.core().clone();
+        let request = asked(request, reference, boxes, min_views, refine)?;
         let images = load(py, &rig, images)?;
-        let options = options(reference, boxes, min_views, refine);
-        let predict = || in_pool(|| self.estimator.predict(&rig, &images, &options));
-        let prediction = interruptible(py, || predict()?.map_err(python))?;
-        Ok(NativePrediction { prediction, rig })
+        let grasps = self.grasps.as_deref();
+        let answer = || in_pool(|| request.answer(&self.estimator, grasps, &rig, &images));
+        let answer = interruptible(py, || answer()?.map_err(python))?;
+        Ok(NativePrediction::new(answer, rig))
     }
 
     /// Sets of images, each given by the index of its camera, against the rig that they are of.
@@ -159,7 +165,9 @@ impl NativeEstimator {
         images: Vec<(usize, Bound<'py, PyAny>)>,
         edges: bool,
     ) -> PyResult<Vec<Rgb>> {
-        let NativePrediction { prediction, rig } = &*prediction;
+        let NativePrediction {
+            prediction, rig, ..
+        } = &*prediction;
         let images = load(py, rig, images)?;
         let estimator: &Estimator = &self.estimator;
         if edges {
@@ -213,6 +221,8 @@ impl NativeTracker {
         });
         Ok(Self {
             tracker: ManuallyDrop::new(Mutex::new(tracker)),
+            estimator: estimator.estimator.clone(),
+            grasps: estimator.grasps.clone(),
             rig,
             process: estimator.process,
         })
@@ -232,20 +242,26 @@ impl NativeTracker {
     fn predict(
         &self,
         py: Python,
+        request: Option<&str>,
         reference: Option<String>,
         boxes: Option<Vec<Boxes>>,
-        min_views: usize,
+        min_views: Option<usize>,
         refine: Option<bool>,
     ) -> PyResult<NativePrediction> {
-        let options = options(reference, boxes, min_views, refine);
-        let prediction = interruptible(py, || {
+        let request = asked(request, reference, boxes, min_views, refine)?;
+        let (bundle, grasps) = (self.estimator.bundle(), self.grasps.as_deref());
+        request
+            .check(bundle, &self.rig, grasps.is_some())
+            .map_err(python)?;
+        let found = interruptible(py, || {
             let tracker = &mut *self.lock();
-            in_pool(|| tracker.predict(&options))?.map_err(python)
+            in_pool(|| tracker.predict(&request.options()))?.map_err(python)
         })?;
-        Ok(NativePrediction {
-            prediction,
-            rig: self.rig.clone(),
-        })
+        let answer = request.choose(found, bundle, grasps, &self.rig);
+        Ok(NativePrediction::new(
+            answer.map_err(python)?,
+            self.rig.clone(),
+        ))
     }
 
     /// Forgets the image of a camera, by its index.
@@ -268,28 +284,12 @@ impl Drop for NativeTracker {
     fn drop(&mut self) {
         // As with the estimator, whose network it shares.
         if self.process == process::id() {
-            // SAFETY: nothing uses it after this.
-            unsafe { ManuallyDrop::drop(&mut self.tracker) }
+            // SAFETY: nothing uses them after this.
+            unsafe {
+                ManuallyDrop::drop(&mut self.tracker);
+                ManuallyDrop::drop(&mut self.estimator);
+            }
         }
-    }
-}
-
-fn options(
-    reference: Option<String>,
-    boxes: Option<Vec<Boxes>>,
-    min_views: usize,
-    refine: Option<bool>,
-) -> PredictOptions {
-    let given = |(class, boxes): Boxes| GivenBoxes {
-        class,
-        boxes: boxes.into_iter().map(|(id, b)| (id, b.into())).collect(),
-    };
-    PredictOptions {
-        reference,
-        boxes: boxes.map(|all| all.into_iter().map(given).collect()),
-        min_views,
-        refine,
-        ..PredictOptions::default()
     }
 }
 

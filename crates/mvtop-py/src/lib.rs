@@ -11,6 +11,7 @@ mod metrics;
 mod prediction;
 mod process;
 mod rays;
+mod request;
 mod rig;
 mod rotations;
 mod sampling;
@@ -55,6 +56,8 @@ mod _mvtop {
     use super::process::set_num_threads;
     #[pymodule_export]
     use super::rays::{box_rays, camera_rays, encode_rays};
+    #[pymodule_export]
+    use super::request::check_request;
     #[pymodule_export]
     use super::rig::Rig;
     #[pymodule_export]

@@ -4,10 +4,12 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use mvtop_core::prediction::{self, Timings, WarningCode};
+use mvtop_core::prediction::{self, Timings};
 use mvtop_core::report::{self, Report};
+use mvtop_core::request::{Answer, LeftOut};
 use ndarray::arr2;
 use pyo3::prelude::*;
+use serde_json::Value;
 
 use crate::convert::{F64, vector};
 use crate::error::value;
@@ -17,6 +19,7 @@ use crate::error::value;
 pub struct NativePrediction {
     pub prediction: mvtop_core::Prediction,
     pub rig: Arc<mvtop_core::Rig>,
+    report: Report,
 }
 
 /// Keywords of `mvtop.Prediction`.
@@ -28,6 +31,29 @@ pub struct PredictionValues {
     timings_ms: TimingsValues,
     provider: String,
     warnings: Vec<WarningValues>,
+    frame: Option<String>,
+    left_out: Option<LeftOutValues>,
+    why: Option<Vec<NearMissValues>>,
+}
+
+#[derive(IntoPyObject)]
+struct NearMissValues {
+    class_name: String,
+    reason: String,
+    camera: Option<String>,
+    r#box: Option<F64>,
+    world_from_obj: Option<F64>,
+    value: Option<f64>,
+    threshold: Option<f64>,
+    message: String,
+}
+
+#[derive(IntoPyObject)]
+struct LeftOutValues {
+    classes: usize,
+    region: usize,
+    polygons: usize,
+    most: usize,
 }
 
 #[derive(IntoPyObject)]
@@ -47,7 +73,18 @@ struct ObjectValues {
     next_view: Option<String>,
     symmetry: Option<UndeterminedValues>,
     cameras: Vec<CameraValues>,
+    verdict: Option<String>,
+    frame_from_obj: Option<F64>,
+    grasps: Option<Vec<GraspValues>>,
     track_id: Option<u64>,
+}
+
+#[derive(IntoPyObject)]
+struct GraspValues {
+    name: String,
+    frame_from_tool: F64,
+    opening_m: f64,
+    collides_with: Option<Vec<usize>>,
 }
 
 #[derive(IntoPyObject)]
@@ -208,8 +245,30 @@ impl From<report::ReportedConsistency> for ConsistencyValues {
     }
 }
 
-impl From<report::Object> for ObjectValues {
-    fn from(of: report::Object) -> Self {
+impl From<LeftOut> for LeftOutValues {
+    fn from(of: LeftOut) -> Self {
+        Self {
+            classes: of.classes,
+            region: of.region,
+            polygons: of.polygons,
+            most: of.most,
+        }
+    }
+}
+
+impl From<report::ReportedGrasp> for GraspValues {
+    fn from(of: report::ReportedGrasp) -> Self {
+        Self {
+            name: of.name,
+            frame_from_tool: rows(&of.t_frame_tool),
+            opening_m: of.opening_m,
+            collides_with: of.collides_with,
+        }
+    }
+}
+
+impl ObjectValues {
+    fn of(of: report::Object) -> PyResult<Self> {
         let hypothesis = |one: report::ReportedHypothesis| HypothesisValues {
             world_from_obj: rows(&one.t_world_obj),
             sigma: one.sigma.into(),
@@ -220,7 +279,8 @@ impl From<report::Object> for ObjectValues {
             cam_from_obj: rows(&seen.t_cam_obj),
             r#box: seen.bbox.map(|bbox| vector(<[f64; 4]>::from(bbox))),
         };
-        Self {
+        let grasps = |all: Vec<report::ReportedGrasp>| all.into_iter().map(Into::into).collect();
+        Ok(Self {
             class_name: of.class,
             class_id: of.class_id,
             score: of.score,
@@ -236,8 +296,14 @@ impl From<report::Object> for ObjectValues {
             next_view: of.next_view,
             symmetry: of.symmetry.map(Into::into),
             cameras: of.cameras.into_iter().map(camera).collect(),
+            verdict: of
+                .verdict
+                .map(|verdict| named(serde_json::to_value(verdict)))
+                .transpose()?,
+            frame_from_obj: of.t_frame_obj.as_ref().map(rows),
+            grasps: of.grasps.map(grasps),
             track_id: of.track_id,
-        }
+        })
     }
 }
 
@@ -245,10 +311,10 @@ impl From<report::Object> for ObjectValues {
 impl NativePrediction {
     /// What `mvtop.Prediction` is made of.
     fn values(&self) -> PyResult<PredictionValues> {
-        let report = Report::new(&self.prediction, &self.rig);
+        let report = self.report.clone();
         let warning = |of: report::ReportedWarning| {
             Ok(WarningValues {
-                code: code(of.code)?,
+                code: named(serde_json::to_value(of.code))?,
                 camera: of.camera,
                 object: of.object,
                 message: of.message,
@@ -256,7 +322,11 @@ impl NativePrediction {
         };
         Ok(PredictionValues {
             reference: report.reference,
-            objects: report.objects.into_iter().map(Into::into).collect(),
+            objects: report
+                .objects
+                .into_iter()
+                .map(ObjectValues::of)
+                .collect::<PyResult<_>>()?,
             rig_consistency: report.rig_consistency.map(Into::into),
             timings_ms: report.timings_ms.into(),
             provider: report.provider,
@@ -265,21 +335,27 @@ impl NativePrediction {
                 .into_iter()
                 .map(warning)
                 .collect::<PyResult<_>>()?,
+            frame: report.frame,
+            left_out: report.left_out.map(Into::into),
+            why: report
+                .why
+                .map(|all| all.into_iter().map(near_miss).collect::<PyResult<_>>())
+                .transpose()?,
         })
     }
 
     /// The same of some of its objects alone, by their indices.
     fn only(&self, objects: Vec<usize>) -> PyResult<Self> {
-        let of = |index: usize| {
-            let object = self.prediction.objects.get(index).cloned();
-            object.ok_or_else(|| value(format!("object {index}: none such")))
-        };
         Ok(Self {
             prediction: mvtop_core::Prediction {
-                objects: objects.into_iter().map(of).collect::<PyResult<_>>()?,
+                objects: picked(&self.prediction.objects, &objects)?,
                 ..self.prediction.clone()
             },
             rig: self.rig.clone(),
+            report: Report {
+                objects: picked(&self.report.objects, &objects)?,
+                ..self.report.clone()
+            },
         })
     }
 
@@ -289,14 +365,45 @@ impl NativePrediction {
     }
 }
 
+impl NativePrediction {
+    pub fn new(answer: Answer, rig: Arc<mvtop_core::Rig>) -> Self {
+        Self {
+            prediction: answer.prediction,
+            rig,
+            report: answer.report,
+        }
+    }
+}
+
+fn picked<T: Clone>(all: &[T], indices: &[usize]) -> PyResult<Vec<T>> {
+    let of = |&index: &usize| {
+        let one = all.get(index).cloned();
+        one.ok_or_else(|| value(format!("object {index}: none such")))
+    };
+    indices.iter().map(of).collect()
+}
+
+fn near_miss(of: report::ReportedNearMiss) -> PyResult<NearMissValues> {
+    Ok(NearMissValues {
+        class_name: of.class,
+        reason: named(serde_json::to_value(of.reason))?,
+        camera: of.camera,
+        r#box: of.bbox.map(|bbox| vector(<[f64; 4]>::from(bbox))),
+        world_from_obj: of.t_world_obj.as_ref().map(rows),
+        value: of.value,
+        threshold: of.threshold,
+        message: of.message,
+    })
+}
+
 fn rows(matrix: &[[f64; 4]; 4]) -> F64 {
     F64(arr2(matrix).into_dyn())
 }
 
-/// A code's name in JSON.
-fn code(code: WarningCode) -> PyResult<String> {
-    match serde_json::to_value(code) {
-        Ok(serde_json::Value::String(name)) => Ok(name),
-        other => Err(value(format!("warning: {other:?}"))),
+/// The name in JSON of a code or a verdict.
+fn named(code: serde_json::Result<Value>) -> PyResult<String> {
+    match code {
+        Ok(Value::String(name)) => Ok(name),
+        other => Err(value(format!("name: {other:?}"))),
     }
 }

@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     from mvtop._estimator import Estimator
     from mvtop._objects import (
         CameraPose,
+        Grasp,
         Hypothesis,
+        NearMiss,
         ObjectClass,
         ObjectPose,
         PredictionWarning,
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
         Undetermined,
     )
     from mvtop._prediction import Prediction
+    from mvtop._request import Request
     from mvtop._shipped import example
     from mvtop._tracker import Tracker
     from mvtop.calibration import Calibration, calibrate
@@ -51,14 +54,17 @@ __all__ = [
     "CameraPose",
     "Error",
     "Estimator",
+    "Grasp",
     "Hypothesis",
     "MvtopWarning",
+    "NearMiss",
     "ObjectClass",
     "ObjectPose",
     "Prediction",
     "PredictionWarning",
     "RefinedRig",
     "Refinement",
+    "Request",
     "Rig",
     "RigCheck",
     "RigConsistency",
@@ -91,12 +97,15 @@ _HOMES = {
     "Estimator": "mvtop._estimator",
     "ObjectClass": "mvtop._objects",
     "CameraPose": "mvtop._objects",
+    "Grasp": "mvtop._objects",
     "Hypothesis": "mvtop._objects",
+    "NearMiss": "mvtop._objects",
     "ObjectPose": "mvtop._objects",
     "Prediction": "mvtop._prediction",
     "Tracker": "mvtop._tracker",
     "PredictionWarning": "mvtop._objects",
     "Refinement": "mvtop._objects",
+    "Request": "mvtop._request",
     "RigConsistency": "mvtop._objects",
     "Sigma": "mvtop._objects",
     "Undetermined": "mvtop._objects",

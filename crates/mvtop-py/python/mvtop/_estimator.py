@@ -16,9 +16,11 @@ from mvtop._inputs import (
 from mvtop._mvtop import NativeEstimator, Rig, RigCheck
 from mvtop._objects import ObjectClass, object_classes
 from mvtop._prediction import Prediction, Source
+from mvtop._request import json_of
 
 if TYPE_CHECKING:
     from mvtop._inputs import Boxes, Images
+    from mvtop._request import Request
 
     Groups = list[Images] | tuple[Images, ...]
 
@@ -121,8 +123,9 @@ class Estimator:
         *,
         reference: str | None = None,
         boxes: Boxes | None = None,
-        min_views: int = 1,
+        min_views: int | None = None,
         refine: bool | None = None,
+        request: Request | None = None,
     ) -> Prediction: ...
     @overload
     def predict(
@@ -132,8 +135,9 @@ class Estimator:
         *,
         reference: str | None = None,
         boxes: Sequence[Boxes | None] | None = None,
-        min_views: int = 1,
+        min_views: int | None = None,
         refine: bool | None = None,
+        request: Request | None = None,
     ) -> list[Prediction]: ...
     def predict(
         self,
@@ -142,8 +146,9 @@ class Estimator:
         *,
         reference: str | None = None,
         boxes: Boxes | Sequence[Boxes | None] | None = None,
-        min_views: int = 1,
+        min_views: int | None = None,
         refine: bool | None = None,
+        request: Request | None = None,
     ) -> Prediction | list[Prediction]:
         """Finds the objects that the network knows, and their poses.
 
@@ -166,11 +171,13 @@ class Estimator:
             px, of 100 objects at most, or the path of a JSON file with {"objects": that list}. Of
             several groups, a list with one for each.
         min_views
-            Leaves out objects that are detected in fewer images; 2 spares nearly all false ones,
-            and costs those that only one image shows.
+            Leaves out objects that are detected in fewer images, 1 by default; 2 spares nearly all
+            false ones, and costs those that only one image shows.
         refine
             Whether poses are refined on the images; by default those of classes with a mesh are,
             True refuses a bundle without any.
+        request
+            Which objects are wanted, and in which frame; the arguments above replace what it says.
 
         Returns
         -------
@@ -180,10 +187,10 @@ class Estimator:
         Raises
         ------
         ValueError
-            Where images, reference, boxes or min_views do not fit the rig or the network.
+            Where images, reference, boxes, min_views or request do not fit the rig or the network.
         """
         refuse_no_rig(rig)
-        options = (reference, min_views, refine)
+        options = (json_of(request), reference, min_views, refine)
         groups = groups_of(images)
         if groups is None:
             given: Any = images
@@ -202,13 +209,14 @@ class Estimator:
         images: list[tuple[int, Any]],
         rig: Rig,
         boxes: Boxes | None,
+        request: str | None,
         reference: str | None,
-        min_views: int,
+        min_views: int | None,
         refine: bool | None,
     ) -> Prediction:
         native = self._here()
         given = boxes_by_camera(boxes)
-        prediction = native.predict(rig, images, reference, given, min_views, refine)
+        prediction = native.predict(rig, images, request, reference, given, min_views, refine)
         return Prediction.of(rig, Source(native, prediction, images))
 
     def check_rig(

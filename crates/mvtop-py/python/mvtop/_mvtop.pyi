@@ -5,7 +5,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Final, SupportsFloat, SupportsIndex, final
 
-__all__ = ["BOP_RESULTS_HEADER", "PIPELINE_VERSION", "REPORT_SCHEMA_VERSION", "__version__", "Camera", "Image", "Instance", "Mesh", "ModelInfo", "NativeEstimator", "NativePrediction", "NativeTracker", "RefinedRig", "Rig", "RigCheck", "RigCorrection", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "correlation", "default_inference", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "eval_bop", "read_models_info", "read_scene", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "set_num_threads", "translation_error", "vsd"]
+__all__ = ["BOP_RESULTS_HEADER", "PIPELINE_VERSION", "REPORT_SCHEMA_VERSION", "__version__", "Camera", "Image", "Instance", "Mesh", "ModelInfo", "NativeEstimator", "NativePrediction", "NativeTracker", "RefinedRig", "Rig", "RigCheck", "RigCorrection", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "check_request", "correlation", "default_inference", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "eval_bop", "read_models_info", "read_scene", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "set_num_threads", "translation_error", "vsd"]
 
 BOP_RESULTS_HEADER: Final[str]
 PIPELINE_VERSION: Final[int]
@@ -308,9 +308,10 @@ class NativeEstimator:
         """
         (P, 3), points on the surface of a class, metres.
         """
-    def predict(self, /, rig: Rig, images: SupportsGetItem[int, tuple[SupportsIndex, Any]], reference: str | None, boxes: SupportsGetItem[int, tuple[str, dict[str, SupportsLenAndGetItem[SupportsFloat | SupportsIndex]]]] | None, min_views: SupportsIndex, refine: bool | None) -> NativePrediction:
+    def predict(self, /, rig: Rig, images: SupportsGetItem[int, tuple[SupportsIndex, Any]], request: str | None, reference: str | None, boxes: SupportsGetItem[int, tuple[str, dict[str, SupportsLenAndGetItem[SupportsFloat | SupportsIndex]]]] | None, min_views: SupportsIndex | None, refine: bool | None) -> NativePrediction:
         """
-        Images are given by the index of their camera.
+        Images are given by the index of their camera, the request as JSON; what is given beside it
+        replaces what it says.
         """
 
 @final
@@ -335,7 +336,7 @@ class NativeTracker:
     """
     def __new__(cls, /, estimator: NativeEstimator, rig: Rig, max_motion_m: float | None, patience: SupportsIndex) -> NativeTracker: ...
     def __repr__(self, /) -> str: ...
-    def predict(self, /, reference: str | None, boxes: SupportsGetItem[int, tuple[str, dict[str, SupportsLenAndGetItem[SupportsFloat | SupportsIndex]]]] | None, min_views: SupportsIndex, refine: bool | None) -> NativePrediction:
+    def predict(self, /, request: str | None, reference: str | None, boxes: SupportsGetItem[int, tuple[str, dict[str, SupportsLenAndGetItem[SupportsFloat | SupportsIndex]]]] | None, min_views: SupportsIndex | None, refine: bool | None) -> NativePrediction:
         """
         Of the latest images.
         """
@@ -833,6 +834,11 @@ def camera_rays(camera: Camera, strides: SupportsGetItem[int, SupportsIndex], *,
     array, (N, 3), float32
         Of length 1, levels in the order of strides, each row by row; 0 for cells that lie in
         the padding or that no ray meets.
+    """
+
+def check_request(text: str) -> None:
+    """
+    Refuses JSON that is no request.
     """
 
 def correlation(x: ArrayLike, y: ArrayLike) -> float | None:

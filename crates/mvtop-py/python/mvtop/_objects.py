@@ -145,6 +145,45 @@ class CameraPose:
 
 
 @dataclass(frozen=True, eq=False)
+class Grasp:
+    """One way to grasp an object."""
+
+    name: str
+    """As in the bundle's grasps.json."""
+    frame_from_tool: NDArray[np.float64]
+    """(4, 4), tool frame to the frame that was asked for, metres; the world's by default."""
+    opening_m: float
+    """Opening of the gripper, metres."""
+    collides_with: list[int] | None
+    """Indices of the other objects that the gripper would touch; None where its shape is not
+    known."""
+    collides: bool | None
+    """Whether there are any, also among objects that were left out since; None where its shape is
+    not known."""
+
+
+@dataclass(frozen=True, eq=False)
+class NearMiss:
+    """What came nearest of a class without an object."""
+
+    class_name: str
+    reason: str
+    """What it failed at (docs/reference/json.md#why)."""
+    camera: str | None
+    """Id of the camera that shows it best; None where no detection belongs to it."""
+    box: NDArray[np.float64] | None
+    """x0, y0, x1, y1, px, in this camera's image."""
+    world_from_obj: NDArray[np.float64] | None
+    """(4, 4), object frame to the rig's world frame, metres; None before it has a pose."""
+    value: float | None
+    """What was measured, in the unit of the reason."""
+    threshold: float | None
+    """What it should have reached, or not exceeded."""
+    message: str
+    """One sentence."""
+
+
+@dataclass(frozen=True, eq=False)
 class ObjectPose:
     """One object."""
 
@@ -179,6 +218,12 @@ class ObjectPose:
     """None where the pose is the only one that looks like this."""
     cameras: dict[str, CameraPose]
     """Every camera that gave an image, in the rig's order, by id."""
+    verdict: str | None = None
+    """With `Request.min_confidence`: "accept", "reject" or "need_another_view"."""
+    frame_from_obj: NDArray[np.float64] | None = None
+    """(4, 4), object frame to the frame of `Request.frame`, metres; None where none was asked."""
+    grasps: list[Grasp] | None = None
+    """How to grasp it; None where that was not asked."""
     track_id: int | None = None
     """Number by which a `Tracker` knows the object over time; None of single predictions."""
 

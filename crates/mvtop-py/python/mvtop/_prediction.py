@@ -13,7 +13,14 @@ import numpy as np
 from mvtop import _report
 from mvtop._error import Error, MvtopWarning
 from mvtop._mvtop import BOP_RESULTS_HEADER, bop_results_line
-from mvtop._objects import ObjectPose, PredictionWarning, RigConsistency, object_classes
+from mvtop._objects import (
+    Grasp,
+    NearMiss,
+    ObjectPose,
+    PredictionWarning,
+    RigConsistency,
+    object_classes,
+)
 
 if TYPE_CHECKING:
     import pandas
@@ -62,6 +69,13 @@ class Prediction:
     """What executed the network."""
     warnings: list[PredictionWarning]
     """What makes the poses doubtful; empty where nothing does. Each is a `MvtopWarning` too."""
+    frame: str | None
+    """Name of the frame of `ObjectPose.frame_from_obj`; None where none was asked for."""
+    left_out: dict[str, int] | None
+    """How many objects were found but not asked for, by what left them out: `classes`, `region`,
+    `polygons` or `most`; None where all were asked for."""
+    why: list[NearMiss] | None
+    """What came nearest of each class without an object; None where that was not asked."""
     rig: Rig
     _class_names: frozenset[str] = field(repr=False)
     _source: Source | None = field(repr=False)
@@ -129,7 +143,7 @@ class Prediction:
             source = replace(source, prediction=source.prediction.only(list(indices)))
         return replace(
             self,
-            objects=[self.objects[index] for index in indices],
+            objects=[_with_places(self.objects[index], places) for index in indices],
             warnings=[
                 w if w.object is None else replace(w, object=places[w.object]) for w in of_these
             ],
@@ -364,3 +378,17 @@ class Prediction:
         found = ", ".join(f"{o.class_name} {o.score:.2f}" for o in self.objects) or "no objects"
         took = f"{self.timings_ms['total']:.0f} ms on {self.provider}"
         return f"Prediction({found}; reference {self.reference}; {took})"
+
+
+def _with_places(found: ObjectPose, places: Mapping[int, int]) -> ObjectPose:
+    """The object whose grasps know the others by their new indices."""
+    if found.grasps is None:
+        return found
+
+    def moved(grasp: Grasp) -> Grasp:
+        touched = grasp.collides_with
+        if touched is None:
+            return grasp
+        return replace(grasp, collides_with=[places[one] for one in touched if one in places])
+
+    return replace(found, grasps=[moved(grasp) for grasp in found.grasps])

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 from mvtop._mvtop import REPORT_SCHEMA_VERSION
 from mvtop._objects import (
     CameraPose,
+    Grasp,
     Hypothesis,
+    NearMiss,
     ObjectPose,
     PredictionWarning,
     Refinement,
@@ -23,12 +25,13 @@ if TYPE_CHECKING:
 
 def fields(values: Mapping[str, Any]) -> dict[str, Any]:
     """What a `Prediction` is made of, of what `NativePrediction.values` gives."""
-    fit = values["rig_consistency"]
+    fit, why = values["rig_consistency"], values["why"]
     return {
         **values,
         "objects": [_object(found) for found in values["objects"]],
         "rig_consistency": None if fit is None else RigConsistency(**fit),
         "warnings": [PredictionWarning(**warning) for warning in values["warnings"]],
+        "why": None if why is None else [NearMiss(**miss) for miss in why],
     }
 
 
@@ -39,7 +42,12 @@ def _object(values: Mapping[str, Any]) -> ObjectPose:
     def hypothesis(one: Mapping[str, Any]) -> Hypothesis:
         return Hypothesis(**{**one, "sigma": Sigma(**one["sigma"])})
 
+    def grasp(one: Mapping[str, Any]) -> Grasp:
+        touched = one["collides_with"]
+        return Grasp(**one, collides=None if touched is None else bool(touched))
+
     refined, symmetry = values["refinement"], values["symmetry"]
+    grasps = values["grasps"]
     return ObjectPose(
         **{
             **values,
@@ -48,13 +56,14 @@ def _object(values: Mapping[str, Any]) -> ObjectPose:
             "hypotheses": [hypothesis(one) for one in values["hypotheses"]],
             "symmetry": None if symmetry is None else Undetermined(**symmetry),
             "cameras": {seen["id"]: CameraPose(**seen) for seen in values["cameras"]},
+            "grasps": None if grasps is None else [grasp(one) for one in grasps],
         }
     )
 
 
 def document(prediction: Prediction) -> dict[str, Any]:
     """The document that docs/reference/json.md describes."""
-    fit = prediction.rig_consistency
+    fit, why = prediction.rig_consistency, prediction.why
     return {
         "schema_version": REPORT_SCHEMA_VERSION,
         "reference": prediction.reference,
@@ -63,7 +72,31 @@ def document(prediction: Prediction) -> dict[str, Any]:
         "timings_ms": dict(prediction.timings_ms),
         "provider": prediction.provider,
         "warnings": [dict(warning.__dict__) for warning in prediction.warnings],
+        **_asked(
+            frame=prediction.frame,
+            left_out=prediction.left_out,
+            why=None if why is None else [_missed(miss) for miss in why],
+        ),
     }
+
+
+def _missed(miss: NearMiss) -> dict[str, Any]:
+    box, pose = miss.box, miss.world_from_obj
+    return {
+        "class": miss.class_name,
+        "reason": miss.reason,
+        "camera": miss.camera,
+        "box": None if box is None else box.tolist(),
+        "T_world_obj": None if pose is None else pose.tolist(),
+        "value": miss.value,
+        "threshold": miss.threshold,
+        "message": miss.message,
+    }
+
+
+def _asked(**values: Any) -> dict[str, Any]:
+    """What is in the document only where it was asked for."""
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _reported(found: ObjectPose) -> dict[str, Any]:
@@ -93,8 +126,15 @@ def _reported(found: ObjectPose) -> dict[str, Any]:
             "detected": seen.box is not None,
         }
 
-    # As the core's, which leaves it out of single predictions.
-    track = {} if found.track_id is None else {"track_id": found.track_id}
+    def grasp(one: Grasp) -> dict[str, Any]:
+        return {
+            "name": one.name,
+            "T_frame_tool": one.frame_from_tool.tolist(),
+            "opening_m": one.opening_m,
+            "collides_with": one.collides_with,
+        }
+
+    in_frame = found.frame_from_obj
     return {
         "class": found.class_name,
         "class_id": found.class_id,
@@ -108,10 +148,14 @@ def _reported(found: ObjectPose) -> dict[str, Any]:
         "refinement": None if found.refinement is None else refinement(found.refinement),
         "confidence": found.confidence,
         "evidence": found.evidence,
-        "verdict": None,  # the command line's `--min-confidence` alone asks for one
+        "verdict": found.verdict,
         "hypotheses": [hypothesis(one) for one in found.hypotheses],
         "next_view": found.next_view,
         "symmetry": None if found.symmetry is None else symmetry(found.symmetry),
         "cameras": [camera(seen) for seen in found.cameras.values()],
-        **track,
+        **_asked(
+            T_frame_obj=None if in_frame is None else in_frame.tolist(),
+            track_id=found.track_id,
+            grasps=None if found.grasps is None else [grasp(one) for one in found.grasps],
+        ),
     }

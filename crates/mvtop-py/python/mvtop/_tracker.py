@@ -7,9 +7,11 @@ from mvtop._estimator import Estimator
 from mvtop._inputs import boxes_by_camera, images_by_camera
 from mvtop._mvtop import NativeTracker, Rig
 from mvtop._prediction import Prediction, Source
+from mvtop._request import json_of
 
 if TYPE_CHECKING:
     from mvtop._inputs import Boxes, Images
+    from mvtop._request import Request
 
 
 class Tracker:
@@ -76,14 +78,15 @@ class Tracker:
         *,
         reference: str | None = None,
         boxes: Boxes | None = None,
-        min_views: int = 1,
+        min_views: int | None = None,
         refine: bool | None = None,
+        request: Request | None = None,
     ) -> Prediction:
         """Finds objects and their poses in the latest image of each camera.
 
         Parameters
         ----------
-        reference, boxes, min_views, refine
+        reference, boxes, min_views, refine, request
             As in `Estimator.predict`.
 
         Returns
@@ -95,9 +98,9 @@ class Tracker:
         ValueError
             As `Estimator.predict`, and where no camera has an image yet.
         """
-        given = boxes_by_camera(boxes)
+        given, asked = boxes_by_camera(boxes), json_of(request)
         with self._lock:
-            prediction = self._native.predict(reference, given, min_views, refine)
+            prediction = self._native.predict(asked, reference, given, min_views, refine)
             shown = sorted(self._images.items(), key=lambda of: of[0])
         return Prediction.of(self._rig, Source(self._estimator, prediction, shown)).warn(2)
 
