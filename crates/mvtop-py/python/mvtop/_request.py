@@ -108,7 +108,8 @@ class Request:
                 {"class": name, "boxes": boxes} for name, boxes in boxes_by_camera(self.boxes) or []
             ]
         for name in ("priors", "planes"):
-            kept[name] = tuple(_numbers(one) for one in getattr(self, name))
+            if given := getattr(self, name):
+                kept[name] = tuple(_numbers(one) for one in given)
         for name, value in kept.items():
             object.__setattr__(self, name, value)
         check_request(self.to_json())
@@ -118,7 +119,7 @@ class Request:
         written = {
             field.name: value
             for field in fields(self)
-            if (value := getattr(self, field.name)) is not field.default and value != ()
+            if (value := getattr(self, field.name)) is not field.default
         }
         if self.region is not None:
             written["region"] = dict(zip(("min_m", "max_m"), written["region"], strict=True))
