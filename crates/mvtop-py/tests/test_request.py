@@ -95,6 +95,10 @@ def test_priors_and_planes_are_gates(predict):
     tilted = predict(planes=mvtop.Plane(point=low, normal=-axis, **limits), why=True)
     assert (len(tilted), tilted.why[0].reason) == (0, "tilt")
     assert predict().why is None
+    with pytest.raises(ValueError, match="sigma_m: expected a standard deviation above 0"):
+        mvtop.Request(priors=mvtop.Prior("mvball", pose, 0, 10))
+    with pytest.raises(ValueError, match="within_deg"):
+        mvtop.Request(planes=mvtop.Plane(point=low, normal=axis, within_m=0.2, within_deg=-1))
 
 
 def test_arguments_replace_what_the_request_says(estimator, rig, paths, truth):
