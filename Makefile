@@ -84,7 +84,7 @@ test-python: .venv/test.done $(MVTOP)
 
 lint: .venv/lint.done
 	cargo fmt --all --check
-	rustfmt --check --edition 2024 crates/mvtop-core/src/camera/*.rs # declared by a macro, which cargo fmt does not read
+	rustfmt --check --edition 2024 crates/mvtop-geometry/src/camera/*.rs # declared by a macro, which cargo fmt does not read
 	cargo clippy --release --workspace --all-targets -- -D warnings
 	scripts/licences.py --check crates/mvtop-py/THIRD-PARTY-LICENCES.txt
 	scripts/deny.sh

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Licences of the crates that are linked into the wheel, as one text that goes along with it.
+"""Licences of the crates and fonts that are part of the wheel, as one text that goes along with it.
 
     scripts/licences.py --out FILE     write it anew, after a change of Cargo.lock
     scripts/licences.py --check FILE   whether it is of the crates that are linked now
@@ -20,6 +20,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PERMISSIVE = set(tomllib.loads((ROOT / "deny.toml").read_text())["licenses"]["allow"])
 REGISTRY = "registry+https://github.com/rust-lang/crates.io-index"
+FONTS = {"Inter, a part of it (font)": "crates/mvtop-core/assets/inter-LICENSE.txt"}
 TEXTS = re.compile(r"(licen[cs]e|copying|notice|unlicense)", re.IGNORECASE)
 
 
@@ -101,7 +102,7 @@ def texts(crate: dict) -> list[Path]:
 
 def text(crates: list[dict]) -> str:
     of_text: dict[str, list[str]] = {}
-    lines = ["Crates that are linked into mvtop's wheel, and their licences.", ""]
+    lines = ["Crates and fonts that are part of mvtop's wheel, and their licences.", ""]
     for crate in crates:
         name = f"{crate['name']} {crate['version']}"
         lines.append(f"{name}: {crate['license']}")
@@ -109,6 +110,9 @@ def text(crates: list[dict]) -> str:
             licence = path.read_text(encoding="utf-8", errors="replace")
             licence = "\n".join(line.rstrip() for line in licence.strip().splitlines())
             of_text.setdefault(licence, []).append(name)
+    for name, path in FONTS.items():
+        lines.append(f"{name}: OFL-1.1")
+        of_text[(ROOT / path).read_text(encoding="utf-8").strip()] = [name]
     for licence, names in of_text.items():
         lines += ["", "=" * 80, f"Of {', '.join(names)}:", "", licence]
     return "\n".join(lines) + "\n"

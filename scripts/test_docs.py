@@ -21,7 +21,7 @@ SOURCES = [
     path
     for pattern in (
         "crates/*/src/**/*.rs", "crates/*/tests/**/*.rs", "crates/*/python/**/*.py*",
-        "training/**/*.py", "training/runs/*.toml", "benches/*.py", "scripts/*", "Makefile",
+        "training/**/*.py", "training/mvtop_train/runs/*.toml", "benches/*.py", "scripts/*", "Makefile",
     )
     for path in ROOT.glob(pattern)
     if path.is_file() and path.suffix in {".rs", ".py", ".pyi", ".toml", ".sh", ""}
@@ -117,3 +117,22 @@ def test_the_command_line_page_is_what_help_prints():
     if not cli.is_file():
         pytest.skip("mvtop's wheel is not installed")
     assert module.cli_page(cli) == (ROOT / module.CLI_PAGE).read_text(), "make reference"
+
+
+def json_keys(path: str, structs: str) -> set[str]:
+    """Names of the fields of structs, as JSON has them."""
+    source = (ROOT / path).read_text().split("#[cfg(test)]")[0]
+    bodies = re.findall(rf"^pub struct (?:{structs}) \{{\n(.*?)^\}}", source, re.DOTALL | re.MULTILINE)
+    assert bodies, path
+    field = re.compile(r'(?:rename = "(\w+)"[^\n]*\n\s*)?pub (\w+):')
+    return {renamed or given for body in bodies for renamed, given in field.findall(body)}
+
+
+def test_every_key_of_the_json_is_described():
+    keys = json_keys("crates/mvtop-core/src/report.rs", r"\w+")
+    keys |= json_keys("crates/mvtop-core/src/prediction.rs", "Sigma|Refinement|Timings")
+    assert {"schema_version", "T_world_obj", "box", "rot_deg"} <= keys and "bbox" not in keys
+    pages = ["docs/reference/json.md", "docs/how-to/serve.md"]  # the latter has requests and grasps
+    text = "".join((ROOT / page).read_text() for page in pages)
+    missing = {key for key in keys if not re.search(rf"[`\".]{key}\b", text)}
+    assert not missing

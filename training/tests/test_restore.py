@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from conftest import random_views
 
 from mvtop_train.data.objects import ball, classes_of
 from mvtop_train.errors import UserError
@@ -53,7 +54,15 @@ def pictures():
 
 def answers(model: Mvtop) -> dict[str, np.ndarray]:
     """Of all parts one after the other: what one has wrong, those after it have as well."""
-    told = self_test.outputs(self_test.OfModel(model.eval()), memory_is_given=False)
+    told = self_test.outputs(self_test.OfModel(model.eval()))
+    if model.decoder:  # of the self-test it is given numbers, not what the encoder makes
+        config = model.config
+        views = random_views(
+            dataclasses.replace(config, width=config.closeup, height=config.closeup), 2
+        )
+        views.inside = torch.ones(1, 2, sum(h * w for h, w in config.decoder_shapes()))
+        with torch.no_grad():
+            told["rotations"] = model(views).hypotheses[-1].rotation_6d.flatten().tolist()
     return {name: np.array(numbers) for name, numbers in told.items()}
 
 
@@ -78,26 +87,15 @@ def test_a_restored_network_answers_as_the_one_that_was_exported(trained, pictur
     expected, got, other = (answers(m) for m in (trained, restored(graphs, preset), fresh(preset)))
     for name, values in expected.items():
         assert np.abs(got[name] - values).max() < off * np.abs(values).max(), name
-    turned = np.abs(other["rotation_6d"] - expected["rotation_6d"]).max()
-    assert turned > 0.3 * np.abs(expected["rotation_6d"]).max()
+    differs = (np.abs(other[name] - x).max() / np.abs(x).max() for name, x in expected.items())
+    assert max(differs) > 0.2, "twice what 8 bits may change"
 
 
-def test_of_bundles_of_before_there_were_blocks_for_coordinates_all_else_is_restored():
-    before = moved(fresh("lite"))
-    before.features.places = fresh(
-        "lite"
-    ).features.places.eval()  # the identity, as if there were none
-    given = {}
-    for graph in bundle.graphs_of(bundle.fold_batch_norm(before)).values():
-        given |= restore.weights_of(graph)
-    old = {name: x for name, x in given.items() if not name.startswith(restore.PLACES)}
-    assert len(old) < len(given)
-    model = Mvtop(before.config)
-    load_pretrained(model.features)
-    restore.put(old, model)
-    expected = answers(before)
-    for name, values in answers(model).items():
-        np.testing.assert_allclose(values, expected[name], rtol=1e-4, atol=1e-5, err_msg=name)
+def of_closeups(model: Mvtop, pictures: torch.Tensor) -> torch.Tensor:
+    features = model.features
+    if model.config.gives_coordinates:
+        return features.describe(pictures)
+    return features.pose_levels(pictures)[0]
 
 
 def test_normalisation_begins_with_the_statistics_of_pictures(trained, pictures):
@@ -108,8 +106,7 @@ def test_normalisation_begins_with_the_statistics_of_pictures(trained, pictures)
     def changed_by_training() -> float:
         with torch.no_grad():
             settled, trained_on = (
-                model.train(mode).features.pose_levels(shown["closeup"])[0]
-                for mode in (False, True)
+                of_closeups(model.train(mode), shown["closeup"]) for mode in (False, True)
             )
         return float((trained_on - settled).abs().mean() / settled.abs().mean())
 
@@ -124,7 +121,7 @@ def test_normalisation_begins_with_the_statistics_of_pictures(trained, pictures)
 
 def test_other_weights_are_refused(trained, tmp_path):
     bundle.write_bundle(trained, tmp_path, {"trained_steps": 1}, known=(ball(),))
-    (tmp_path / "closeup.onnx").write_bytes((tmp_path / "decoder.onnx").read_bytes())
+    (tmp_path / "closeup.onnx").write_bytes((tmp_path / "features.onnx").read_bytes())
     with pytest.raises(UserError, match="expected weights of preset '(lite|tiny)', got 'features"):
         restore.of_bundle(tmp_path, (ball(),), tmp_path)
     with pytest.raises(UserError, match=r"knows \['mvball'\], expected \[\]; fix: --data"):

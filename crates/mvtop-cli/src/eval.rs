@@ -2,16 +2,10 @@
 
 pub mod args;
 mod bop;
-mod bounds;
-mod noise;
-mod outcome;
-mod right;
-mod sample;
 mod samples;
-mod summary;
 
 use self::args::Eval;
-pub use self::bop::evaluate as bop_answer;
+pub use self::bop::of_files as score_results;
 use crate::failure::Result;
 
 pub fn run(command: &Eval) -> Result<()> {

@@ -22,3 +22,9 @@ impl From<mvtop_core::Error> for Failure {
         Self(error.to_string())
     }
 }
+
+impl From<mvtop_geometry::Error> for Failure {
+    fn from(error: mvtop_geometry::Error) -> Self {
+        Self(error.to_string())
+    }
+}

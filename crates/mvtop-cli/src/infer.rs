@@ -29,7 +29,10 @@ pub fn run(args: &Infer) -> Result<bool> {
     } = Inputs::of(args)?;
     let rig = Rig::load(&rig_file)?;
     let files = assign(&rig, &images)?;
-    let request = args.choice.request(args)?;
+    let mut request = args.choice.request(args)?;
+    let why = request.why || request.classes.is_some();
+    // People are told wherever there is nothing else to tell.
+    request.why |= !args.json;
     let truth = truth_file.as_deref().map(annotations::load_truth);
     let truth = truth.transpose()?;
     let pictures = args.overlay.as_ref();
@@ -83,6 +86,10 @@ pub fn run(args: &Infer) -> Result<bool> {
         return Ok(accepted);
     }
     print(&table::objects(&prediction, &rig, request.min_confidence))?;
+    if why || prediction.objects.is_empty() {
+        let mut misses = answer.report.why.iter().flatten();
+        misses.try_for_each(|miss| print(&format!("no {}: {}", miss.class, miss.message)))?;
+    }
     print(&format!("model {} ({})", model.folder.display(), model.by))?;
     if let Some(truth) = &truth {
         let classes = &estimator.bundle().classes;

@@ -8,7 +8,6 @@ mod doctor;
 mod eval;
 mod failure;
 mod infer;
-mod matching;
 mod model_dir;
 mod old_spelling;
 mod options;
@@ -25,10 +24,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use clap::Parser;
-use mvtop_core::error::printable;
+use mvtop_eval::runner::bop::Options;
 
 use args::{Cli, Command};
-use eval::args::Eval;
 
 /// Says what the package that this runs from brings along. For the life of the process.
 ///
@@ -51,22 +49,16 @@ pub fn save(path: &Path, text: &str, overwrite: bool) -> io::Result<()> {
     write::persist(path, text.as_bytes())
 }
 
-/// What `mvtop-cli eval bop --json` prints, one line of JSON; warnings go to stderr all the same.
+/// Scores of the results in BOP's format that the options name, one line of JSON as `mvtop-cli eval bop
+/// --json` prints; progress and warnings go to stderr.
 ///
-/// - `args`: what follows `eval bop`
+/// - `report`: folder for results and pages, if they are wanted
 ///
 /// # Errors
 /// One sentence.
-pub fn eval_bop(args: impl IntoIterator<Item = OsString>) -> Result<String, String> {
-    let command = ["mvtop-cli", "eval", "bop"].map(OsString::from);
-    let cli = Cli::try_parse_from(command.into_iter().chain(args));
-    let Command::Eval(Eval::Bop(args)) =
-        cli.map_err(|error| printable(&error.to_string()))?.command
-    else {
-        return Err("expected arguments of `eval bop`".into());
-    };
-    let answer = eval::bop_answer(&args).map_err(|failure| failure.to_string())?;
-    Ok(answer.json)
+pub fn score_results(options: &Options, report: Option<&Path>) -> Result<String, String> {
+    let answer = eval::score_results(options, report, report);
+    answer.map(|answer| answer.json).map_err(|f| f.to_string())
 }
 
 /// Exit code where a pose is less certain than was asked for.

@@ -16,7 +16,7 @@ const MAX_FILE_BYTES: u64 = 1 << 24;
 #[derive(Args)]
 #[command(next_help_heading = "What is wanted")]
 pub struct Choice {
-    /// Give only objects of these classes
+    /// Look for objects of these classes alone
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     pub classes: Option<Vec<String>>,
 
@@ -41,7 +41,11 @@ pub struct Choice {
     #[arg(long, requires = "json")]
     pub grasps: bool,
 
-    /// Ask what this file asks, as `serve --record` keeps it; other options replace what it says
+    /// Say of each class without an object what came nearest, and what it failed at
+    #[arg(long)]
+    pub why: bool,
+
+    /// Ask what this file asks, priors and planes among it, as `serve --record` keeps it; other options replace what it says
     #[arg(long, value_name = "FILE")]
     pub request: Option<PathBuf>,
 }
@@ -63,6 +67,7 @@ impl Choice {
         request.min_confidence = args.min_confidence.or(request.min_confidence);
         request.most = self.most.map(|most| most as usize).or(request.most);
         request.grasps |= self.grasps;
+        request.why |= self.why;
         if let Some([x0, y0, z0, x1, y1, z1]) = self.region.as_deref() {
             request.region = Some(WorldBox {
                 min_m: [*x0, *y0, *z0],

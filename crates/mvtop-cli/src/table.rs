@@ -8,7 +8,7 @@ use mvtop_core::scorer::Verdict;
 use mvtop_core::{Prediction, Rig};
 use nalgebra::Isometry3;
 
-use crate::matching::matches;
+use mvtop_eval::matching::matches;
 
 /// The objects, one row each, then the timings.
 ///

@@ -1,12 +1,12 @@
-//! Writing: files that appear when they are whole, and stdout.
+//! Writing: to stdout and stderr, pages, and files that appear when they are whole.
 
-use std::fs::create_dir_all;
-use std::io::{Error, ErrorKind, Write};
-use std::path::Path;
+use std::io::{ErrorKind, Write};
 
 use mvtop_core::Prediction;
 use mvtop_core::error::{harmless, printable};
 use serde::Serialize;
+
+pub use mvtop_eval::files::{folder, json, may_write, persist, spare, whole};
 
 use crate::failure::{Failure, Result};
 
@@ -40,140 +40,14 @@ pub fn warn(prediction: &Prediction, of: Option<&str>) {
     }
 }
 
-/// One line of JSON.
-pub fn json(value: &impl Serialize) -> Result<String> {
-    serde_json::to_string(value).map_err(json_error)
-}
-
 /// JSON for people to look into as well.
 pub fn pretty_json(value: &impl Serialize) -> Result<String> {
-    serde_json::to_string_pretty(value).map_err(json_error)
+    serde_json::to_string_pretty(value)
+        .map_err(|cause| Failure(format!("cannot write JSON: {cause}")))
 }
 
 /// A page.
 pub fn template(page: &impl askama::Template) -> Result<String> {
     page.render()
         .map_err(|cause| Failure(format!("cannot write a page: {cause}")))
-}
-
-fn json_error(cause: serde_json::Error) -> Failure {
-    Failure(format!("cannot write JSON: {cause}"))
-}
-
-/// Refuses to overwrite a file unless `force`, and what is no file in any case. A link is there,
-/// wherever it leads.
-pub fn may_write(path: &Path, force: bool) -> Result<()> {
-    let Ok(about) = path.symlink_metadata() else {
-        return Ok(());
-    };
-    let path = path.display();
-    if !about.is_file() && !about.is_symlink() {
-        return Err(Failure(format!(
-            "{path} is a folder or a device, expected a file; name another one"
-        )));
-    }
-    if !force {
-        return Err(Failure(format!(
-            "{path} exists already; give --force to overwrite it"
-        )));
-    }
-    Ok(())
-}
-
-/// Refuses to overwrite a file that is read, whatever is forced.
-///
-/// - `fix`: what to do about it, `name another file`
-pub fn spare<P: AsRef<Path>>(
-    path: &Path,
-    read: impl IntoIterator<Item = P>,
-    fix: &str,
-) -> Result<()> {
-    let mut read = read.into_iter();
-    match read.find(|read| same_file(read.as_ref(), path)) {
-        None => Ok(()),
-        Some(read) => Err(Failure(format!(
-            "{} is one of the files that are read, {}; {fix}",
-            path.display(),
-            read.as_ref().display()
-        ))),
-    }
-}
-
-/// Whether two names are of one file.
-pub fn same_file(a: &Path, b: &Path) -> bool {
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::MetadataExt;
-        let number = |path: &Path| path.metadata().ok().map(|about| (about.dev(), about.ino()));
-        number(a).is_some() && number(a) == number(b)
-    }
-    #[cfg(not(unix))]
-    {
-        let place = |path: &Path| path.canonicalize().ok();
-        place(a).is_some() && place(a) == place(b)
-    }
-}
-
-/// Makes a folder and those above it, where they are not there.
-pub fn folder(path: &Path) -> Result<()> {
-    create_dir_all(path).map_err(failed("create", path))
-}
-
-/// The file appears when it is whole: who finds it need not ask whether it is. What cannot be written
-/// leaves nothing, and a link is replaced, not followed.
-pub fn whole(path: &Path, contents: &[u8]) -> Result<()> {
-    persist(path, contents).map_err(failed("write", path))
-}
-
-/// The same with the system's own error.
-pub fn persist(path: &Path, contents: &[u8]) -> std::io::Result<()> {
-    let folder = path.parent().filter(|dir| !dir.as_os_str().is_empty());
-    let mut options = tempfile::Builder::new();
-    options.prefix(".mvtop-").suffix(".partial");
-    #[cfg(unix)]
-    options.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the umask
-    let mut file = options.tempfile_in(folder.unwrap_or(Path::new(".")))?;
-    file.write_all(contents)?;
-    file.persist(path)?;
-    Ok(())
-}
-
-/// - `what`: what could not be done with the file, `write`
-pub fn failed(what: &str, path: &Path) -> impl Fn(Error) -> Failure {
-    let (what, path) = (what.to_owned(), path.display().to_string());
-    move |cause| Failure(format!("cannot {what} {path}: {cause}"))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_cannot_be_written_leaves_nothing_and_spares_what_is_there() {
-        let dir = tempfile::tempdir().unwrap();
-        let taken = dir.path().join("taken");
-        std::fs::create_dir(&taken).unwrap();
-        std::fs::write(dir.path().join("a.jsonl.partial"), "theirs").unwrap();
-        let error = whole(&taken, b"text").unwrap_err().to_string();
-        assert!(
-            error.contains("cannot write") && error.contains("taken"),
-            "{error}"
-        );
-        whole(&dir.path().join("a.jsonl"), b"text").unwrap();
-        let mut names: Vec<_> = std::fs::read_dir(dir.path())
-            .unwrap()
-            .map(|entry| entry.unwrap().file_name())
-            .collect();
-        names.sort();
-        assert_eq!(names, ["a.jsonl", "a.jsonl.partial", "taken"]);
-        let theirs = std::fs::read(dir.path().join("a.jsonl.partial")).unwrap();
-        assert_eq!(theirs, b"theirs");
-    }
-
-    #[test]
-    fn devices_and_folders_are_never_replaced() {
-        let dir = tempfile::tempdir().unwrap();
-        assert!(may_write(dir.path(), true).is_err());
-        assert!(may_write(Path::new("/dev/null"), true).is_err() || cfg!(not(unix)));
-    }
 }

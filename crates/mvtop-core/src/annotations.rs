@@ -9,8 +9,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::rig::transform;
-use crate::{BBox, Error, Result, json};
+use crate::{BBox, Error, Result, json, transform};
 
 /// One object and where the cameras see it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -33,7 +32,7 @@ pub struct TruePose {
 /// Reads a file of boxes; keys it does not know are ignored, so that a file of the truth serves, too.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Json`] where it is not such a file.
+/// [`Error::Geometry`] where the file cannot be read or is not such a file.
 pub fn load_boxes(path: &Path) -> Result<Vec<GivenBoxes>> {
     objects(
         path,
@@ -44,7 +43,7 @@ pub fn load_boxes(path: &Path) -> Result<Vec<GivenBoxes>> {
 /// Reads a file of the truth; its boxes may be left out.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Json`] where it is not such a file, and
+/// [`Error::Geometry`] where the file cannot be read or is not such a file, and
 /// [`Error::Annotations`] where a pose is none.
 pub fn load_truth(path: &Path) -> Result<Vec<TruePose>> {
     #[derive(Deserialize)]
@@ -65,7 +64,8 @@ pub fn load_truth(path: &Path) -> Result<Vec<TruePose>> {
         let (class, boxes) = (object.class, object.boxes);
         Ok(TruePose {
             seen: GivenBoxes { class, boxes },
-            world_from_obj: transform::read(place, &object.t_world_obj, 1.0).map_err(refuse)?,
+            world_from_obj: transform::from_json(place, &object.t_world_obj, 1.0)
+                .map_err(refuse)?,
         })
     };
     let objects = objects(path, expected)?.into_iter();
@@ -77,7 +77,8 @@ fn objects<T: DeserializeOwned>(path: &Path, expected: &str) -> Result<Vec<T>> {
     struct Document<T> {
         objects: Vec<T>,
     }
-    json::read(path, expected).map(|document: Document<T>| document.objects)
+    let document: Document<T> = json::read(path, expected)?;
+    Ok(document.objects)
 }
 
 #[cfg(test)]
@@ -136,7 +137,7 @@ mod tests {
         assert!(text.contains("T_world_obj of object 0"), "{text}");
         assert!(matches!(
             load_truth(Path::new("none.json")),
-            Err(Error::Read { .. })
+            Err(Error::Geometry(mvtop_geometry::Error::Read { .. }))
         ));
     }
 }

@@ -205,36 +205,110 @@ impl Ball {
     }
 }
 
+/// Where two lines of sight are nearest to each other.
+struct Nearest {
+    on_a: Vector3<f64>,
+    on_b: Vector3<f64>,
+    /// Apparent radii there, metres.
+    radius_a: f64,
+    radius_b: f64,
+}
+
+impl Nearest {
+    /// `None` where that is not in front of both cameras.
+    fn of(a: &LineOfSight, b: &LineOfSight) -> Option<Self> {
+        // Nearest points a.origin + s * a.direction and b.origin + t * b.direction.
+        let baseline = b.origin - a.origin;
+        let cosine = a.direction.dot(&b.direction);
+        let sine_squared = a.direction.cross(&b.direction).norm_squared();
+        let (along_a, along_b) = (baseline.dot(&a.direction), baseline.dot(&b.direction));
+        let widths = a.sin_radius + b.sin_radius;
+        // Of cameras that look at each other past the object, sizes tell best where between them it is.
+        let facing = cosine < 0.0 && along_a > 0.0 && along_b < 0.0;
+        let [s, t] = match facing && sine_squared < (widths / 2.0).powi(2) {
+            true => [b, a].map(|other| baseline.norm() * other.sin_radius / widths),
+            false => {
+                [along_a - cosine * along_b, cosine * along_a - along_b].map(|x| x / sine_squared)
+            }
+        };
+        // Parallel lines meet nowhere: s and t are then not finite.
+        (s > 0.0 && t > 0.0 && s.is_finite() && t.is_finite()).then(|| Self {
+            on_a: a.origin + s * a.direction,
+            on_b: b.origin + t * b.direction,
+            radius_a: s * a.sin_radius,
+            radius_b: t * b.sin_radius,
+        })
+    }
+
+    fn gap(&self) -> f64 {
+        (self.on_a - self.on_b).norm()
+    }
+}
+
 /// The ball that two boxes agree on and the cost of the match.
 fn meet(config: &AssociationConfig, a: &LineOfSight, b: &LineOfSight) -> Option<(Ball, f64)> {
     if a.class != b.class {
         return None;
     }
-    // Nearest points a.origin + s * a.direction and b.origin + t * b.direction.
-    let baseline = b.origin - a.origin;
-    let cosine = a.direction.dot(&b.direction);
-    let sine_squared = a.direction.cross(&b.direction).norm_squared();
-    let (along_a, along_b) = (baseline.dot(&a.direction), baseline.dot(&b.direction));
-    let widths = a.sin_radius + b.sin_radius;
-    // Of cameras that look at each other past the object, sizes tell best where between them it is.
-    let facing = cosine < 0.0 && along_a > 0.0 && along_b < 0.0;
-    let [s, t] = match facing && sine_squared < (widths / 2.0).powi(2) {
-        true => [b, a].map(|other| baseline.norm() * other.sin_radius / widths),
-        false => [along_a - cosine * along_b, cosine * along_a - along_b].map(|x| x / sine_squared),
-    };
-    // Parallel lines meet nowhere: s and t are then not finite.
-    if !(s > 0.0 && t > 0.0 && s.is_finite() && t.is_finite()) {
-        return None;
-    }
-    let (on_a, on_b) = (a.origin + s * a.direction, b.origin + t * b.direction);
-    let (radius_a, radius_b) = (s * a.sin_radius, t * b.sin_radius);
-    let cost = cost(config, (on_a - on_b).norm(), radius_a, radius_b)?;
+    let nearest = Nearest::of(a, b)?;
+    let cost = cost(config, nearest.gap(), nearest.radius_a, nearest.radius_b)?;
     let ball = Ball {
         class: a.class,
-        center: (on_a + on_b) / 2.0,
-        radius: (radius_a * radius_b).sqrt(),
+        center: (nearest.on_a + nearest.on_b) / 2.0,
+        radius: (nearest.radius_a * nearest.radius_b).sqrt(),
     };
     Some((ball, cost))
+}
+
+/// Why two boxes of a class do not match.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Mismatch {
+    /// Their rays pass each other; not finite where they do not meet in front of both cameras.
+    Rays {
+        /// Distance of the rays, metres.
+        gap_m: f64,
+        /// Greatest distance of a match, metres.
+        limit_m: f64,
+    },
+    /// They have different sizes at that place, or one that the class does not have.
+    Sizes {
+        /// Radius by the boxes, metres.
+        radius_m: f64,
+        /// Nearest radius that would match, metres.
+        limit_m: f64,
+    },
+}
+
+/// Why two boxes do not match; `None` where they do.
+///
+/// - `radii`: least and greatest half width of the class, metres
+pub fn mismatch(
+    config: &AssociationConfig,
+    a: &LineOfSight,
+    b: &LineOfSight,
+    radii: [f64; 2],
+) -> Option<Mismatch> {
+    let Some(nearest) = Nearest::of(a, b) else {
+        let (gap_m, limit_m) = (f64::INFINITY, 0.0);
+        return Some(Mismatch::Rays { gap_m, limit_m });
+    };
+    let (gap_m, [small, large]) = (nearest.gap(), {
+        let (a, b) = (nearest.radius_a, nearest.radius_b);
+        [a.min(b), a.max(b)]
+    });
+    let limit_m = (small + large) * config.box_tolerance;
+    if gap_m > limit_m {
+        return Some(Mismatch::Rays { gap_m, limit_m });
+    }
+    let factor = 1.0 + config.box_tolerance;
+    if large > small * factor.powi(2) {
+        let (radius_m, limit_m) = (large, small * factor.powi(2));
+        return Some(Mismatch::Sizes { radius_m, limit_m });
+    }
+    let radius_m = (small * large).sqrt();
+    let [least, greatest] = [radii[0] / factor, radii[1] * factor];
+    let limit_m = radius_m.clamp(least, greatest.max(least));
+    (radius_m != limit_m).then_some(Mismatch::Sizes { radius_m, limit_m })
 }
 
 /// 0 for a perfect match, 2 at both limits, `None` beyond either.

@@ -6,6 +6,7 @@ mod manifest;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use nalgebra::Point3;
 use serde::Deserialize;
 
 use self::manifest::{Header, Manifest, ManifestClass, read_points};
@@ -50,8 +51,9 @@ pub struct Bundle {
     /// The graph that runs on whole images: the detector, and the encoder where poses are decoded from
     /// these. Absolute or relative to the current folder, like `dir`.
     pub features: PathBuf,
-    /// The graph that decodes poses, likewise.
-    pub decoder: PathBuf,
+    /// The graph that decodes poses, likewise; `None` where close-ups give object coordinates, on which
+    /// PnP finds the poses.
+    pub decoder: Option<PathBuf>,
     /// Whether the graphs use standard operators only.
     pub portable: bool,
     /// What the network answers to one fixed input; bundles of earlier exports have none.
@@ -65,10 +67,6 @@ pub struct Bundle {
 pub struct SelfTest {
     /// How far an output may be off, as a share of the largest of its group.
     pub tolerance: f64,
-    /// Whether the decoder was asked about given numbers, as since 26 November 2026, not about what the
-    /// encoder makes of the input: there, steps of 8 bits are magnified.
-    #[serde(default)]
-    pub memory_is_given: bool,
     /// Groups of numbers by name.
     pub outputs: BTreeMap<String, Vec<f64>>,
 }
@@ -85,7 +83,7 @@ pub enum PoseInput {
     CloseUps(CloseUps),
 }
 
-/// How poses are decoded from close-ups, see [`crate::closeup`].
+/// How poses are found in close-ups, see [`crate::closeup`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct CloseUps {
     /// Side of the pictures, px.
@@ -125,7 +123,7 @@ pub struct Class {
     /// Motions after which it looks the same.
     pub symmetry: Symmetry,
     /// Unit of the object coordinates that the network gives for close-ups, metres; all classes of a
-    /// bundle have one, or none.
+    /// bundle without a decoder have one.
     pub coordinates_extent_m: Option<f64>,
 }
 
@@ -182,6 +180,21 @@ impl Class {
         });
         let least = spiral.map(half_width).fold(f64::INFINITY, f64::min);
         [least.max(0.0), self.diameter_m / 2.0]
+    }
+
+    /// Middle of the box around the surface points, object frame, metres; the origin without any.
+    pub fn middle(&self) -> Point3<f64> {
+        let along = |axis: usize| {
+            let all = self.points.iter().map(|point| point.position[axis]);
+            let ends = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
+                (low.min(x), high.max(x))
+            });
+            (ends.0 + ends.1) / 2.0
+        };
+        match self.points.is_empty() {
+            true => Point3::origin(),
+            false => Point3::new(along(0), along(1), along(2)),
+        }
     }
 }
 
@@ -246,7 +259,7 @@ impl Bundle {
             inference: manifest.inference,
             poses,
             features: dir.join(manifest.graphs.features),
-            decoder: dir.join(manifest.graphs.decoder),
+            decoder: manifest.graphs.decoder.map(|name| dir.join(name)),
             portable: manifest.portable,
             self_test: manifest.self_test,
             provenance: manifest.provenance,
@@ -255,8 +268,7 @@ impl Bundle {
 
     /// Whether the network says which place of the object each cell of a close-up shows.
     pub fn has_coordinates(&self) -> bool {
-        let mut classes = self.classes.iter();
-        classes.all(|class| class.coordinates_extent_m.is_some())
+        self.decoder.is_none()
     }
 
     /// Index of the class `name`, as the network counts them.

@@ -147,7 +147,7 @@ pub fn observe(
             true => camera.world_from_cam().inverse() * axes,
             false => camera.world_from_cam() * axes,
         });
-        let found = read.and_then(|rig| by(&rig)).ok().flatten();
+        let found = read.ok().and_then(|rig| by(&rig).ok().flatten());
         found.is_some_and(|found| enough(found.agreeing()))
     });
     let hint = match fits {

@@ -36,16 +36,16 @@ pub struct InferenceConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TilingConfig {
-    /// Scale at which images are shown, if `max_input` allows it; smaller ones are scaled to the
-    /// bundle's input. Objects are then as large as in training.
+    /// Scale of the detector's images, if `max_input` allows it; smaller ones are scaled to the
+    /// bundle's input.
     pub full_scale: f64,
-    /// Pixels of an image that the detector is shown, at most, as a multiple of the bundle's input.
+    /// Most pixels of the detector's image, as a multiple of the bundle's input.
     pub max_input: f64,
-    /// Images shown at a smaller scale than this are also shown in tiles. Not measured.
+    /// Images at a smaller scale are also tiled. Not measured.
     pub min_scale: f64,
     /// Magnification of a tile where another view expects an object. Not measured.
     pub guided_zoom: f64,
-    /// Magnification of the tiles that cover an image when no view has found anything. Not measured.
+    /// Magnification of tiles when no view has found anything. Not measured.
     pub full_zoom: f64,
 }
 
@@ -53,9 +53,8 @@ pub struct TilingConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AssociationConfig {
-    /// Tolerance of a box in center and size, as a share of its half side: two rays may pass each other
-    /// at twice this share of the apparent radius, and radii may differ by the factor of one plus this
-    /// share. Not measured.
+    /// Tolerance of a box in center and size, as a share of its half side: rays may pass at twice
+    /// this share of the apparent radius, radii may differ by one plus this share. Not measured.
     pub box_tolerance: f64,
 }
 
@@ -69,7 +68,7 @@ pub struct PnpConfig {
     pub search_correspondences: usize,
     /// Robust scales of the search's alignment steps, in diameters.
     pub align_scales: Vec<f64>,
-    /// Robust scales of the Gauss-Newton steps, in diameters; the last one defines an inlier.
+    /// Robust scales of the Gauss-Newton steps, in diameters; the last one defines inliers.
     pub newton_scales: Vec<f64>,
     /// Temperature of the poses' probabilities: p ~ exp(inlier share / temperature).
     pub temperature: f64,
@@ -77,13 +76,13 @@ pub struct PnpConfig {
     pub min_correspondences: usize,
     /// Least trust of a correspondence, 0 to 1.
     pub min_trust: f64,
-    /// Neighbouring correspondences that count as one when the error is estimated. 50 was chosen
-    /// against 150 on held-out scenes.
+    /// Neighbouring correspondences that count as one in the estimated error; chosen against 150 on
+    /// held-out scenes.
     pub correlated: f64,
-    /// Standard deviation of the start's position across and along a view's ray: in diameters, and as
-    /// a share of the distance.
+    /// Standard deviation of the start's position: across a view's ray in diameters, along it as a
+    /// share of the distance.
     pub start_sigma: [f64; 2],
-    /// Ratio of a pose's distance to that of its start, at most.
+    /// Largest ratio of a pose's distance to its start's.
     pub max_distance_ratio: f64,
 }
 
@@ -91,38 +90,36 @@ pub struct PnpConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SearchConfig {
-    /// Proposers after the network's first poses, in this order; each works on instances that are not
-    /// settled.
+    /// Proposers after the network's first poses, in order, for unsettled instances.
     pub schedule: Vec<Proposer>,
-    /// An instance is settled when its confidence is this high.
+    /// Confidence of a settled instance.
     pub settled: f64,
-    /// Candidates with lower log-odds before refinement are not refined. Calibration loses one in 200
-    /// correct poses by it. Without a value all are refined.
+    /// Least log-odds of a candidate to be refined; calibration loses one in 200 correct poses by
+    /// it.
     pub min_initial_log_odds: Option<f64>,
-    /// Unsettled instances of lower confidence get no further proposals.
+    /// Least confidence of an instance with further proposals.
     pub hopeless: f64,
-    /// Largest number of instances that a proposer or the tiling works on, the most confident first:
-    /// bounds the time.
+    /// Most instances per proposer and tiling, the most confident first.
     pub max_instances: usize,
-    /// Poses that differ by less, up to symmetry, are one candidate, degrees.
+    /// Poses closer than this, up to symmetry, are one candidate, degrees.
     pub merge_deg: f64,
-    /// Largest number of candidates of an instance.
+    /// Most candidates of an instance.
     pub max_candidates: usize,
-    /// Largest number of anchor views of the decoder.
+    /// Most anchor views of the decoder.
     pub max_anchors: usize,
-    /// Roll angles of the augmented crops, degrees: the range of most training crops.
+    /// Roll angles of augmented crops, degrees.
     pub rolls_deg: Vec<f64>,
     /// Rotation angle of the perturbed poses, degrees.
     pub perturbation_deg: f64,
-    /// A view should show an object if at least this share of its projection is inside the image.
+    /// Least share of the projection inside the image of a view that should show the object.
     pub min_in_image: f64,
-    /// Two instances are duplicates when their distance is below this share of the sum of their radii.
+    /// Largest distance of duplicates, as a share of the sum of their radii.
     pub duplicate_distance: f64,
-    /// Least overlap (IoU) of a detected box and a projected object that are the same.
+    /// Least IoU of a detected box and the same object's projection.
     pub same_box_iou: f64,
-    /// Least overlap (IoU) of two boxes with the same crop. Not measured.
+    /// Least IoU of two boxes with the same crop. Not measured.
     pub same_crop_iou: f64,
-    /// Instances of lower confidence are rejected.
+    /// Least confidence of an instance that is not rejected.
     pub min_confidence: f64,
 }
 
@@ -142,43 +139,42 @@ pub enum Proposer {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RigConfig {
-    /// Standard deviation of a detected box: center and log size, as shares of its side. Fitted on pairs
-    /// of the ball.
+    /// Standard deviation of a box's center and log size, as shares of its side. Fitted on pairs of
+    /// the ball.
     pub box_sigma: [f64; 2],
-    /// Prior of a single view's own pose about the joint one: degrees, and a share of the distance.
+    /// Prior of a single view's pose about the joint one: degrees, share of the distance.
     pub view_prior: [f64; 2],
-    /// Contour inlier share from which a view's own pose counts instead of its box.
+    /// Least contour inlier share of a view's pose; below, its box counts.
     pub min_contour_inliers: f64,
-    /// Factor on the covariance of a single view's pose: its contour points err together.
+    /// Factor on the covariance of a single view's pose, as its contour points are correlated.
     pub covariance_factor: f64,
-    /// Least standard deviations of a single view's pose by contours: across its ray (diameters),
+    /// Least standard deviations of a single view's pose by contours: across the ray (diameters),
     /// along it (share of the distance), rotation (radians).
     pub contour_floor: [f64; 3],
-    /// The same three of a single view's pose by its box. Chosen on held-out scenes of `models/ycbv4`.
+    /// The same by its box. Chosen on held-out scenes of `models/ycbv4`.
     pub box_floor: [f64; 3],
-    /// Standard deviation of a camera's error in a wrong rig: degrees and metres.
+    /// Standard deviation of a camera's error in a wrong rig: degrees, metres.
     pub camera_prior: [f64; 2],
-    /// Standard deviation of a mesh's scale against the real object, as a share.
+    /// Standard deviation of a mesh's scale error.
     pub mesh_scale_sigma: f64,
-    /// True rig: share of objects that one camera of a pair shows and the other should show, but does
-    /// not. Fitted.
+    /// True rig: share of objects that one camera of a pair misses. Fitted.
     pub unconfirmed_true: f64,
-    /// The same share for a wrong rig. Not measured.
+    /// Wrong rig: the same. Not measured.
     pub unconfirmed_wrong: f64,
-    /// Red and blue count as exchanged if the colors of objects and images correlate below minus this.
-    /// Not measured.
+    /// Red and blue are exchanged if colors of objects and images correlate below minus this. Not
+    /// measured.
     pub exchanged_correlation: f64,
-    /// Without a probable pose: least gain of the best detector score when red and blue are exchanged
-    /// back. Not measured.
+    /// The same without a probable pose: least gain of the detector score by exchanging them back.
+    /// Not measured.
     pub exchanged_gain: f64,
-    /// Limit of the gain by corrections of the cameras, standard deviations. One in a hundred held-out
-    /// groups with a true rig exceeds this limit, and each of the next two.
+    /// Limit of the gain by correcting cameras, standard deviations: 1 % of held-out groups with
+    /// true rigs exceed it, and each of the next two.
     pub max_camera_deviation: f64,
-    /// Limit of the gain by a scale of the rig or of its focal lengths, standard deviations.
+    /// Limit of the gain by one scale of baselines or focal lengths, standard deviations.
     pub max_scale_deviation: f64,
-    /// Limit of the disagreement of an object's boxes, standard deviations (objects without a mesh).
+    /// Limit of the disagreement of boxes of objects without a mesh, standard deviations.
     pub max_box_deviation: f64,
-    /// Limit of the log-likelihood ratio by which two cameras do not show the same objects: ten to one.
+    /// Limit of the log-likelihood ratio of two cameras not showing the same objects (ten to one).
     pub max_contradiction: f64,
 }
 

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::transform::TransformError;
+use mvtop_geometry::Error as Geometry;
 
 /// Result of this crate's functions.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
@@ -17,23 +17,18 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 #[non_exhaustive]
 #[allow(missing_docs)] // of fields: the sentences say what they are
 pub enum Error {
-    /// A file could not be read.
-    #[error("cannot read {}: {cause}", path.display())]
-    Read {
+    /// Of a camera, a rig, a transform, or a file that could not be read.
+    #[error(transparent)]
+    Geometry(#[from] Geometry),
+
+    /// A file or folder that could not be written.
+    #[error("cannot {action} {}: {cause}", path.display())]
+    Write {
+        /// What could not be done with it: `write`.
+        action: &'static str,
         path: PathBuf,
         #[source]
         cause: io::Error,
-    },
-
-    /// A rig that is refused.
-    #[error("{origin}: {problem}")]
-    Rig {
-        /// Its file, or `rig` where it came as text or as cameras.
-        origin: String,
-        problem: String,
-        /// Where it is no JSON.
-        #[source]
-        cause: Option<serde_json::Error>,
     },
 
     /// An image file that cannot be used.
@@ -87,33 +82,6 @@ pub enum Error {
     #[error("{0}; the model bundle is broken, restore it or export it again")]
     Pose(String),
 
-    /// Six numbers that span no rotation.
-    #[error(
-        "6D rotation {0:?}: its two columns must be finite, non-zero and not parallel to each other"
-    )]
-    Rotation6d([f64; 6]),
-
-    /// A camera, its intrinsics or its projection that is refused.
-    #[error("{0}")]
-    Camera(String),
-
-    /// Numbers that are no rigid transform.
-    #[error("{name}: {cause}")]
-    Transform {
-        name: String,
-        #[source]
-        cause: TransformError,
-    },
-
-    /// A file of JSON that holds something else than it should.
-    #[error("{}: expected {expected}, got: {cause}", path.display())]
-    Json {
-        path: PathBuf,
-        expected: String,
-        #[source]
-        cause: serde_json::Error,
-    },
-
     /// A data set's file or folder that holds something else than it should.
     #[error("{0}")]
     Data(String),
@@ -124,14 +92,6 @@ pub enum Error {
         path: PathBuf,
         /// Which object, what was expected and what came.
         problem: String,
-    },
-
-    /// A camera that the rig does not have.
-    #[error("{role}: no camera `{id}` in the rig, expected one of: {}", known.join(", "))]
-    UnknownCamera {
-        role: String,
-        id: String,
-        known: Vec<String>,
     },
 
     /// A class that the model does not know.
@@ -170,7 +130,7 @@ pub enum Error {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum ErrorKind {
-    /// A file could not be read.
+    /// A file could not be read or written.
     Io,
     /// A camera, its intrinsics or its projection.
     Camera,
@@ -204,18 +164,24 @@ impl Error {
     /// What it is about, to match on.
     ///
     /// ```
-    /// use mvtop_core::{ErrorKind, Rig};
+    /// use mvtop_core::{Error, ErrorKind, Rig};
     ///
-    /// let error = Rig::from_json("{").unwrap_err();
+    /// let error = Error::from(Rig::from_json("{").unwrap_err());
     /// assert_eq!(error.kind(), ErrorKind::Rig);
     /// assert!(std::error::Error::source(&error).is_some_and(|cause| cause.is::<serde_json::Error>()));
     /// ```
     pub fn kind(&self) -> ErrorKind {
         match self {
-            Self::Read { .. } => ErrorKind::Io,
-            Self::Camera(_) => ErrorKind::Camera,
-            Self::Rig { .. } => ErrorKind::Rig,
-            Self::Transform { .. } => ErrorKind::Transform,
+            Self::Geometry(cause) => match cause {
+                Geometry::Read { .. } => ErrorKind::Io,
+                Geometry::Json { .. } => ErrorKind::Data,
+                Geometry::Rig { .. } => ErrorKind::Rig,
+                Geometry::Camera(_) => ErrorKind::Camera,
+                Geometry::Transform { .. } => ErrorKind::Transform,
+                Geometry::Rotation6d(_) => ErrorKind::Pose,
+                _ => ErrorKind::Input,
+            },
+            Self::Write { .. } => ErrorKind::Io,
             Self::Image { .. } => ErrorKind::Image,
             Self::Shape { .. } => ErrorKind::Shape,
             Self::RuntimeMissing { .. } | Self::Runtime { .. } => ErrorKind::Runtime,
@@ -223,31 +189,30 @@ impl Error {
             Self::Network { .. } => ErrorKind::Network,
             Self::Bundle { .. } => ErrorKind::Bundle,
             Self::Input(_)
-            | Self::UnknownCamera { .. }
             | Self::UnknownClass { .. }
             | Self::ImageSize { .. }
             | Self::TooFewImages { .. } => ErrorKind::Input,
-            Self::Json { .. } | Self::Data(_) | Self::Annotations { .. } => ErrorKind::Data,
-            Self::Pose(_) | Self::Rotation6d(_) => ErrorKind::Pose,
+            Self::Data(_) | Self::Annotations { .. } => ErrorKind::Data,
+            Self::Pose(_) => ErrorKind::Pose,
             Self::Interrupted => ErrorKind::Interrupted,
         }
     }
 
     /// For `map_err`: a file or folder that could not be read.
     pub fn read(path: &Path) -> impl Fn(io::Error) -> Self {
-        let path = path.to_owned();
-        move |cause| Self::Read {
-            path: path.clone(),
-            cause,
-        }
+        let read = Geometry::read(path);
+        move |cause| read(cause).into()
     }
 
-    /// A rig that did not come from a file.
-    pub(crate) fn rig(problem: String) -> Self {
-        Self::Rig {
-            origin: "rig".into(),
-            problem,
-            cause: None,
+    /// For `map_err`: a file or folder that could not be written.
+    ///
+    /// - `action`: what could not be done with it, `write`
+    pub fn write(action: &'static str, path: &Path) -> impl Fn(io::Error) -> Self {
+        let path = path.to_owned();
+        move |cause| Self::Write {
+            action,
+            path: path.clone(),
+            cause,
         }
     }
 }

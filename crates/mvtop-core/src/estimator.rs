@@ -8,11 +8,13 @@ mod decoder;
 mod detections;
 mod grouping;
 mod instance;
+mod near_miss;
 mod next_view;
 mod nms;
 mod occlusion;
 mod pipeline;
 mod pnp;
+mod priors;
 mod proposals;
 mod refinement;
 mod reprojection;
@@ -21,8 +23,10 @@ mod rig_test;
 mod self_test;
 mod tiling;
 mod tracker;
+mod tracks;
 mod verification;
 mod view;
+mod wanted;
 
 use std::path::{Path, PathBuf};
 
@@ -34,10 +38,12 @@ use crate::image::ViewImage;
 use crate::network::{Network, OnnxNetwork};
 use crate::prediction::{ObjectPose, Prediction};
 use crate::refine::{self, Edge, Refiner};
+use crate::request::{Plane, Prior};
 use crate::scorer::Scorer;
 use crate::{Error, Result, Rig, cancel, onnx};
 
 pub use self::tracker::Tracker;
+pub use self::tracks::{TrackOptions, Tracks};
 
 /// How to run the network.
 #[derive(Debug, Clone, Default)]
@@ -62,6 +68,15 @@ pub struct PredictOptions {
     pub min_views: usize,
     /// Whether poses are refined on the images; by default those of classes with a mesh are.
     pub refine: Option<bool>,
+    /// Only objects of these classes, by name. Others are looked at only where their boxes overlap one
+    /// of these: they may hide such an object, or stand in its place.
+    pub classes: Option<Vec<String>>,
+    /// Rough poses: where objects of their classes are looked for, and where alone they may be.
+    pub priors: Vec<Prior>,
+    /// Planes on which objects of their classes stand upright.
+    pub planes: Vec<Plane>,
+    /// Whether to say what came nearest of each class without an object.
+    pub why: bool,
 }
 
 /// A loaded network, ready for any number of predictions with any rigs.
@@ -169,10 +184,10 @@ impl Estimator {
     /// - `images`: in any order; at least one, at most one per camera, of the camera's size
     ///
     /// # Errors
-    /// [`Error::TooFewImages`], [`Error::ImageSize`], [`Error::UnknownCamera`],
+    /// [`Error::TooFewImages`], [`Error::ImageSize`], [`Error::Geometry`],
     /// [`Error::UnknownClass`] and [`Error::Input`] where the images, the reference, the given boxes
     /// or the fewest views do not fit the rig or the bundle; [`Error::Shape`], [`Error::Pose`] and
-    /// [`Error::Rotation6d`] where the network does not do its part.
+    /// [`Error::Geometry`] where the network does not do its part.
     ///
     /// ```no_run
     /// use std::path::Path;

@@ -155,12 +155,16 @@ pub(crate) fn fill(
     Ok(())
 }
 
-/// RGB bytes of the image at its size within the letterbox; unchanged where that is its own size.
+/// RGB bytes of the image at its size within the letterbox.
 fn resize(image: &RgbImage, letterbox: &Letterbox) -> Result<Vec<u8>, ()> {
     if image.dimensions() != (letterbox.width, letterbox.height) {
         return Err(());
     }
-    let (width, height) = (letterbox.resized_width, letterbox.resized_height);
+    resized(image, [letterbox.resized_width, letterbox.resized_height])
+}
+
+/// RGB bytes of the image at another size, without aliasing; unchanged where that is its own size.
+pub(crate) fn resized(image: &RgbImage, [width, height]: [u32; 2]) -> Result<Vec<u8>, ()> {
     if image.dimensions() == (width, height) {
         return Ok(image.as_raw().clone());
     }

@@ -7,22 +7,11 @@
 /// From images and a rig to poses: the whole way.
 pub mod estimator;
 
-/// Calibrated cameras in one world frame, from numbers or from a rig file.
-pub mod rig;
-
-/// One calibrated camera: between points and pixels, whatever its lens.
-pub mod camera;
-
-/// Rigid transforms from numbers, checked.
-pub mod transform;
-
 /// Boxes that are given and poses that are true, from files.
 pub mod annotations;
 
 /// Computations that end when it is asked.
 pub mod cancel;
-
-mod bbox;
 
 mod dispatch;
 
@@ -60,12 +49,6 @@ pub mod closeup;
 /// Poses made exact on the images, by the object's mesh.
 pub mod refine;
 
-/// Rotations, and errors of poses.
-pub mod pose;
-
-/// What no view tells: turns after which an object looks the same.
-pub mod symmetry;
-
 /// How well boxes, poses and the calibration agree.
 pub mod consistency;
 
@@ -87,23 +70,17 @@ pub mod report;
 /// Pictures of a prediction.
 pub mod overlay;
 
-/// Files, read whole and bounded.
-pub mod file;
-
-/// Files of JSON.
-pub mod json;
-
 /// One error for the whole crate, and how to print it.
 pub mod error;
 
-pub use bbox::BBox;
-pub use camera::{Camera, Intrinsics, Projection};
 pub use error::{Error, ErrorKind, Result};
 pub use estimator::{Estimator, Options, PredictOptions, Tracker};
 pub use image::ViewImage;
+pub use mvtop_geometry::{BBox, Camera, Intrinsics, Projection, Rig};
+pub use mvtop_geometry::{camera, file, json, nalgebra, pose, rig, symmetry, transform};
+pub use ndarray;
 pub use prediction::Prediction;
 pub use request::Request;
-pub use rig::Rig;
 
 // The example of the documentation, compiled.
 #[cfg(doctest)]

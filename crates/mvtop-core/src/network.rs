@@ -1,5 +1,5 @@
-//! The network's parts as the estimator sees them: images to boxes, pictures to memory, queries to
-//! poses.
+//! The network's parts as the estimator sees them: images to boxes; pictures to object coordinates, or
+//! to memory, and queries of it to poses.
 
 pub(crate) mod cached;
 
@@ -18,7 +18,7 @@ pub trait Network: Send + Sync {
     /// - `images`: `[V, 3, Hn, Wn]`, normalised
     fn detect(&self, images: ArrayView4<f32>) -> Result<DetectorMaps>;
 
-    /// Backbone and encoder, once for some pictures together.
+    /// Backbone and encoder, once for some pictures together, of bundles with a decoder.
     ///
     /// Called alone where poses are decoded from close-ups, which these then are.
     ///
@@ -26,7 +26,24 @@ pub trait Network: Send + Sync {
     ///   [`crate::closeup::CloseUp::picture`]
     /// - `camera_rays`: `[P, N, 3]`, of their feature cells, from [`crate::rays::camera_rays`] or
     ///   [`crate::closeup::CloseUp::camera_rays`]
-    fn encode(&self, pictures: ArrayView4<f32>, camera_rays: ArrayView3<f32>) -> Result<Encoded>;
+    /// - returns: the memory, `[P, N, C]`
+    fn encode(
+        &self,
+        _pictures: ArrayView4<f32>,
+        _camera_rays: ArrayView3<f32>,
+    ) -> Result<Array3<f32>> {
+        Err(without("encoder"))
+    }
+
+    /// The place of the object that each cell of a close-up shows, of bundles without a decoder.
+    ///
+    /// - `pictures`: `[P, 3, S, S]`, as in [`Network::encode`]
+    /// - returns: `[P, 4, h, w]`: the place, object frame, in units of
+    ///   [`crate::bundle::Class::coordinates_extent_m`], and how far it can be trusted, 0 to 1. Of
+    ///   poses that look alike, it is in the frame of the one most upright in the close-up
+    fn coordinates(&self, _pictures: ArrayView4<f32>) -> Result<Array4<f32>> {
+        Err(without("object coordinates"))
+    }
 
     /// [`Network::detect`] and [`Network::encode`] of the same whole images, where poses are decoded
     /// from these. The backbone need run only once.
@@ -40,13 +57,15 @@ pub trait Network: Send + Sync {
         camera_rays: ArrayView3<f32>,
     ) -> Result<(DetectorMaps, Array3<f32>)> {
         let maps = self.detect(images.view())?;
-        Ok((maps, self.encode(images, camera_rays)?.memory))
+        Ok((maps, self.encode(images, camera_rays)?))
     }
 
     /// The pose decoder, for objects that share an anchor: the view that comes first.
     ///
     /// - `memory`: `[V, N, C]`, of the views' pictures
-    fn decode(&self, memory: ArrayView3<f32>, queries: &Queries) -> Result<Decoded>;
+    fn decode(&self, _memory: ArrayView3<f32>, _queries: &Queries) -> Result<Decoded> {
+        Err(without("decoder"))
+    }
 
     /// Whether [`Network::detect`] takes images of any size that its strides divide.
     fn takes_any_size(&self) -> bool {
@@ -57,6 +76,12 @@ pub trait Network: Send + Sync {
     fn provider(&self) -> &str;
 }
 
+fn without(part: &str) -> Error {
+    Error::Pose(format!(
+        "network: expected one with {part}, got one without"
+    ))
+}
+
 /// The detector's maps, per cell of its finest level.
 #[derive(Debug, Clone)]
 pub struct DetectorMaps {
@@ -64,17 +89,6 @@ pub struct DetectorMaps {
     pub scores: Array4<f32>,
     /// `[V, 4, h, w]`, x0 y0 x1 y1, px of the network's input
     pub boxes: Array4<f32>,
-}
-
-/// What the network says of close-ups.
-#[derive(Debug, Clone)]
-pub struct Encoded {
-    /// `[P, N, C]`
-    pub memory: Array3<f32>,
-    /// `[P, 4, h, w]`: the place of the object that each cell shows, object frame, in units of
-    /// [`crate::bundle::Class::coordinates_extent_m`], and how far it can be trusted, 0 to 1. Of
-    /// poses that look alike, it is in the frame of the one most upright in the close-up.
-    pub coordinates: Option<Array4<f32>>,
 }
 
 /// Objects to decode and where each view sees them; everything in the frame of view 0.
@@ -209,9 +223,8 @@ pub(crate) struct OnnxNetwork {
     /// On whole images; gives memory as well where there is no `closeup`.
     features: Session,
     closeup: Option<Session>,
-    /// Whether `closeup` gives object coordinates.
-    coordinates: bool,
-    decoder: Session,
+    /// `None` where `closeup` gives object coordinates.
+    decoder: Option<Session>,
     /// Whether `decoder` gives several poses of each object.
     hypotheses: bool,
     provider: String,
@@ -225,15 +238,17 @@ impl OnnxNetwork {
             provider: options.provider.of_decoder(),
             ..options.clone()
         };
-        let decoder = runtime.session(&bundle.decoder, &of_decoder)?;
+        let decoder = bundle.decoder.as_ref();
+        let decoder = decoder.map(|graph| runtime.session(graph, &of_decoder));
+        let decoder = decoder.transpose()?;
+        let outputs = decoder.iter().flat_map(Session::outputs);
         let network = Self {
+            hypotheses: outputs.into_iter().any(|x| x == "hypotheses_score"),
             features: runtime.session(&bundle.features, options)?,
             closeup: match &bundle.poses {
                 PoseInput::WholeImages { .. } => None,
                 PoseInput::CloseUps(closeups) => Some(runtime.session(&closeups.graph, options)?),
             },
-            coordinates: bundle.has_coordinates(),
-            hypotheses: decoder.outputs().iter().any(|x| x == "hypotheses_score"),
             decoder,
             provider: options.provider.to_string(),
         };
@@ -263,8 +278,14 @@ impl OnnxNetwork {
             (PoseInput::CloseUps(closeups), Some(graph)) => {
                 self.features.check(&pictures(&images)[..1], &maps())?;
                 let side = Some(closeups.size as usize);
-                let shape = [any, Some(3), side, side];
-                graph.check(&pictures(&shape), &[port("memory", &memory)])?;
+                let pictures = pictures(&[any, Some(3), side, side]);
+                match &self.decoder {
+                    Some(_) => graph.check(&pictures, &[port("memory", &memory)])?,
+                    None => {
+                        let coordinates = port("coordinates", &boxes);
+                        graph.check(&pictures[..1], &[coordinates])?;
+                    }
+                }
             }
             _ => {
                 let [scores, boxes] = maps();
@@ -272,6 +293,9 @@ impl OnnxNetwork {
                 self.features.check(&pictures(&images), &outputs)?;
             }
         }
+        let Some(decoder) = &self.decoder else {
+            return Ok(());
+        };
         let [pair, dozen] = [2, 12].map(|length| [any, any, Some(length)]);
         let inputs = [
             port("memory", &memory),
@@ -291,7 +315,7 @@ impl OnnxNetwork {
             port("translation", &[any, Some(3)]),
             port("sigma", &[any, Some(2)]),
         ];
-        self.decoder.check(&inputs, &outputs)
+        decoder.check(&inputs, &outputs)
     }
 }
 
@@ -301,18 +325,24 @@ impl Network for OnnxNetwork {
         DetectorMaps::take(&mut outputs)
     }
 
-    fn encode(&self, pictures: ArrayView4<f32>, camera_rays: ArrayView3<f32>) -> Result<Encoded> {
+    fn encode(
+        &self,
+        pictures: ArrayView4<f32>,
+        camera_rays: ArrayView3<f32>,
+    ) -> Result<Array3<f32>> {
         let inputs = [
             ("images", pictures.into()),
             ("camera_rays", camera_rays.into()),
         ];
         let graph = self.closeup.as_ref().unwrap_or(&self.features);
-        let mut outputs = graph.run(&inputs)?;
-        let coordinates = self.coordinates.then(|| outputs.take("coordinates"));
-        Ok(Encoded {
-            memory: outputs.take("memory")?,
-            coordinates: coordinates.transpose()?,
-        })
+        graph.run(&inputs)?.take("memory")
+    }
+
+    fn coordinates(&self, pictures: ArrayView4<f32>) -> Result<Array4<f32>> {
+        let graph = self.closeup.as_ref().unwrap_or(&self.features);
+        graph
+            .run(&[("images", pictures.into())])?
+            .take("coordinates")
     }
 
     fn detect_and_encode(
@@ -329,7 +359,8 @@ impl Network for OnnxNetwork {
     }
 
     fn decode(&self, memory: ArrayView3<f32>, queries: &Queries) -> Result<Decoded> {
-        let mut outputs = self.decoder.run(&[
+        let decoder = self.decoder.as_ref().ok_or_else(|| without("decoder"))?;
+        let mut outputs = decoder.run(&[
             ("memory", memory.into()),
             ("rays", queries.rays.view().into()),
             ("centers", queries.centers.view().into()),

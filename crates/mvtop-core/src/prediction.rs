@@ -1,11 +1,15 @@
 //! What the estimator answers. [`crate::report`] writes it as JSON.
 
+mod near_miss;
+
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 use crate::BBox;
 use crate::scorer::Scored;
 use crate::symmetry::Symmetry;
+
+pub use self::near_miss::{MissReason, NearMiss};
 
 /// Poses of all objects, and how long each stage took.
 #[derive(Debug, Clone)]
@@ -22,6 +26,9 @@ pub struct Prediction {
     pub provider: String,
     /// What makes the poses doubtful; empty where nothing does.
     pub warnings: Vec<Warning>,
+    /// What came nearest of each class that was asked for and has no object; empty unless
+    /// [`PredictOptions::why`](crate::PredictOptions::why) asks.
+    pub near_misses: Vec<NearMiss>,
 }
 
 /// What makes poses doubtful, though it is no error.
@@ -125,6 +132,8 @@ pub struct ObjectPose {
     pub symmetry: Symmetry,
     /// Every camera that gave an image, in the rig's order.
     pub cameras: Vec<CameraPose>,
+    /// Number by which a tracker knows the object over time; `None` of single predictions.
+    pub track_id: Option<u64>,
 }
 
 /// A pose that an object may have.

@@ -8,8 +8,8 @@ use serde::Serialize;
 use crate::error::harmless;
 use crate::pose::wxyz;
 use crate::prediction::{
-    CameraPose, Hypothesis, ObjectPose, Prediction, Refinement, Sigma, Timings, Warning,
-    WarningCode,
+    CameraPose, Hypothesis, MissReason, NearMiss, ObjectPose, Prediction, Refinement, Sigma,
+    Timings, Warning, WarningCode,
 };
 use crate::request::LeftOut;
 use crate::scorer::{POSE_TERMS, Scored, VIEW_TERMS, Verdict, ViewEvidence};
@@ -42,6 +42,52 @@ pub struct Report {
     /// Objects that were found but not asked for; left out where all were asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub left_out: Option<LeftOut>,
+    /// What came nearest of each class without an object; left out where that was not asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub why: Option<Vec<ReportedNearMiss>>,
+}
+
+/// A [`crate::prediction::NearMiss`].
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ReportedNearMiss {
+    /// Name of the class in the bundle.
+    pub class: String,
+    /// What it failed at, for programs.
+    pub reason: MissReason,
+    /// Id of the camera that shows it best, null where no detection belongs to it.
+    pub camera: Option<String>,
+    /// In this camera's image, px.
+    #[serde(rename = "box")]
+    pub bbox: Option<BBox>,
+    /// Object frame to world frame, null before it has a pose: rows of the homogeneous matrix, metres.
+    #[serde(rename = "T_world_obj")]
+    pub t_world_obj: Option<[[f64; 4]; 4]>,
+    /// What was measured, in the unit of the reason.
+    pub value: Option<f64>,
+    /// What it should have reached, or not exceeded.
+    pub threshold: Option<f64>,
+    /// One sentence.
+    pub message: String,
+}
+
+/// The near misses of a prediction.
+pub(crate) fn near_misses(prediction: &Prediction, rig: &Rig) -> Vec<ReportedNearMiss> {
+    let told = |miss: &NearMiss| ReportedNearMiss {
+        class: miss.class.clone(),
+        reason: miss.reason,
+        camera: miss.camera.map(|camera| id_of(rig, camera)),
+        bbox: miss.bbox,
+        t_world_obj: miss.world_from_obj.as_ref().map(rows),
+        value: miss.value,
+        threshold: miss.threshold,
+        message: miss.message.clone(),
+    };
+    prediction.near_misses.iter().map(told).collect()
+}
+
+/// Id of a camera, by its index.
+fn id_of(rig: &Rig, camera: usize) -> String {
+    rig.cameras().get(camera).map_or("", Camera::id).to_owned()
 }
 
 /// A [`crate::prediction::Warning`].
@@ -127,6 +173,9 @@ pub struct Object {
     /// How to grasp it; left out where that was not asked.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub grasps: Option<Vec<ReportedGrasp>>,
+    /// Number by which a tracker knows it over time; left out of single predictions.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub track_id: Option<u64>,
 }
 
 /// One way to grasp an object, [`crate::request::Grasp`].
@@ -231,7 +280,7 @@ impl Report {
     ///
     /// - `rig`: the one that the prediction was made with
     pub fn new(prediction: &Prediction, rig: &Rig) -> Self {
-        let id = |camera| rig.cameras().get(camera).map_or("", Camera::id).to_owned();
+        let id = |camera| id_of(rig, camera);
         let objects = prediction.objects.iter();
         let warning = |warning: &Warning| ReportedWarning {
             code: warning.code,
@@ -259,6 +308,7 @@ impl Report {
             warnings: prediction.warnings.iter().map(warning).collect(),
             frame: None,
             left_out: None,
+            why: None,
         }
     }
 
@@ -307,6 +357,7 @@ impl Object {
             cameras: object.cameras.iter().map(in_camera).collect(),
             t_frame_obj: None,
             grasps: None,
+            track_id: object.track_id,
         }
     }
 }
@@ -397,6 +448,7 @@ mod tests {
                     axis: None,
                 },
                 cameras: vec![seen(0, Some([1., 2., 3., 4.].into())), seen(1, None)],
+                track_id: None,
             }],
             timings: Timings {
                 total: 7.0,
@@ -428,6 +480,7 @@ mod tests {
                     message: "beside".into(),
                 },
             ],
+            near_misses: Vec::new(),
         };
         let json = serde_json::to_value(Report::new(&prediction, &rig)).unwrap();
 

@@ -4,12 +4,14 @@
 //! lie, and wants their poses in a frame that it knows. One type says so, for the command line, the
 //! service and its line protocol alike.
 //!
-//! The estimator does not know of it: objects are found first and chosen then. So what is left out takes
-//! its time all the same, and what is given is what it would be without the choice.
+//! Classes, priors and planes go to the estimator, which looks for nothing else. The rest is chosen from
+//! what was found: it saves no time, and changes no pose.
 
 mod choice;
 mod frame;
 mod grasps;
+mod plane;
+mod prior;
 mod text;
 
 use std::collections::BTreeMap;
@@ -19,6 +21,8 @@ use serde::{Deserialize, Serialize};
 
 pub use self::choice::{LeftOut, WorldBox};
 pub use self::grasps::{FILE as GRASPS_FILE, Grasp, Grasps, Sphere};
+pub use self::plane::Plane;
+pub use self::prior::Prior;
 pub use self::text::SETTINGS;
 
 use crate::annotations::GivenBoxes;
@@ -32,6 +36,9 @@ use crate::{Error, Estimator, PredictOptions, Result, Rig};
 
 /// Most points of a polygon, to bound the work.
 const MOST_POINTS: usize = 1000;
+
+/// Most priors, and most planes: each prior may be looked for by itself.
+const MOST_PRIORS: usize = 100;
 
 /// What is asked of a set of images; asks for everything by default.
 ///
@@ -63,6 +70,12 @@ pub struct Request {
     /// Only objects whose middle is in the polygon of each of these cameras, by id: corners `[u, v]`, px.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub polygons: BTreeMap<String, Vec<[f64; 2]>>,
+    /// Rough poses: objects of their classes are looked for there, and given only near one of them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub priors: Vec<Prior>,
+    /// Planes: objects of their classes are given only where they stand upright on one of them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub planes: Vec<Plane>,
     /// Frame in which poses are given as well: `world`, `base` or a camera's id.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame: Option<String>,
@@ -75,6 +88,10 @@ pub struct Request {
     /// Whether the bundle's grasps are given with each object.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub grasps: bool,
+    /// Whether it is said of each class without an object what came nearest; of [`Request::classes`] it
+    /// always is.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub why: bool,
 }
 
 /// What was found of what was asked for.
@@ -134,7 +151,16 @@ impl Request {
             boxes: self.boxes.clone(),
             min_views: self.min_views.unwrap_or(1),
             refine: self.refine,
+            classes: self.classes.clone(),
+            priors: self.priors.clone(),
+            planes: self.planes.clone(),
+            why: self.says_why(),
         }
+    }
+
+    /// Whether near misses are told of.
+    fn says_why(&self) -> bool {
+        self.why || self.classes.is_some()
     }
 
     /// Refuses what does not fit the model or the rig, before any work is done.
@@ -142,20 +168,36 @@ impl Request {
     /// - `has_grasps`: whether there are grasps for the model
     ///
     /// # Errors
-    /// [`Error::UnknownCamera`], [`Error::UnknownClass`], and [`Error::Input`] for numbers that cannot
+    /// [`Error::Geometry`], [`Error::UnknownClass`], and [`Error::Input`] for numbers that cannot
     /// be meant, or for what the model does not have.
     pub fn check(&self, bundle: &Bundle, rig: &Rig, has_grasps: bool) -> Result<()> {
         if let Some(id) = &self.reference {
             rig.find("reference", id)?;
         }
-        for class in self.classes.iter().flatten() {
-            let known = || bundle.classes.iter().map(|class| class.name.clone());
+        let named = self
+            .classes
+            .iter()
+            .flatten()
+            .map(|class| ("classes", class.as_str()));
+        let priors = self.priors.iter().map(|prior| ("priors", prior.class()));
+        let planes = self
+            .planes
+            .iter()
+            .filter_map(|plane| Some(("planes", plane.class()?)));
+        for (role, class) in named.chain(priors).chain(planes) {
             if bundle.class_index(class).is_none() {
                 return Err(Error::UnknownClass {
-                    role: "classes".into(),
-                    class: class.clone(),
-                    known: known().collect(),
+                    role: role.into(),
+                    class: class.to_owned(),
+                    known: bundle.classes.iter().map(|one| one.name.clone()).collect(),
                 });
+            }
+        }
+        for (role, count) in [("priors", self.priors.len()), ("planes", self.planes.len())] {
+            if count > MOST_PRIORS {
+                return Err(refuse(&format!(
+                    "{role}: expected {MOST_PRIORS} at most, got {count}; ask for fewer objects at once"
+                )));
             }
         }
         if self.classes.as_ref().is_some_and(Vec::is_empty) {
@@ -225,7 +267,7 @@ impl Request {
     /// Chooses from what was found; [`Request::options`] do not count.
     ///
     /// # Errors
-    /// [`Error::UnknownCamera`] and [`Error::Input`] where the frame is none.
+    /// [`Error::Geometry`] and [`Error::Input`] where the frame is none.
     pub fn choose(
         &self,
         found: Prediction,
@@ -240,6 +282,8 @@ impl Request {
                 reported.verdict = Some(Verdict::of(object, least));
             }
         }
+        let misses = report::near_misses(&prediction, rig);
+        report.why = (self.why || (self.classes.is_some() && !misses.is_empty())).then_some(misses);
         report.left_out = self.chooses().then_some(left_out);
         let frame = match (&self.frame, self.grasps) {
             (Some(frame), _) => Some(frame.as_str()),
@@ -270,7 +314,7 @@ impl Request {
     /// World frame to the frame that is asked for; the world's by default.
     ///
     /// # Errors
-    /// [`Error::UnknownCamera`] for another name, and [`Error::Input`] where the base's transform is
+    /// [`Error::Geometry`] for another name, and [`Error::Input`] where the base's transform is
     /// missing or none.
     pub fn frame_from_world(&self, rig: &Rig) -> Result<Isometry3<f64>> {
         let base = self.base_from_world.as_ref().map(from_matrix).transpose();
@@ -290,4 +334,4 @@ fn refuse(sentence: &str) -> Error {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

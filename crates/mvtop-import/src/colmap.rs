@@ -5,7 +5,7 @@ mod text;
 
 use std::collections::BTreeMap;
 
-use mvtop_core::transform;
+use mvtop_geometry::transform;
 
 use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Foreign, Lens, Plane};

@@ -1,6 +1,6 @@
 //! What a file says of its cameras, before what it leaves open is filled in and all is checked.
 
-use mvtop_core::{Camera, Intrinsics, Rig, transform};
+use mvtop_geometry::{Camera, Intrinsics, Rig, transform};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
 use crate::lens::{Lens, Plane};

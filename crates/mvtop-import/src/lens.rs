@@ -3,7 +3,7 @@
 mod fit;
 mod foreign;
 
-use mvtop_core::{Intrinsics, Projection};
+use mvtop_geometry::{Intrinsics, Projection};
 use nalgebra::Point2;
 
 use crate::Checked;
@@ -93,7 +93,7 @@ impl Plane {
         }
     }
 
-    fn under(&self, projection: Projection) -> mvtop_core::Result<Intrinsics> {
+    fn under(&self, projection: Projection) -> mvtop_geometry::Result<Intrinsics> {
         Intrinsics::new(self.fx, self.fy, self.cx, self.cy, projection)?.with_skew(self.skew)
     }
 }

@@ -42,7 +42,7 @@ use std::path::PathBuf;
 pub use format::Format;
 pub use options::{Direction, ImageSize, Options, Unit};
 
-use mvtop_core::{Error, Result, Rig};
+use mvtop_geometry::{Error, Result, Rig};
 
 /// A rig, and what there is to know of how it came about.
 #[derive(Debug)]
@@ -74,7 +74,7 @@ type Checked<T> = std::result::Result<T, String>;
 /// let options = Options { unit: Some(Unit::Millimetre), ..Options::default() };
 /// let imported = import(&["intrinsics.yml".into(), "extrinsics.yml".into()], &options)?;
 /// println!("{}", imported.rig.to_json());
-/// # Ok::<(), mvtop_core::Error>(())
+/// # Ok::<(), mvtop_geometry::Error>(())
 /// ```
 pub fn import(paths: &[PathBuf], options: &Options) -> Result<Imported> {
     let sources = source::read(paths)?;

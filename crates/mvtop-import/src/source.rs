@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use mvtop_core::{Error, Result, file};
+use mvtop_geometry::{Error, Result, file};
 
 use crate::Checked;
 

@@ -3,7 +3,7 @@
 //! Not serde's YAML: OpenCV's `%YAML:1.0` is no YAML directive, its tags say nothing that is needed,
 //! and a calibration that says a key twice must not lose one of the two.
 
-use mvtop_core::json;
+use mvtop_geometry::json;
 use saphyr_parser::{Event, Parser, ScalarStyle};
 use serde_json::{Map, Number, Value};
 

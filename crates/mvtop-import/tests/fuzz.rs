@@ -7,7 +7,7 @@ mod mutate;
 mod samples;
 
 use mutate::{changed, edits};
-use mvtop_core::{Result, Rig};
+use mvtop_geometry::{Result, Rig};
 use mvtop_import::{Direction, Format, ImageSize, Imported, Options, import};
 use proptest::prelude::*;
 

@@ -4,12 +4,14 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use mvtop_eval::bop::{self, Estimate, Frame, FrameId};
+use mvtop_eval::runner::bop::Options;
 use nalgebra::Vector3;
 use ndarray::{Array3, arr2};
 use pyo3::prelude::*;
 
 use crate::convert::{ArrayLike, Dict, F64, dict, distortion, intrinsics, matrix, vector};
-use crate::error::{python, warn};
+use crate::error::{python, value, warn};
+use crate::process::compute;
 
 /// An image of a scene: its camera, and what is annotated in it.
 #[pyclass(frozen, module = "mvtop.bop")]
@@ -259,4 +261,45 @@ pub fn bop_results_line(
         t_mm: std::array::from_fn(|i| 1e3 * pose[[i, 3]]),
     };
     Ok(estimate.csv_line(scene_id, im_id, time_s))
+}
+
+/// Scores of results in BOP's format as one line of JSON, see `mvtop.bop.evaluate`.
+///
+/// Parameters
+/// ----------
+/// names
+///     Ids of objects that the files give by name.
+/// report
+///     Folder for results and pages.
+///
+/// Raises
+/// ------
+/// ValueError
+///     For what is refused.
+#[pyfunction]
+#[pyo3(signature = (dataset, predictions, *, split, targets, sensor, objects, names, vsd_delta_mm, report, force))]
+#[expect(clippy::too_many_arguments)] // named in Python
+pub fn score_results(
+    py: Python,
+    dataset: PathBuf,
+    predictions: Vec<PathBuf>,
+    split: String,
+    targets: Option<PathBuf>,
+    sensor: Option<String>,
+    objects: Option<Vec<u32>>,
+    names: Vec<(String, u32)>,
+    vsd_delta_mm: f64,
+    report: Option<PathBuf>,
+    force: bool,
+) -> PyResult<String> {
+    let mut options = Options::new(dataset);
+    options.split.split = split;
+    options.split.targets = targets;
+    options.split.sensor = sensor;
+    options.split.objects = objects;
+    options.predictions = predictions;
+    options.map = names;
+    options.vsd_delta_mm = vsd_delta_mm;
+    options.force = force;
+    compute(py, || mvtop_cli::score_results(&options, report.as_deref()))?.map_err(value)
 }

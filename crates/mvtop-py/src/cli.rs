@@ -3,7 +3,6 @@ use std::path::PathBuf;
 
 use pyo3::prelude::*;
 
-use crate::error::value;
 use crate::process::compute;
 
 /// The command line `mvtop-cli`: `args` begin with the program's name. Returns the exit code.
@@ -24,15 +23,4 @@ pub fn run_cli(
 ) -> PyResult<u8> {
     mvtop_cli::ship(shipped, library);
     compute(py, || mvtop_cli::run(args))
-}
-
-/// What `mvtop-cli eval bop --json` prints; `args` follow these words.
-///
-/// Raises
-/// ------
-/// ValueError
-///     For what it refuses.
-#[pyfunction]
-pub fn eval_bop(py: Python, args: Vec<OsString>) -> PyResult<String> {
-    compute(py, || mvtop_cli::eval_bop(args))?.map_err(value)
 }

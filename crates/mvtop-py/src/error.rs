@@ -5,6 +5,7 @@ use std::io;
 
 use mvtop_core::error::printable;
 use mvtop_core::{Error, ErrorKind};
+use mvtop_geometry::Error as Geometry;
 use pyo3::exceptions::{PyException, PyFileNotFoundError, PyValueError};
 use pyo3::prelude::*;
 
@@ -15,13 +16,16 @@ mod imported {
 
 /// `ValueError` for values and shapes, `OSError` for files that cannot be read, `mvtop.Error` for
 /// the rest: what is wrong with ONNX Runtime or a model bundle.
-pub fn python(error: Error) -> PyErr {
+pub fn python(error: impl Into<Error>) -> PyErr {
+    let error = error.into();
     let sentence = printable(&error.to_string());
     match error {
         // Of the cause's kind, so that a missing file is a `FileNotFoundError`.
-        Error::Read { cause, .. } => io::Error::new(cause.kind(), sentence).into(),
+        Error::Geometry(Geometry::Read { cause, .. }) => {
+            io::Error::new(cause.kind(), sentence).into()
+        }
         Error::Bundle { path, .. } if !path.exists() => PyFileNotFoundError::new_err(sentence),
-        Error::Rotation6d(_) => value(sentence),
+        Error::Geometry(Geometry::Rotation6d(_)) => value(sentence),
         error => match error.kind() {
             ErrorKind::Runtime
             | ErrorKind::Provider

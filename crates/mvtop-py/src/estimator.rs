@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use mvtop_core::bundle::Class;
 use mvtop_core::calibration::{Expected, observe};
 use mvtop_core::config::InferenceConfig;
+use mvtop_core::estimator::TrackOptions;
 use mvtop_core::onnx::SessionOptions;
 use mvtop_core::request::Grasps;
 use mvtop_core::{Estimator, Options, Tracker, ViewImage, image, overlay};
@@ -201,16 +202,30 @@ impl Drop for NativeEstimator {
 #[pymethods]
 impl NativeTracker {
     #[new]
-    fn new(estimator: PyRef<NativeEstimator>, rig: PyRef<Rig>) -> Self {
+    fn new(
+        estimator: PyRef<NativeEstimator>,
+        rig: PyRef<Rig>,
+        max_motion_m: Option<f64>,
+        patience: usize,
+    ) -> PyResult<Self> {
+        if let Some(reach) = max_motion_m.filter(|reach| !(reach.is_finite() && *reach >= 0.0)) {
+            return Err(value(format!(
+                "max_motion_m: expected metres, 0 or more, got {reach}"
+            )));
+        }
         let rig = rig.core().clone();
         let tracker = Tracker::new((*estimator.estimator).clone(), rig.clone());
-        Self {
+        let tracker = tracker.with_tracks(TrackOptions {
+            max_motion_m,
+            patience,
+        });
+        Ok(Self {
             tracker: ManuallyDrop::new(Mutex::new(tracker)),
             estimator: estimator.estimator.clone(),
             grasps: estimator.grasps.clone(),
             rig,
             process: estimator.process,
-        }
+        })
     }
 
     /// New images are given by the index of their camera.

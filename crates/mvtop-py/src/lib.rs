@@ -32,13 +32,15 @@ mod _mvtop {
     #[pymodule_export]
     const BOP_RESULTS_HEADER: &str = mvtop_eval::bop::RESULTS_HEADER;
     #[pymodule_export]
-    use super::bop::{Image, Instance, ModelInfo, bop_results_line, read_models_info, read_scene};
+    use super::bop::{
+        Image, Instance, ModelInfo, bop_results_line, read_models_info, read_scene, score_results,
+    };
     #[pymodule_export]
     use super::calibration::{RefinedRig, RigCheck, RigCorrection};
     #[pymodule_export]
     use super::camera::Camera;
     #[pymodule_export]
-    use super::cli::{eval_bop, run_cli};
+    use super::cli::run_cli;
     #[pymodule_export]
     const PIPELINE_VERSION: u32 = mvtop_core::config::PIPELINE_VERSION;
     #[pymodule_export]

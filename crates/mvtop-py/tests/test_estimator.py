@@ -360,6 +360,20 @@ def test_a_tracker_keeps_the_latest_image_of_each_camera(estimator, rig, arrays,
     assert_same(tracker.predict(boxes=truth), estimator.predict(images, rig, boxes=truth))
 
 
+def test_a_tracker_s_objects_keep_their_numbers(estimator, rig, arrays, truth):
+    tracker = mvtop.Tracker(estimator, rig, patience=0)
+    tracker.update(arrays)
+    first = tracker.predict(boxes=truth)
+    assert [found.track_id for found in first.objects] == [1]
+    assert first.to_dict()["objects"][0]["track_id"] == 1
+    assert [found.track_id for found in tracker.predict(boxes=truth).objects] == [1]
+    single = estimator.predict(arrays, rig, boxes=truth)
+    assert single.objects[0].track_id is None
+    assert "track_id" not in single.to_dict()["objects"][0]
+    with pytest.raises(ValueError, match="max_motion_m: expected metres"):
+        mvtop.Tracker(estimator, rig, max_motion_m=-1)
+
+
 def test_a_tracker_s_prediction_is_drawn_onto_the_images_that_it_was_made_from(
     estimator, rig, arrays, truth
 ):

@@ -280,6 +280,7 @@ fn last(service: &Arc<Service>, mut order: Order) -> Result<String, Problem> {
             format!("LAST: the last exposure failed: {problem}"),
         )
     })?;
+    looked_for(&order.request, &exposure.request)?;
     let model = &service.models()?[exposure.model];
     let rig = &service.rigs()[exposure.rig].rig;
     let request = &mut order.request;
@@ -292,4 +293,25 @@ fn last(service: &Arc<Service>, mut order: Order) -> Result<String, Problem> {
     order
         .format
         .told(exposure, &answer.prediction, &order.request, rig)
+}
+
+/// Refuses what an exposure was not asked for: it cannot be chosen from it.
+fn looked_for(wanted: &Request, asked: &Request) -> Result<(), Problem> {
+    let other = |class: &&String| {
+        asked
+            .classes
+            .as_ref()
+            .is_some_and(|all| !all.contains(*class))
+    };
+    if let Some(class) = wanted.classes.iter().flatten().find(other) {
+        return Err(Problem::bad(format!(
+            "LAST: `{class}` was not looked for in the last exposure; ask for FIND"
+        )));
+    }
+    if wanted.why && !(asked.why || asked.classes.is_some()) {
+        return Err(Problem::bad(
+            "LAST: `why` was not asked of the last exposure; ask for FIND",
+        ));
+    }
+    Ok(())
 }

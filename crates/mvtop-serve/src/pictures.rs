@@ -15,7 +15,7 @@ const MOST_WIDTH: u32 = 1280;
 /// Quality of the JPEG, of 100.
 const QUALITY: u8 = 85;
 
-/// One view as JPEG, with edges of the meshes at the poses, or points and axes of models without.
+/// One view as JPEG, with the objects drawn as `infer --overlay` does.
 pub fn jpeg(
     upload: &Upload,
     rig: &NamedRig,
@@ -26,14 +26,8 @@ pub fn jpeg(
     let camera = upload.camera;
     let views = [ViewImage { camera, image }];
     let drawn = found.map(|(model, prediction)| {
-        let estimator = &model.estimator;
-        match estimator.needs_mesh("", "").is_ok() {
-            true => overlay::draw_prediction_edges(prediction, estimator, rig, &views),
-            false => {
-                let classes = &estimator.bundle().classes;
-                overlay::draw_prediction(prediction, classes, rig, &views)
-            }
-        }
+        let classes = &model.estimator.bundle().classes;
+        overlay::draw_prediction(prediction, classes, rig, &views)
     });
     let drawn = drawn.and_then(|mut drawn| drawn.pop());
     let [ViewImage { image, .. }] = views;

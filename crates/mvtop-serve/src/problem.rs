@@ -88,3 +88,9 @@ impl From<Error> for Problem {
         Self::new(kind, error)
     }
 }
+
+impl From<mvtop_geometry::Error> for Problem {
+    fn from(error: mvtop_geometry::Error) -> Self {
+        Error::from(error).into()
+    }
+}

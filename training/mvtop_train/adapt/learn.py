@@ -81,8 +81,8 @@ def source_of(bundle: Path, weights: Path | None, asked: dict, changes: list[str
             "DIR, rendered scenes of its objects (python -m mvtop_train.generate --mesh ...)"
         )
     steps = about.get("provenance", {}).get("trained_steps")
-    beside = (bundle.parent / place for place in ("poses/weights.pt", "weights.pt"))
-    for path in [weights] if weights else [path for path in beside if path.exists()]:
+    path = weights or bundle.parent / "weights.pt"
+    if weights or path.exists():
         trained = checkpoint.load_weights(path)[2]
         if trained == steps:
             return Source(bundle, path, fields, tuple(changes))

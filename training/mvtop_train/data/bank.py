@@ -8,7 +8,6 @@ import errno
 import json
 import math
 import os
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -179,30 +178,3 @@ def is_of(folder: Path, backbone: str) -> bool:
     """Whether the bank `folder` is there, of this checkpoint."""
     state = folder / "state.json"
     return state.exists() and json.loads(state.read_text()).get("backbone") == backbone
-
-
-@torch.no_grad()
-def carry_on(trunk: Path, folder: Path, features, backbone: str = ""):
-    """From a bank of a trunk's maps, the bank `folder` of what `features` makes of these.
-
-    Nothing is rendered or read anew; what the two have in common is on disk once, where it can.
-    """
-    source = np.load(trunk / "features_0.npy", mmap_mode="r")
-    device, arrays = next(features.parameters()).device, {}
-    for start in tqdm(range(0, len(source), BATCH), unit="batch", desc="features"):
-        x = torch.from_numpy(source[start : start + BATCH].astype(np.float32)).to(device)
-        with torch.autocast(device.type, dtype=torch.bfloat16):
-            maps = features.look(x.contiguous(memory_format=torch.channels_last))
-        kinds = {f"features_{n}": (one.shape[1:], np.float16) for n, one in enumerate(maps)}
-        arrays = arrays or new_arrays(folder, len(source), kinds)
-        for array, one in zip(arrays.values(), maps, strict=True):
-            array[start : start + len(one)] = one.half().cpu().numpy()
-    for path in trunk.glob("*.npy"):
-        if not path.name.startswith("features_"):
-            (folder / path.name).unlink(missing_ok=True)
-            try:
-                os.link(path, folder / path.name)
-            except OSError:  # as of exFAT
-                shutil.copy(path, folder / path.name)
-    state = json.loads((trunk / "state.json").read_text())
-    bop.write_json(folder / "state.json", state | _of(backbone))

@@ -1,10 +1,11 @@
 """A bundle: `model.json` beside two or three ONNX graphs.
 
-`features.onnx` runs once on all views, `decoder.onnx` once per reference camera; between them
-Rust finds the boxes and computes the lines of sight. Networks with close-ups have a third,
-`closeup.onnx`, which runs once on these, and the first then only detects. The deformable sampling
-is the custom operator `mvtop::DeformableSampling`;
-portable bundles have standard operators instead. Meshes are added by `mesh.py`.
+`features.onnx` runs once on all views, `decoder.onnx` once per anchor camera; between them Rust
+finds the boxes and computes the lines of sight. Networks with close-ups also have `closeup.onnx`,
+which runs once on these, and the first then only detects. Preset `lite` has no decoder: its
+close-ups give object coordinates. The deformable sampling is the custom operator
+`mvtop::DeformableSampling`; portable bundles have standard operators instead. Meshes are added by
+`mesh.py`.
 """
 
 import contextlib
@@ -70,16 +71,15 @@ class ExportedCloseUps(nn.Module):
         return self.features.encoder(self.features.pose_levels(images), camera_rays)
 
 
-class ExportedDescriptions(nn.Module):
-    """images [P, 3, S, S], camera_rays [P, N, 3] -> memory, coordinates [P, 4, h, w]."""
+class ExportedCoordinates(nn.Module):
+    """images [P, 3, S, S] -> coordinates [P, 4, h, w]."""
 
     def __init__(self, model: Mvtop):
         super().__init__()
         self.features = model.features
 
-    def forward(self, images, camera_rays):
-        levels, coordinates = self.features.describe(images)
-        return self.features.encoder(levels, camera_rays), coordinates
+    def forward(self, images):
+        return self.features.describe(images)
 
 
 class ExportedDecoder(nn.Module):
@@ -132,17 +132,19 @@ def graphs_of(model: Mvtop) -> dict[str, onnx.ModelProto]:
     if not config.closeup:
         features = of_pictures(ExportedFeatures, *size, shapes, ["memory", *found])
         return {"features": features, "decoder": _decoder_of(model)}
-    module, outputs = ExportedCloseUps, ["memory"]
-    if config.gives_coordinates:
-        module, outputs = ExportedDescriptions, ["memory", "coordinates"]
     side = config.closeup
+    if config.gives_coordinates:
+        return {
+            # Large images are shown larger (`mvtop-core/src/estimator/view.rs`).
+            "features": of_pictures(ExportedDetector, *size, (), found, any_size=True),
+            "closeup": of_pictures(
+                ExportedCoordinates, side, side, (), ["coordinates"], "pictures"
+            ),
+        }
     return {
-        # Large images are shown larger (`mvtop-core/src/estimator/view.rs`).
-        "features": of_pictures(
-            ExportedDetector, *size, (), found, any_size=config.gives_coordinates
-        ),
+        "features": of_pictures(ExportedDetector, *size, (), found),
         "decoder": _decoder_of(model),
-        "closeup": of_pictures(module, side, side, shapes, outputs, "pictures"),
+        "closeup": of_pictures(ExportedCloseUps, side, side, shapes, ["memory"], "pictures"),
     }
 
 

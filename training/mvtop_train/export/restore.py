@@ -7,7 +7,7 @@ They are as good as the bundle stores them. What it does not store is put in ane
 that was folded into convolutions has the statistics of the pretrained network, or of pictures of
 --data; pose heads of earlier decoder layers, which only training has, are copies of the last with
 output weights of zero, so that they do not pull on what is learnt before they know anything; layers
-for object coordinates, where only training has them, are random.
+for object coordinates of networks that decode poses, which only training has, are random.
 """
 
 import dataclasses
@@ -34,8 +34,6 @@ from .bundle import check_objects, normalised_convolutions
 RESTORING = ("Cast", "Mul", "DequantizeLinear")  # make weights of what is stored in fewer bits
 # Of a normalisation, by which convolutions are divided: unused channels have next to none.
 LEAST_SCALE = 1e-2
-# Blocks that bundles of before 26 November 2026 are without; they begin as the identity.
-PLACES = "features.places."
 
 
 def of_bundle(bundle: Path, known: tuple[objects.Object, ...], data: Path) -> tuple[Mvtop, int]:
@@ -102,11 +100,12 @@ def _module_of(node: str) -> str:
 def fresh(preset: str, classes: tuple[configs.ObjectClass, ...], given: dict) -> Mvtop:
     """A network of the shape of these weights that was not trained on the objects."""
     config = configs.preset(preset, classes)
-    head = given[f"decoder.heads.{config.decoder_layers - 1}.rotation.4.bias"]
-    model = Mvtop(dataclasses.replace(config, hypotheses=len(head) // (6 * len(classes))))
-    if config.backbone == "lite":
+    if config.gives_coordinates:
+        model = Mvtop(config)
         load_pretrained(model.features)
-    return model
+        return model
+    head = given[f"decoder.heads.{config.decoder_layers - 1}.rotation.4.bias"]
+    return Mvtop(dataclasses.replace(config, hypotheses=len(head) // (6 * len(classes))))
 
 
 @torch.no_grad()
@@ -118,12 +117,10 @@ def put(given: dict[str, torch.Tensor], model: Mvtop):
     absent = ("features.trunk.",)
     if not model.config.gives_coordinates:
         absent += ("features.coordinates.",)
-    if not any(name.startswith(PLACES) for name in given):
-        absent += (PLACES,)
     trained = [name for name, _ in model.named_parameters() if not name.startswith(absent)]
     before = _as_trained(given, model, absent)
     model.load_state_dict({name: before[name] for name in trained}, strict=False)
-    for heads in model.decoder.heads[:-1]:
+    for heads in model.decoder.heads[:-1] if model.decoder else ():
         for mlp in heads.children():
             mlp[-1].weight.zero_()
 
@@ -193,7 +190,7 @@ def measure_normalisation(model: Mvtop, pictures: dict[str, torch.Tensor]):
 
 def _check(model: Mvtop, told: dict, bundle: Path):
     """Against what the bundle says that it answers to a fixed input."""
-    answers = self_test.outputs(self_test.OfModel(model), told.get("memory_is_given", False))
+    answers = self_test.outputs(self_test.OfModel(model))
     del answers["det_scores"]  # of noise: all but zero, which steps of 8 bits are as well
     for name, values in answers.items():
         expected = np.array(told["outputs"][name])

@@ -3,8 +3,8 @@
 Computed by PyTorch, so that an export that went wrong is told, too; of networks in whole numbers by
 ONNX Runtime with standard operators. The input is the same numbers in Rust
 (mvtop-core/src/estimator/self_test.rs), one picture and one object. The decoder is asked about
-given numbers as well, not about what the encoder makes of the picture: networks in whole numbers
-round noise by so much that this would be another pose on each kind of processor.
+given numbers, not about what the encoder makes of the picture: networks in whole numbers round
+noise by so much that this would be another pose on each kind of processor.
 """
 
 from dataclasses import dataclass
@@ -34,28 +34,29 @@ def rays(cells: int) -> torch.Tensor:
 
 
 @torch.no_grad()
-def outputs(network: "OfModel | OfGraphs", memory_is_given: bool = True) -> dict[str, list[float]]:
-    """By name, in the order that `mvtop-cli doctor` names them.
-
-    memory_is_given  False as in bundles of before 26 November 2026
-    """
+def outputs(network: "OfModel | OfGraphs") -> dict[str, list[float]]:
+    """By name, in the order that `mvtop-cli doctor` names them."""
     config = network.config
-    cells = sum(rows * columns for rows, columns in config.decoder_shapes())
     images = numbers(1, 3, config.height, config.width)
     probable, boxes = network.detect(images)
+    found = {
+        "det_scores": [probable.mean().item(), probable.max().item()],
+        "det_boxes": [boxes[:, side].mean().item() for side in range(4)],
+    }
     pictures = numbers(1, 3, config.closeup, config.closeup) if config.closeup else images
-    memory = network.describe(pictures, rays(cells))
+    if config.gives_coordinates:
+        coordinates = network.coordinates(pictures)
+        return found | {"coordinates": coordinates.mean((0, 2, 3)).tolist()}
+    cells = sum(rows * columns for rows, columns in config.decoder_shapes())
+    memory = network.encode(pictures, rays(cells))
     centers, half_sizes = torch.full((1, 1, 2), 0.5), torch.full((1, 1, 2), 0.3)
-    remembered = numbers(*memory.shape) if memory_is_given else memory
     decoded = network.decode(
-        remembered, numbers(1, cells, config.los_channels),
+        numbers(*memory.shape), numbers(1, cells, config.los_channels),
         (centers, half_sizes, numbers(1, 1, 12), torch.ones(1, 1)),
         torch.zeros(1, dtype=torch.long),
     )  # fmt: skip
     rotation_6d, translation, sigma = (x[0].tolist() for x in decoded)
-    return {
-        "det_scores": [probable.mean().item(), probable.max().item()],
-        "det_boxes": [boxes[:, side].mean().item() for side in range(4)],
+    return found | {
         "memory": [memory.mean().item(), memory.abs().mean().item()],
         "rotation_6d": rotation_6d,
         "translation": translation,
@@ -69,7 +70,7 @@ def of(network: "OfModel | OfGraphs") -> dict:
         name: [float(f"{number:.6g}") for number in values]
         for name, values in outputs(network).items()
     }
-    return {"tolerance": network.tolerance, "memory_is_given": True, "outputs": rounded}
+    return {"tolerance": network.tolerance, "outputs": rounded}
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,10 @@ class OfModel:
         scores, boxes = self.model.features.detect(images)
         return scores.sigmoid(), boxes
 
-    def describe(self, pictures, camera_rays):
+    def coordinates(self, pictures):
+        return self.model.features.describe(pictures)
+
+    def encode(self, pictures, camera_rays):
         features = self.model.features
         return features.encoder(features.pose_levels(pictures), camera_rays)
 
@@ -121,7 +125,10 @@ class OfGraphs:
     def detect(self, images):
         return self._run("features", ["det_scores", "det_boxes"], (images,))
 
-    def describe(self, pictures, camera_rays):
+    def coordinates(self, pictures):
+        return self._run("closeup", ["coordinates"], (pictures,))[0]
+
+    def encode(self, pictures, camera_rays):
         return self._run("closeup", ["memory"], (pictures, camera_rays))[0]
 
     def decode(self, memory, lines, boxes, class_index):

@@ -69,13 +69,14 @@ class Config:
 
     @property
     def shares_backbone(self) -> bool:
-        """Whether boxes and poses are made of the same features; if not, close-ups teach the poses
-        and whole images the boxes."""
+        """Whether boxes and poses are made of the same features; if not, close-ups teach the object
+        coordinates and whole images the boxes."""
         return self.backbone != "lite"
 
     @property
     def gives_coordinates(self) -> bool:
-        """Whether a bundle gives object coordinates of close-ups, on which poses are settled."""
+        """Whether close-ups give object coordinates, on which PnP finds poses; if not, the decoder
+        gives poses."""
         return self.backbone == "lite"
 
     @property

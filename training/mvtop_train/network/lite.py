@@ -17,7 +17,6 @@ from torch import nn
 from ..errors import UserError
 from .features import Conv, Detector, Found, Residual
 from .fixed import Fixed
-from .geometries import geometry_of
 from .views import Cached, Pictures
 
 CHANNELS = (40, 112, 320)  # of the maps at strides 8, 16 and 32
@@ -159,9 +158,9 @@ def _upsampled(x):
 
 
 class LiteFeatures(nn.Module):
-    """As `features.Features`, for close-ups.
+    """Boxes of whole images, object coordinates of close-ups.
 
-    Boxes and poses share the trunk alone: each has the upper layers to itself.
+    The two share the trunk alone: each has the upper layers to itself.
     """
 
     def __init__(self, config):
@@ -171,7 +170,6 @@ class LiteFeatures(nn.Module):
         self.search = Upper(d)
         self.detector = Detector(FINE, len(config.classes), config.strides[0])
         self.look = Upper(d)
-        self.encoder = geometry_of(config).encoder(config)
         self.places = nn.Sequential(*(Residual(FINE) for _ in range(PLACES)))
         for block in self.places:
             nn.init.zeros_(block.body[1][1].weight)  # the identity, to begin with
@@ -180,50 +178,46 @@ class LiteFeatures(nn.Module):
         self.frozen = False
 
     def freeze(self):
-        """Keep what poses are decoded from as it is; boxes are learnt on."""
+        """Keep the object coordinates as they are; boxes are learnt on."""
         self.frozen = True
         for part in (self.look, self.places, self.coordinates):
             part.requires_grad_(False).eval()
 
     def forward(self, shown: Pictures) -> tuple[list, Found]:
-        """The levels that poses are decoded from, and what is found; searched are `searched`."""
+        """No levels, as nothing is decoded, and what is found; searched are `searched`."""
         maps = self.cache(shown.images.flatten(0, 1))
         maps = [one.unflatten(0, shown.images.shape[:2]) for one in maps]
         return self.from_cache(Cached(maps, shown.searched))
 
     def cache(self, images) -> list:
         """images [B, 3, H, W] -> maps [B, C, h, w] that stay as they are, for `from_cache`."""
-        return self.pose_levels(images) if self.frozen else [self.trunk(images)]
+        return [] if self.frozen else [self.trunk(images)]
 
     def from_cache(self, shown: Cached) -> tuple[list, Found]:
         """As `forward`, of what `cache` made of the images."""
-        levels, coordinates, trust = [one.flatten(0, 1) for one in shown.maps], None, None
+        coordinates, trust = None, None
         if not self.frozen:
-            trunk = levels[0].contiguous(memory_format=torch.channels_last)
-            levels, coordinates, trust = self._look(trunk)
+            trunk = shown.maps[0].flatten(0, 1)
+            coordinates, trust = self._look(trunk.contiguous(memory_format=torch.channels_last))
         scores, boxes = (None, None) if shown.searched is None else self.detect(shown.searched)
-        return levels, Found(scores, boxes, coordinates, trust)
+        return [], Found(scores, boxes, coordinates, trust)
 
-    def describe(self, images) -> tuple[list, torch.Tensor]:
-        """images [B, 3, S, S] -> the maps that poses are decoded from; coordinates [B, 4, h, w],
-        the last how far they can be trusted, 0 to 1."""
-        levels, coordinates, trust = self._look(self.trunk(images))
-        return levels, torch.cat([coordinates, trust.sigmoid()], 1)
+    def describe(self, images) -> torch.Tensor:
+        """images [B, 3, S, S] -> coordinates [B, 4, h, w], the last how far they can be trusted,
+        0 to 1."""
+        coordinates, trust = self._look(self.trunk(images))
+        return torch.cat([coordinates, trust.sigmoid()], 1)
 
-    def _look(self, trunk) -> tuple[list, torch.Tensor, torch.Tensor]:
-        levels = self.look(trunk)
-        fine = self.coordinates(self.places(self.look.fine(trunk, levels[0])))
+    def _look(self, trunk) -> tuple[torch.Tensor, torch.Tensor]:
+        p16, _ = self.look(trunk)
+        fine = self.coordinates(self.places(self.look.fine(trunk, p16)))
         fine = F.pixel_shuffle(fine, COORDINATES).float()
-        return levels, fine[:, :3], fine[:, 3:]
+        return fine[:, :3], fine[:, 3:]
 
     def detect(self, images):
         """images [B, 3, H, W] -> scores [B, C, h, w] logits, boxes [B, 4, h, w] px."""
         x8 = self.trunk(images)
         return self.detector(self.search.fine(x8, self.search(x8)[0]))
-
-    def pose_levels(self, images) -> list:
-        """images [B, 3, S, S] -> the maps that poses are decoded from."""
-        return self.look(self.trunk(images))
 
 
 def pretrained_file() -> str:

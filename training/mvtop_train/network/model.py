@@ -17,7 +17,7 @@ from .views import Cached, Views
 class Prediction:
     """What the network says."""
 
-    poses: list  # per decoder layer: rotation_6d, translation, sigma
+    poses: list  # per decoder layer: rotation_6d, translation, sigma; empty without a decoder
     found: Found | None  # None where a frozen backbone was given what it made before
     hypotheses: list = ()  # per decoder layer, if several; `poses` are the best of them
 
@@ -27,14 +27,14 @@ class Mvtop(nn.Module):
         super().__init__()
         self.config = config
         self.features = (LiteFeatures if config.backbone == "lite" else Features)(config)
-        self.decoder = geometry_of(config).decoder(config)
+        decodes = not config.gives_coordinates
+        self.decoder = geometry_of(config).decoder(config) if decodes else None
 
-    def forward(self, views: Views, poses: bool = True) -> Prediction:
-        """Without `poses`, only what images say by themselves."""
+    def forward(self, views: Views) -> Prediction:
         features = self.features
         take = features.from_cache if isinstance(views.shown, Cached) else features
         levels, found = take(views.shown)
-        if not poses:
+        if self.decoder is None:
             return Prediction([], found)
         shapes, strides = [level.shape[-2:] for level in levels], self.config.pose_strides
         with torch.autocast(views.k.device.type, enabled=False):  # geometry stays in fp32

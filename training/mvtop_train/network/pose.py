@@ -1,4 +1,4 @@
-"""Rotations from six numbers, and pose errors. Counterpart of `mvtop-core/src/pose.rs`.
+"""Rotations from six numbers, and pose errors. Counterpart of `mvtop-geometry/src/pose.rs`.
 
 Errors are those that losses need, differentiable; poses are measured by `mvtop.metrics`.
 """

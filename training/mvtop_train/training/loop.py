@@ -10,7 +10,7 @@ from ..data import backgrounds, bank, batches, crops, objects, search
 from ..data.composite import Composer
 from ..data.views import ViewMaker
 from . import processes
-from .checkpoint import PRETRAINED, TrainingState, digest
+from .checkpoint import TrainingState, digest
 from .monitor import Monitor
 from .optimise import learning_rate, optimise
 from .progress import Clock
@@ -33,9 +33,8 @@ def train(settings: RunConfig, folder: Path, scenes: batches.Mixed | None = None
     torch.manual_seed(settings.seed)  # all processes start from the same weights
     config = settings.network_config(objects.classes_of(*known))
     state = TrainingState(folder, config, me.device, settings.init, settings.backbone)
-    # Torchvision's FPN makes maps that are not used; poses or boxes may not be learnt.
-    frozen = settings.backbone not in ("", PRETRAINED)
-    apart = not settings.poses or (frozen and not settings.searched)
+    # Torchvision's FPN makes maps that are not used; boxes may not be learnt.
+    apart = not config.shares_backbone and not settings.searched
     unused = apart or config.backbone not in ("conv", "lite")
     model = processes.distributed(state.model, me, unused=unused)
     clock = Clock(settings, state, alone=me.count == 1)

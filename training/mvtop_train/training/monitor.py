@@ -51,7 +51,8 @@ class Monitor:
             self.report(lr, clock.minutes_left(progress))
         if self.saving.due() or last:
             self.state.save()
-        if self.settings.poses and (self.validating.due() or last):
+        decodes = not self.state.config.gives_coordinates
+        if decodes and (self.validating.due() or last):
             self.validate()
         if last:
             self.bar.close()
@@ -59,10 +60,13 @@ class Monitor:
     def report(self, lr: float, left: float):
         means = self.meter.report()
         self.log.write({**means, "lr": lr, "minutes_left": round(left, 1)}, "training")
+        pose = (
+            f"rot {means.get('rotation_deg_multi', 0):.1f} t {means['translation_m'] * 1e3:.0f} mm "
+            if "translation_m" in means
+            else ""
+        )
         self.bar.set_postfix_str(
-            f"loss {means['loss']:.2f} rot {means.get('rotation_deg_multi', 0):.1f} "
-            f"t {means.get('translation_m', 0) * 1e3:.0f} mm {means['images_per_s']:.0f} img/s, "
-            f"{left:.0f} min left"
+            f"loss {means['loss']:.2f} {pose}{means['images_per_s']:.0f} img/s, {left:.0f} min left"
         )
 
     def validate(self):

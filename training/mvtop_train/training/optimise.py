@@ -33,7 +33,7 @@ def optimise(state: TrainingState, model, batch, settings: RunConfig, lr: float)
     """
     views = to_views(batch, state.config, state.device)
     with autocast(state.device, settings.precision):
-        prediction = model(views, settings.poses)
+        prediction = model(views)
     truth = to_device({n: batch[n] for n in TRUTH if n in batch}, state.device)
     loss, parts = losses.total(
         prediction, truth, state.config.strides[0], state.symmetries, dict(settings.loss)

@@ -35,7 +35,6 @@ def config(
         "held_out": held_out,
         # All are rendered before features are kept of them: a tenth of the time for each.
         "generate": {**generate, **scenes, "views": 5, "reserve": reserve},
-        "second": {"share": 0.13, "searched": 0, "views": [0.25, 0.35, 0.3, 0.1]},
     }  # fmt: skip
     return runconfig.validated("options", fields, changes)
 

@@ -65,23 +65,22 @@ def evaluate(settings: runconfig.RunConfig, folder: Path, model, step: int) -> d
 
 def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
     stages = Stages(minutes)
-    # What is pretrained learns to tell a part's places first, and is frozen before poses.
-    first = settings.model_copy(update={"poses": settings.poses and not settings.pretrained})
-    refuse_early(first, folder)
+    refuse_early(settings, folder)
     training_minutes(settings, stages, rendering_minutes(settings), LEAST_TRAINING)
     generator = Generator(settings, folder)
     try:
         for split, scenes in first_scenes(settings).items():
             generator.wait_for(split, scenes)
             # Parts and rig are accepted: from here on the run keeps its scenes, whatever ends it.
-            runconfig.keep_copy(first, folder)
+            runconfig.keep_copy(settings, folder)
         for note in generator.notes():
             print(note)
         stages.done("first scenes")
         left = training_minutes(settings, stages)
-        share = settings.second.share if settings.closeup else 0.0
+        decodes_closeups = settings.closeup and not settings.pretrained
+        share = settings.second.share if decodes_closeups else 0.0
         bound = kept_minutes(folder, minutes, left * (1 - share))
-        loop.train(first.model_copy(update={"minutes": bound}), folder)
+        loop.train(settings.model_copy(update={"minutes": bound}), folder)
         generator.check()
     finally:
         generator.stop()
@@ -100,7 +99,7 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
     scenes = calibrated(settings, folder / "bundle")
     scene_minutes = (begun - stages.left()) / max(scenes, 1)
     stages.done("calibration")
-    if settings.generate.mesh:
+    if settings.generate.mesh or settings.pretrained:
         report(settings, folder, scenes_in_time(stages.left(), scene_minutes))
         stages.done("report")
     else:
@@ -113,12 +112,6 @@ def refuse_early(settings: runconfig.RunConfig, folder: Path):
     """UserError where scenes would be rendered for nothing."""
     runconfig.refuse_another(settings, folder)
     loop.composer_of(settings)
-    carried_on = settings.pretrained and settings.backbone
-    if carried_on and settings.second.copies not in (0, settings.copies):
-        raise UserError(
-            f"second.copies: expected {settings.copies}, the `copies` of the first stage, whose "
-            f"features it takes, got {settings.second.copies}; fix: leave it out"
-        )
     if settings.pretrained and not settings.init:
         lite.pretrained_file()
 
@@ -182,15 +175,12 @@ def second_stage(
 ) -> Path:
     """Poses, on what the first stage has made of the features: where that has trained on since they
     were learnt, they are learnt anew. The weights."""
-    weights, poses, first = folder / "weights.pt", folder / "poses", folder / "features"
+    weights, poses = folder / "weights.pt", folder / "poses"
     backbone = checkpoint.digest(weights)
     if kept_of(poses).get("backbone", backbone) != backbone:
         shutil.rmtree(poses)
     if not bank.is_of(poses / "features", backbone):
         shutil.rmtree(poses / "features", ignore_errors=True)
-        if (first / "state.json").exists():
-            model, _, _ = checkpoint.load_weights(weights)
-            bank.carry_on(first, poses / "features", model.features, backbone)
     # Validation and features were on no clock; poses are learnt even where these took too long.
     most = max(stages.left() - settings.generate.reserve, minutes / 2)
     changes = settings.second.model_dump(exclude={"share"})

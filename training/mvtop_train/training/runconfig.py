@@ -1,4 +1,4 @@
-"""The one file that describes a training run (TOML); `training/runs/` has those of the docs."""
+"""The one file that describes a training run (TOML); `mvtop-train list` names those shipped."""
 
 import argparse
 import dataclasses
@@ -91,7 +91,7 @@ class Generate(Table):
 
 
 class SecondStage(Table):
-    """The second stage of `mvtop_train.run`, of networks with close-ups."""
+    """The second stage of `mvtop_train.run`, of networks that decode poses from close-ups."""
 
     share: Annotated[float, Field(gt=0, lt=1)] = 0.4  # of the time of the training
     copies: NonNegativeInt = 0  # as in `RunConfig`, and those that follow; 0: as many as there
@@ -144,7 +144,6 @@ class RunConfig(Table):
     # rest is trained on what that made of close-ups before.
     backbone: str = ""
     copies: Count = 5  # of each image among these, each seen otherwise
-    poses: bool = True  # false: boxes and object coordinates alone, for a second stage to build on
     steps: Annotated[int, Field(ge=0, examples=[20_000])] = 0
     minutes: Annotated[float, Field(ge=0, examples=[25])] = 0.0
     images: Count = 64  # views per batch, of all processes together
@@ -272,7 +271,7 @@ def _change(fields: dict, change: str):
 
 def load(path: Path, changes: list[str] = ()) -> RunConfig:
     """The config file `path` with `changes` ("key=value", "table.key=value") on top."""
-    text = read_text(path, "see training/runs/", MAX_FILE_BYTES)
+    text = read_text(path, "see `mvtop-train list`", MAX_FILE_BYTES)
     try:
         fields = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -348,7 +347,7 @@ def keep_copy(config: RunConfig, folder: Path):
 
 def add_arguments(parser: argparse.ArgumentParser, required: bool = True):
     """The options by which commands take a config."""
-    parser.add_argument("--config", type=Path, required=required, help="TOML, see training/runs/")
+    parser.add_argument("--config", type=Path, required=required, help="TOML, or a name of `list`")
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="change a key of the config"
     )

@@ -77,35 +77,6 @@ fn network_that_answers_otherwise_is_refused() {
 }
 
 #[test]
-fn bundles_whose_decoder_was_asked_about_the_encoders_answer_are_compared_so() {
-    let before = |outputs: &mut serde_json::Value| {
-        outputs["rotation_6d"] = serde_json::json!([
-            0.0979491, 0.0977002, 0.602319, -0.523203, 0.0361323, 0.0806912
-        ]);
-        outputs["translation"] = serde_json::json!([-0.548904, 0.201498, -1.05156]);
-        outputs["sigma"] = serde_json::json!([88.4056, 0.0105218]);
-    };
-    let earlier = changed(|model| {
-        let about = model["self_test"].as_object_mut().unwrap();
-        about.remove("memory_is_given").unwrap();
-        before(&mut about["outputs"]);
-    });
-    let dir = earlier.path().to_str().unwrap();
-    let text = stdout(&mvtop(&["doctor", "--model", dir]));
-    assert!(text.contains("self-test  answers as when"), "{text}");
-    let mixed = changed(|model| before(&mut model["self_test"]["outputs"]));
-    let error = refusal(&mvtop(&[
-        "doctor",
-        "--model",
-        mixed.path().to_str().unwrap(),
-    ]));
-    assert!(
-        error.contains("answers the self-test with rotation_6d"),
-        "{error}"
-    );
-}
-
-#[test]
 fn library_of_the_current_folder_or_one_above_is_never_looked_at() {
     let folder = tempfile::tempdir().unwrap();
     let capi = ".venv/lib/python3.11/site-packages/onnxruntime/capi";

@@ -293,6 +293,34 @@ fn table_shows_the_pose_beside_the_truth() {
 }
 
 #[test]
+fn priors_exclude_what_is_found_elsewhere_and_the_reason_is_told() {
+    let ids = ["cam0", "cam1"];
+    let found = infer(&ids, &[]);
+    let mut pose = found["objects"][0]["T_world_obj"].clone();
+    let x = pose[0][3].as_f64().unwrap();
+    pose[0][3] = (x + 0.4).into();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("request.json");
+    let ask = |sigma_m: f64| {
+        let prior = serde_json::json!({
+            "class": found["objects"][0]["class"], "T_world_obj": pose,
+            "sigma_m": sigma_m, "sigma_deg": 60,
+        });
+        let request = serde_json::json!({"priors": [prior], "why": true});
+        std::fs::write(&file, request.to_string()).unwrap();
+        infer(&ids, &["--request", file.to_str().unwrap()])
+    };
+    let near = ask(0.2);
+    assert_eq!(near["objects"].as_array().unwrap().len(), 1);
+    assert_eq!(near["why"], serde_json::json!([]));
+    let far = ask(0.1);
+    assert_eq!(far["objects"], serde_json::json!([]));
+    assert_eq!(far["why"][0]["reason"], "prior");
+    let off = far["why"][0]["value"].as_f64().unwrap();
+    assert!((off - 4.0).abs() < 0.05, "{off}");
+}
+
+#[test]
 fn overlays_are_drawn_and_never_replace_files_unasked() {
     let folder = TempDir::new().unwrap();
     let out = folder.path().join("pictures");

@@ -125,3 +125,37 @@ fn grey_bytes_without_a_file_are_what_their_file_is() {
         refused.text()
     );
 }
+
+#[test]
+fn priors_are_taken_and_reasons_are_told() {
+    let server = Server::start(&[]);
+    let found = server.post("", &[], &images()).json();
+    let mut pose = found["objects"][0]["T_world_obj"].clone();
+    let x = pose[0][3].as_f64().unwrap();
+    pose[0][3] = (x + 0.2).into();
+    let prior = serde_json::json!({
+        "class": "mvball", "T_world_obj": pose, "sigma_m": 0.01, "sigma_deg": 60,
+    });
+    let request = serde_json::json!({"priors": [prior]}).to_string();
+    let mut parts = images();
+    parts.push(("request", "application/json", request.into_bytes()));
+    let missed = server.post("?classes=mvball", &[], &parts).json();
+    assert_eq!(missed["objects"], serde_json::json!([]));
+    let why = &missed["why"][0];
+    assert_eq!(
+        (&why["class"], &why["reason"]),
+        (&"mvball".into(), &"prior".into())
+    );
+    assert!((why["value"].as_f64().unwrap() - 20.0).abs() < 0.1);
+    let refused =
+        br#"{"planes": [{"point_m": [0,0,0], "normal": [0,0,0], "within_m": 1, "within_deg": 1}]}"#;
+    let mut parts = images();
+    parts.push(("request", "application/json", refused.to_vec()));
+    let refused = server.post("", &[], &parts);
+    assert_eq!(refused.status, 400);
+    assert!(
+        refused.text().contains("plane: normal"),
+        "{}",
+        refused.text()
+    );
+}

@@ -265,3 +265,58 @@ proptest! {
         prop_assert_eq!(objects, expected);
     }
 }
+
+#[test]
+fn why_boxes_do_not_match_is_told() {
+    let config = AssociationConfig {
+        box_tolerance: 0.25,
+    };
+    // Along z and along -x, nearest to each other at z = 1: 0.1 m apart in y.
+    let a = LineOfSight {
+        class: 0,
+        origin: Vector3::zeros(),
+        direction: Vector3::z(),
+        sin_radius: 0.1,
+    };
+    let b = |y: f64, sin_radius: f64| LineOfSight {
+        class: 0,
+        origin: Vector3::new(1.0, y, 1.0),
+        direction: -Vector3::x(),
+        sin_radius,
+    };
+    let told = |b: LineOfSight, radii| mismatch(&config, &a, &b, radii);
+    let any = [0.0, 1.0];
+    assert_eq!(told(b(0.0, 0.1), any), None);
+    // Radii of 0.1 m each: a quarter of their sum is allowed.
+    let Some(Mismatch::Rays { gap_m, limit_m }) = told(b(0.1, 0.1), any) else {
+        panic!("they are apart");
+    };
+    assert!((gap_m - 0.1).abs() < 1e-12 && (limit_m - 0.05).abs() < 1e-12);
+    // Twice as large: 1.25 squared times is allowed.
+    let Some(Mismatch::Sizes { radius_m, limit_m }) = told(b(0.0, 0.2), any) else {
+        panic!("sizes differ");
+    };
+    assert!((radius_m - 0.2).abs() < 1e-12 && (limit_m - 0.15625).abs() < 1e-12);
+    // A class of 0.2 to 0.3 m of radius: at least 0.2 / 1.25 by the boxes.
+    let Some(Mismatch::Sizes { radius_m, limit_m }) = told(b(0.0, 0.1), [0.2, 0.3]) else {
+        panic!("too small");
+    };
+    assert!((radius_m - 0.1).abs() < 1e-12 && (limit_m - 0.16).abs() < 1e-12);
+    // Behind the second camera.
+    let away = LineOfSight {
+        direction: Vector3::x(),
+        ..b(0.0, 0.1)
+    };
+    assert!(matches!(told(away, any), Some(Mismatch::Rays { gap_m, .. }) if gap_m.is_infinite()));
+    // What matches is what is associated.
+    for (b, radii) in [
+        (b(0.0, 0.1), any),
+        (b(0.1, 0.1), any),
+        (b(0.0, 0.2), any),
+        (b(0.0, 0.1), [0.2, 0.3]),
+        (b(0.0, 0.15), [0.14, 0.3]),
+    ] {
+        let together = of_sizes(&[vec![a], vec![b]], &[radii]).len() == 1;
+        assert_eq!(together, told(b, radii).is_none());
+    }
+}

@@ -188,19 +188,21 @@ pub(super) struct ManifestCloseUp {
     pub strides: Vec<u32>,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Deserialize)]
 pub(super) struct Graphs {
     pub features: String,
     #[serde(default)]
     pub closeup: Option<String>,
-    pub decoder: String,
+    #[serde(default)]
+    pub decoder: Option<String>,
 }
 
 impl Graphs {
     pub fn files(&self) -> impl Iterator<Item = &String> {
-        [&self.features, &self.decoder]
+        [&self.features]
             .into_iter()
             .chain(&self.closeup)
+            .chain(&self.decoder)
     }
 }
 
@@ -309,6 +311,15 @@ impl Manifest {
                 return Err(format!("class `{name}` {problem}"));
             }
         }
+        let coordinates = self.classes[0].coordinates_extent_m.is_some();
+        if coordinates == self.graphs.decoder.is_some() || coordinates && self.closeup.is_none() {
+            return Err(format!(
+                "has graphs {:?} {} coordinates_extent_m, expected a `decoder`, or a `closeup` with \
+                 coordinates_extent_m; export the bundle again with `mvtop-train export`",
+                self.graphs,
+                if coordinates { "and" } else { "without" },
+            ));
+        }
         if let Some(SelfTest { tolerance, .. }) = self.self_test
             && !(0.0..=1.0).contains(&tolerance)
         {
@@ -406,7 +417,7 @@ impl FileRecord {
 /// Text of the bundle; the error is the problem.
 pub(super) fn read_text(path: &Path) -> Result<String, String> {
     file::read_text(path, MAX_TEXT_BYTES).map_err(|error| match error {
-        Error::Read { cause, .. } => format!("cannot be read: {cause}"),
+        mvtop_geometry::Error::Read { cause, .. } => format!("cannot be read: {cause}"),
         other => other.to_string(),
     })
 }

@@ -51,6 +51,36 @@ fn the_sha256_is_that_of_the_standard() {
 }
 
 #[test]
+fn poses_come_of_a_decoder_or_of_coordinates() {
+    let coordinates = |model: &mut Value| model["classes"][0]["coordinates_extent_m"] = 0.1.into();
+    let closeup = |model: &mut Value| {
+        model["closeup"] = json!({"size": 160, "strides": [16, 32]});
+        model["graphs"]["closeup"] = "f.onnx".into();
+    };
+    let without_decoder = |model: &mut Value| {
+        model["graphs"].as_object_mut().unwrap().remove("decoder");
+    };
+    let dir = bundle(|model| {
+        coordinates(model);
+        closeup(model);
+        without_decoder(model);
+    });
+    let loaded = Bundle::load(dir.path()).unwrap();
+    assert!(loaded.has_coordinates() && loaded.decoder.is_none());
+    let expected = "expected a `decoder`, or a `closeup` with coordinates_extent_m";
+    for refused in [
+        refusal(coordinates),
+        refusal(without_decoder),
+        refusal(|model| {
+            coordinates(model);
+            without_decoder(model);
+        }),
+    ] {
+        assert!(refused.contains(expected), "{refused}");
+    }
+}
+
+#[test]
 fn a_bundle_is_read() {
     let dir = bundle(|_| ());
     let bundle = Bundle::load(dir.path()).unwrap();

@@ -101,11 +101,15 @@ fn by_detector(pipeline: &Pipeline) -> Result<Option<String>> {
     let Some(maps) = pipeline.maps.as_ref().filter(|_| bundle.scorer.is_some()) else {
         return Ok(None);
     };
+    // Of some classes there may be no object, though the detector knows others.
+    let threshold = f64::from(bundle.detector.score_threshold);
+    if !pipeline.wanted.has_all_classes() && best_scores(maps) >= threshold {
+        return Ok(None);
+    }
     let images = super::view::tensor(&pipeline.views, &bundle.input)?;
     let exchanged = exchanged(images, bundle.input.mean, bundle.input.std);
     let other = pipeline.network.detect(exchanged.view())?;
     let (as_they_are, exchanged) = (best_scores(maps), best_scores(&other));
-    let threshold = f64::from(bundle.detector.score_threshold);
     let gains = exchanged - as_they_are >= pipeline.config().rig.exchanged_gain;
     Ok((exchanged >= threshold && gains).then(|| {
         format!(

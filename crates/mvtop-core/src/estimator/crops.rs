@@ -34,21 +34,22 @@ pub struct Crop {
 /// Crops, and the network's features of them.
 pub struct Crops {
     pub list: Vec<Crop>,
-    /// `[P, N, C]`, in the order of the list.
-    pub memory: Array3<f32>,
-    /// `[P, 4, h, w]`, where the network gives them, see [`Encoded`]; not to be trusted off the image.
-    pub coordinates: Option<Array4<f32>>,
+    pub features: Features,
+}
+
+/// What the network makes of crops, in their order.
+pub enum Features {
+    /// `[P, N, C]`, for the decoder.
+    Memory(Array3<f32>),
+    /// `[P, 4, h, w]`, see [`Network::coordinates`]; not to be trusted off the image.
+    Coordinates(Array4<f32>),
 }
 
 impl Crops {
     /// - `memory`: `[P, N, C]`, refused where it is of another number of crops
     pub fn new(list: Vec<Crop>, memory: Array3<f32>) -> Result<Self> {
-        let memory = checked(memory, list.len())?;
-        Ok(Self {
-            list,
-            memory,
-            coordinates: None,
-        })
+        let features = Features::Memory(checked(memory, list.len())?);
+        Ok(Self { list, features })
     }
 }
 
@@ -176,11 +177,15 @@ pub fn encoded(
         });
     }
 
+    let has_coordinates = bundle.has_coordinates();
     let crop = |(index, view, closeup): &(usize, &View, CloseUp)| Crop {
         view: *index,
         camera: closeup.camera.clone(),
         letterbox: closeup.letterbox(),
-        camera_rays: closeup.camera_rays(view.camera, &closeups.strides),
+        camera_rays: match has_coordinates {
+            true => Array2::zeros((0, 3)),
+            false => closeup.camera_rays(view.camera, &closeups.strides),
+        },
     };
     let list: Vec<Crop> = taken.iter().map(crop).collect();
     let (side, mean, std) = (closeups.size as usize, bundle.input.mean, bundle.input.std);
@@ -190,35 +195,33 @@ pub fn encoded(
         for ((_, view, closeup), pixels) in taken.iter().zip(tensor.outer_iter_mut()) {
             closeup.fill(pixels, view.camera, view.image, mean, std);
         }
-        let encoded = network.encode(tensor.view(), rays(list).view())?;
-        memory.push(checked(encoded.memory, list.len())?);
-        if let Some(codes) = encoded.coordinates {
-            coordinates.push(on_images(codes, taken)?);
+        match has_coordinates {
+            true => coordinates.push(on_images(network.coordinates(tensor.view())?, taken)?),
+            false => {
+                let encoded = network.encode(tensor.view(), rays(list).view())?;
+                memory.push(checked(encoded, list.len())?);
+            }
         }
     }
-    let coordinates = joined("coordinates", &coordinates)?;
-    let memory = joined("memory", &memory)?.unwrap_or_default();
-    let crops = Crops {
-        list,
-        memory,
-        coordinates,
+    let features = match has_coordinates {
+        true => Features::Coordinates(joined("coordinates", &coordinates)?),
+        false => Features::Memory(joined("memory", &memory)?),
     };
-    Ok((crops, groups))
+    Ok((Crops { list, features }, groups))
 }
 
-/// Parts one after the other; `None` without parts.
-fn joined<D: RemoveAxis>(
-    name: &'static str,
-    parts: &[Array<f32, D>],
-) -> Result<Option<Array<f32, D>>> {
+/// Parts one after the other; empty without parts.
+fn joined<D: RemoveAxis>(name: &'static str, parts: &[Array<f32, D>]) -> Result<Array<f32, D>> {
+    if parts.is_empty() {
+        return Ok(Array::default(D::zeros(D::NDIM.unwrap_or(1))));
+    }
     let views: Vec<ArrayView<f32, D>> = parts.iter().map(|part| part.view()).collect();
     let mismatch = |cause| Error::Shape {
         name,
         expected: format!("the same for all crops ({cause})"),
         got: parts[0].shape().to_vec(),
     };
-    let joined = (!views.is_empty()).then(|| concatenate(Axis(0), &views).map_err(mismatch));
-    joined.transpose()
+    concatenate(Axis(0), &views).map_err(mismatch)
 }
 
 /// Center of a row's cell `n` of `cells`, px of a picture of `side` px.

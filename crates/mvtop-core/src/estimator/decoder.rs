@@ -5,7 +5,7 @@ use std::iter;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use ndarray::{Array2, Array3, ArrayView1, Axis, s};
 
-use super::crops::{Crop, Crops, Group, Query};
+use super::crops::{Crop, Group, Query};
 use super::grouping::{groups, means};
 use crate::bundle::Bundle;
 use crate::config::SearchConfig;
@@ -22,12 +22,14 @@ use crate::{Error, Result};
 /// poses depend neither on which camera is the reference nor on the rig's order. Hypotheses near each
 /// other are averaged.
 ///
+/// - `crops`, `memory`: what the network was shown, and what it made of it
 /// - `classes`: of the objects
 pub fn hypotheses(
     network: &dyn Network,
     bundle: &Bundle,
     config: &SearchConfig,
-    crops: &Crops,
+    crops: &[Crop],
+    memory: &Array3<f32>,
     grouped: &[Group],
     classes: &[usize],
 ) -> Result<Vec<Vec<Hypothesis>>> {
@@ -44,7 +46,7 @@ pub fn hypotheses(
                 .iter()
                 .filter(|query| {
                     query
-                        .anchors(config.max_anchors, &crops.list[range.clone()])
+                        .anchors(config.max_anchors, &crops[range.clone()])
                         .contains(&place)
                 })
                 .collect();
@@ -53,14 +55,14 @@ pub fn hypotheses(
             }
             let others = range.clone().filter(|&crop| crop != anchor);
             let order: Vec<usize> = iter::once(anchor).chain(others).collect();
-            let memory = crops.memory.select(Axis(0), &order);
+            let memory = memory.select(Axis(0), &order);
             let shown: Vec<(&Crop, usize)> = order
                 .iter()
-                .map(|&crop| (&crops.list[crop], crop - range.start))
+                .map(|&crop| (&crops[crop], crop - range.start))
                 .collect();
             let decoded = network.decode(memory.view(), &inputs(&shown, &queries, encoding))?;
             decoded.check(queries.len())?;
-            let world_from_anchor = &crops.list[anchor].camera.world_from_cam();
+            let world_from_anchor = &crops[anchor].camera.world_from_cam();
             for (q, query) in queries.iter().enumerate() {
                 let found = Hypothesis::of_query(world_from_anchor, &decoded, q)?;
                 anchored[query.object].extend(found);

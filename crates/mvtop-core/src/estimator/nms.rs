@@ -7,6 +7,14 @@ use crate::bundle::Class;
 use crate::config::SearchConfig;
 use crate::detect::Detection;
 
+/// What is left of instances, and what was suppressed.
+pub struct Suppressed {
+    /// The best one first.
+    pub kept: Vec<Instance>,
+    /// Likewise, each with the index of the better one among those that are kept.
+    pub duplicates: Vec<(Instance, usize)>,
+}
+
 /// Suppresses each instance that stands where a better one does.
 ///
 /// Two instances are duplicates if their positions are near, or if the better one projects onto all
@@ -19,23 +27,27 @@ pub fn suppress(
     views: &[View],
     radii: &[[f64; 2]],
     mut instances: Vec<Instance>,
-) -> Vec<Instance> {
+) -> Suppressed {
     instances.sort_by(|a, b| {
         let odds = |one: &Instance| one.best().map_or(f64::NEG_INFINITY, |c| c.scored.log_odds);
         odds(b).total_cmp(&odds(a))
     });
     let mut kept: Vec<Instance> = Vec::new();
+    let mut duplicates = Vec::new();
     for one in instances {
-        let better = kept.iter_mut().find(|better| {
+        let better = kept.iter().position(|better| {
             near(config, radii, better, &one) || explains(config, classes, views, better, &one)
         });
-        match better {
-            Some(better) if better.class == one.class => adopt(better, &one),
-            Some(_) => {}
-            None => kept.push(one),
+        let Some(better) = better else {
+            kept.push(one);
+            continue;
+        };
+        if kept[better].class == one.class {
+            adopt(&mut kept[better], &one);
         }
+        duplicates.push((one, better));
     }
-    kept
+    Suppressed { kept, duplicates }
 }
 
 fn near(config: &SearchConfig, radii: &[[f64; 2]], a: &Instance, b: &Instance) -> bool {
@@ -55,7 +67,9 @@ fn explains(
     better: &Instance,
     one: &Instance,
 ) -> bool {
-    let Some(best) = better.best().filter(|_| better.class == one.class) else {
+    // What no view detected, a prior proposed: there is nothing to explain.
+    let comparable = better.class == one.class && one.views() > 0;
+    let Some(best) = better.best().filter(|_| comparable) else {
         return false;
     };
     let covers = |(view, seen): (&View, &Option<Detection>)| {

@@ -4,7 +4,9 @@ use std::time::Instant;
 
 use super::crops::{self, Crops};
 use super::instance::{Candidate, Instance};
+use super::near_miss::NearMisses;
 use super::view::View;
+use super::wanted::Wanted;
 use super::{Estimator, PredictOptions};
 use super::{detections, nms, tiling, view};
 use crate::bundle::PoseInput;
@@ -23,6 +25,7 @@ pub struct Pipeline<'a> {
     /// In the order of the cameras' ids.
     pub views: Vec<View<'a>>,
     pub options: &'a PredictOptions,
+    pub wanted: Wanted,
     /// Of the whole images; there once they were shown to the detector.
     pub maps: Option<DetectorMaps>,
 }
@@ -55,6 +58,7 @@ impl<'a> Pipeline<'a> {
             rig,
             views,
             options,
+            wanted: Wanted::new(bundle, options)?,
             maps: None,
         })
     }
@@ -69,20 +73,26 @@ impl<'a> Pipeline<'a> {
     pub fn predict(mut self, reference: usize) -> Result<Prediction> {
         let mut clock = Clock::start();
         let whole_images = self.detect(&mut clock)?;
-        let mut instances = self.instances()?;
+        let mut misses = NearMisses::new(self.estimator.bundle.classes.len());
+        let mut instances = self.instances(&mut misses)?;
         clock.lap(|timings| &mut timings.detect);
 
         self.first_candidates(whole_images, &mut instances, &mut clock)?;
+        self.propose_priors(&mut instances, &mut clock)?;
         for proposer in &self.config().search.schedule {
             self.search(*proposer, &mut instances, &mut clock)?;
         }
-        instances.retain(|one| one.best().is_some());
+        instances.retain(|one| {
+            let has_pose = one.best().is_some();
+            if !has_pose {
+                self.note(&mut misses, one.class, || self.without_pose(one));
+            }
+            has_pose
+        });
         if self.options.boxes.is_none() {
-            let Estimator { bundle, radii, .. } = self.estimator;
-            let search = &self.config().search;
-            instances = nms::suppress(search, &bundle.classes, &self.views, radii, instances);
+            instances = self.suppressed(instances, &mut misses);
         }
-        let prediction = self.verified(reference, instances, &mut clock)?;
+        let prediction = self.verified(reference, instances, misses, &mut clock)?;
         Ok(Prediction {
             timings: clock.total(),
             ..prediction
@@ -114,10 +124,12 @@ impl<'a> Pipeline<'a> {
     }
 
     /// The instances that the boxes of all views show, without poses yet.
-    fn instances(&self) -> Result<Vec<Instance>> {
+    fn instances(&self, misses: &mut NearMisses) -> Result<Vec<Instance>> {
         let Estimator { bundle, radii, .. } = self.estimator;
         if let Some(boxes) = &self.options.boxes {
-            return detections::given(bundle, self.rig, &self.views, boxes);
+            let mut given = detections::given(bundle, self.rig, &self.views, boxes)?;
+            self.wanted.leave_out(&mut given);
+            return Ok(given);
         }
         let Some(maps) = &self.maps else {
             return Ok(Vec::new());
@@ -125,12 +137,33 @@ impl<'a> Pipeline<'a> {
         let mut boxes = detections::in_whole_images(bundle, &self.views, maps);
         let config = self.config();
         if let PoseInput::CloseUps(_) = bundle.poses {
-            tiling::detect(self.network, bundle, config, radii, &self.views, &mut boxes)?;
+            tiling::detect(self, &mut boxes)?;
         }
         let association = &config.association;
         let mut found = detections::detected(bundle, association, radii, &self.views, &boxes);
-        found.retain(|object| object.views() >= self.options.min_views);
+        self.note_undetected(misses, &boxes, &found);
+        let least = self.options.min_views;
+        found.retain(|one| {
+            let enough = one.views() >= least;
+            if !enough {
+                self.note(misses, one.class, || self.in_few_views(one, least));
+            }
+            enough
+        });
+        self.wanted.leave_out(&mut found);
         Ok(found)
+    }
+
+    /// One instance for each object.
+    fn suppressed(&self, instances: Vec<Instance>, misses: &mut NearMisses) -> Vec<Instance> {
+        let Estimator { bundle, radii, .. } = self.estimator;
+        let search = &self.config().search;
+        let left = nms::suppress(search, &bundle.classes, &self.views, radii, instances);
+        for (one, better) in &left.duplicates {
+            let better = &left.kept[*better];
+            self.note(misses, one.class, || self.duplicate(one, better));
+        }
+        left.kept
     }
 
     /// The network's candidates from the detected boxes.
@@ -172,7 +205,7 @@ impl<'a> Pipeline<'a> {
             .collect();
         self.evaluate(instances, proposed);
         for (instance, others) in instances.iter().zip(&mut others) {
-            if self.is_settled(instance) {
+            if self.is_done(instance) {
                 others.clear();
             }
         }
@@ -183,13 +216,22 @@ impl<'a> Pipeline<'a> {
         let read: Vec<&Instance> = instances.iter().map(|one| &**one).collect();
         let scored = self.refine_and_score(&read, proposed);
         let search = &self.config().search;
-        for (instance, new) in instances.iter_mut().zip(scored) {
+        for (instance, mut new) in instances.iter_mut().zip(scored) {
             let class = &self.estimator.bundle.classes[instance.class];
+            self.wanted.narrow(instance, &mut new, class, search);
             instance.add(new, class, search.merge_deg, search.max_candidates);
         }
     }
 
-    /// Whether an instance needs no further candidates; never with a bundle that was not calibrated.
+    /// Whether an instance needs no further candidates: it is settled on a pose that priors allow.
+    pub(super) fn is_done(&self, instance: &Instance) -> bool {
+        let (index, best) = (instance.class, instance.best());
+        let class = &self.estimator.bundle.classes[index];
+        let fits = |best: &Candidate| self.wanted.fit(index, class, &best.world_from_obj).is_ok();
+        self.is_settled(instance) && best.is_none_or(fits)
+    }
+
+    /// Whether one pose of an instance is probable enough; never with a bundle that was not calibrated.
     pub(super) fn is_settled(&self, instance: &Instance) -> bool {
         let calibrated = self.estimator.bundle.scorer.is_some();
         calibrated && instance.confidence() >= self.config().search.settled

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
-use super::crops::{self, CropRequest, Crops, Group};
+use super::crops::{self, CropRequest, Crops, Features, Group};
 use super::instance::{Candidate, Instance};
 use super::pipeline::{Clock, Pipeline};
 use super::pnp::{self, Correspondences};
@@ -55,26 +55,29 @@ impl Pipeline<'_> {
         rois: &[Vec<Option<BBox>>],
     ) -> Result<Vec<Vec<Candidate>>> {
         let (bundle, config) = (&self.estimator.bundle, self.config());
-        let mut hypotheses = match &crops.coordinates {
-            Some(_) => vec![Vec::new(); classes.len()],
-            None => {
-                let search = &config.search;
-                decoder::hypotheses(self.network, bundle, search, crops, groups, classes)?
-            }
-        };
+        let mut hypotheses = vec![Vec::new(); classes.len()];
         let mut correspondences = vec![None; classes.len()];
-        if let Some(codes) = &crops.coordinates {
-            for group in groups {
-                for query in &group.objects {
-                    let class = &bundle.classes[query.class];
-                    let Some(extent) = class.coordinates_extent_m else {
-                        continue;
-                    };
-                    let least = config.pnp.min_trust;
-                    let codes = codes.view();
-                    let mut all = Correspondences::new(crops, codes, group, extent, class, least);
-                    hypotheses[query.object] = pnp::solve(config, &mut all);
-                    correspondences[query.object] = Some(Arc::new(all));
+        let Crops { list, features } = crops;
+        match features {
+            Features::Memory(memory) => {
+                let search = &config.search;
+                let network = self.network;
+                hypotheses =
+                    decoder::hypotheses(network, bundle, search, list, memory, groups, classes)?;
+            }
+            Features::Coordinates(codes) => {
+                for group in groups {
+                    for query in &group.objects {
+                        let class = &bundle.classes[query.class];
+                        let Some(extent) = class.coordinates_extent_m else {
+                            continue;
+                        };
+                        let (codes, least) = (codes.view(), config.pnp.min_trust);
+                        let mut all =
+                            Correspondences::new(list, codes, group, extent, class, least);
+                        hypotheses[query.object] = pnp::solve(config, &mut all);
+                        correspondences[query.object] = Some(Arc::new(all));
+                    }
                 }
             }
         }
@@ -173,7 +176,7 @@ impl Pipeline<'_> {
         let mut open: Vec<(f64, &mut Instance)> = instances
             .iter_mut()
             .filter(|one| works(one))
-            .filter(|one| !self.is_settled(one))
+            .filter(|one| !self.is_done(one))
             .map(|one| (one.confidence(), one))
             .filter(|(confidence, _)| !calibrated || *confidence >= search.hopeless)
             .collect();

@@ -6,7 +6,9 @@
 
 use std::collections::BTreeMap;
 
-use ndarray::{Array, Array1, Array2, Array3, Array4, ArrayView2, Dimension, ShapeBuilder, s};
+use ndarray::{
+    Array, Array1, Array2, Array3, Array4, ArrayView2, Axis, Dimension, ShapeBuilder, s,
+};
 
 use crate::bundle::{Bundle, PoseInput};
 use crate::network::{Network, Queries};
@@ -19,7 +21,7 @@ pub fn run(bundle: &Bundle, network: &dyn Network) -> Result<bool> {
     let Some(expected) = &bundle.self_test else {
         return Ok(false);
     };
-    let got = answers(bundle, network, expected.memory_is_given)?;
+    let got = answers(bundle, network)?;
     for (name, expected_numbers) in &expected.outputs {
         let refuse = |got: &[f64]| Error::Bundle {
             path: bundle.dir.clone(),
@@ -65,69 +67,89 @@ fn rays(cells: usize) -> Array3<f32> {
     rays
 }
 
-fn answers(
-    bundle: &Bundle,
-    network: &dyn Network,
-    memory_is_given: bool,
-) -> Result<BTreeMap<&'static str, Vec<f64>>> {
+fn answers(bundle: &Bundle, network: &dyn Network) -> Result<BTreeMap<&'static str, Vec<f64>>> {
     let (width, height) = (bundle.input.width as usize, bundle.input.height as usize);
     let images: Array4<f32> = numbers((1, 3, height, width));
     let cells = |strides: &[usize], width: usize, height: usize| -> usize {
         let level = |stride: &usize| width.div_ceil(*stride) * height.div_ceil(*stride);
         strides.iter().map(level).sum()
     };
+    let mut answers = BTreeMap::new();
     let (maps, memory) = match &bundle.poses {
         PoseInput::WholeImages { strides } => {
             let rays = rays(cells(strides, width, height));
-            network.detect_and_encode(images.view(), rays.view())?
+            let (maps, memory) = network.detect_and_encode(images.view(), rays.view())?;
+            (maps, Some(memory))
         }
         PoseInput::CloseUps(closeups) => {
             let side = closeups.size as usize;
             let pictures: Array4<f32> = numbers((1, 3, side, side));
-            let rays = rays(cells(&closeups.strides, side, side));
-            let encoded = network.encode(pictures.view(), rays.view())?;
-            (network.detect(images.view())?, encoded.memory)
+            let memory = match bundle.has_coordinates() {
+                true => {
+                    let coordinates = network.coordinates(pictures.view())?;
+                    let mean = |channel| mean(&mut coordinates.index_axis(Axis(1), channel).iter());
+                    answers.insert("coordinates", (0..4).map(mean).collect());
+                    None
+                }
+                false => {
+                    let rays = rays(cells(&closeups.strides, side, side));
+                    Some(network.encode(pictures.view(), rays.view())?)
+                }
+            };
+            (network.detect(images.view())?, memory)
         }
     };
     maps.check(1, bundle.classes.len(), f32::INFINITY)?;
+    let most = maps.scores.iter().fold(0.0, |most: f32, &x| most.max(x));
+    let side = |side| mean(&mut maps.boxes.index_axis(Axis(1), side).iter());
+    answers.insert(
+        "det_scores",
+        vec![mean(&mut maps.scores.iter()), most.into()],
+    );
+    answers.insert("det_boxes", (0..4).map(side).collect());
+    if let Some(memory) = memory {
+        answers.insert(
+            "memory",
+            vec![
+                mean(&mut memory.iter()),
+                mean(&mut memory.mapv(f32::abs).iter()),
+            ],
+        );
+        answers.extend(decoded(bundle, network, memory.dim())?);
+    }
+    Ok(answers)
+}
+
+fn mean(numbers: &mut dyn Iterator<Item = &f32>) -> f64 {
+    let (sum, count) = numbers.fold((0.0, 0.0), |(sum, count), x| {
+        (sum + f64::from(*x), count + 1.0)
+    });
+    sum / count
+}
+
+/// The pose that the decoder makes of given numbers: of what the encoder makes of the picture, steps
+/// of 8 bits would be magnified.
+///
+/// - `memory`: its size
+fn decoded(
+    bundle: &Bundle,
+    network: &dyn Network,
+    memory: (usize, usize, usize),
+) -> Result<[(&'static str, Vec<f64>); 3]> {
     let queries = Queries {
-        rays: numbers((1, memory.dim().1, bundle.los_encoding.width())),
+        rays: numbers((1, memory.1, bundle.los_encoding.width())),
         centers: Array3::from_elem((1, 1, 2), 0.5),
         half_sizes: Array3::from_elem((1, 1, 2), 0.3),
         box_rays: numbers((1, 1, 12)),
         valid: Array2::ones((1, 1)),
         class_index: Array1::zeros(1),
     };
-    let decoded = match memory_is_given {
-        true => network.decode(numbers(memory.dim()).view(), &queries)?,
-        false => network.decode(memory.view(), &queries)?,
-    };
+    let decoded = network.decode(numbers(memory).view(), &queries)?;
     decoded.check(1)?;
-
-    let mean = |numbers: &mut dyn Iterator<Item = f32>| {
-        let (sum, count) = numbers.fold((0.0, 0.0), |(sum, count), x| {
-            (sum + f64::from(x), count + 1.0)
-        });
-        sum / count
-    };
     let first = |rows: ArrayView2<f32>| rows.row(0).iter().map(|&x| f64::from(x)).collect();
-    let most = maps.scores.iter().fold(0.0, |most: f32, &x| most.max(x));
-    let side = |side: usize| mean(&mut maps.boxes.slice(s![.., side, .., ..]).iter().copied());
-    Ok(BTreeMap::from([
-        (
-            "det_scores",
-            vec![mean(&mut maps.scores.iter().copied()), most.into()],
-        ),
-        ("det_boxes", (0..4).map(side).collect()),
-        (
-            "memory",
-            vec![
-                mean(&mut memory.iter().copied()),
-                mean(&mut memory.iter().map(|x| x.abs())),
-            ],
-        ),
+    Ok([
         ("rotation_6d", first(decoded.rotation_6d.view())),
         ("translation", first(decoded.translation.view())),
         ("sigma", first(decoded.sigma.view())),
-    ]))
+    ])
 }

@@ -11,12 +11,13 @@ mod instances;
 mod judged;
 mod occlusion;
 mod proposers;
+mod wanted;
 
 use super::grouping::mean_rotation;
 use super::*;
 use crate::bundle::{Class, CloseUps, Detector, Input, PoseInput};
 use crate::image::Letterbox;
-use crate::network::{Decoded, DetectorMaps, Encoded, Queries};
+use crate::network::{Decoded, DetectorMaps, Queries};
 use crate::rays::LosEncoding;
 use crate::symmetry::Symmetry;
 use crate::{BBox, Camera, Error, Intrinsics, Projection};
@@ -59,7 +60,7 @@ fn bundle() -> Bundle {
             strides: vec![STRIDE, 16],
         },
         features: "features.onnx".into(),
-        decoder: "decoder.onnx".into(),
+        decoder: Some("decoder.onnx".into()),
         portable: false,
         self_test: None,
         provenance: serde_json::Value::Null,
@@ -146,14 +147,6 @@ impl Geometry {
     }
 }
 
-/// Memory that is the cells' rays.
-fn rays_alone(camera_rays: ArrayView3<f32>) -> Encoded {
-    Encoded {
-        memory: camera_rays.to_owned(),
-        coordinates: None,
-    }
-}
-
 impl Network for Geometry {
     fn detect(&self, images: ArrayView4<f32>) -> Result<DetectorMaps> {
         let views = self.boxes.len();
@@ -180,8 +173,8 @@ impl Network for Geometry {
     }
 
     /// The memory is the cells' rays, so that the decoder can tell whose they are.
-    fn encode(&self, _: ArrayView4<f32>, camera_rays: ArrayView3<f32>) -> Result<Encoded> {
-        Ok(rays_alone(camera_rays))
+    fn encode(&self, _: ArrayView4<f32>, camera_rays: ArrayView3<f32>) -> Result<Array3<f32>> {
+        Ok(camera_rays.to_owned())
     }
 
     /// Objects where they are, turned as the anchor camera is.

@@ -9,12 +9,12 @@ use image::imageops::crop_imm;
 use nalgebra::{Point2, Vector2};
 use ndarray::{Array4, Axis};
 
-use super::detections;
 use super::instance::Instance;
+use super::pipeline::Pipeline;
 use super::view::View;
+use super::{Estimator, detections};
 use crate::associate::LineOfSight;
 use crate::bundle::{Bundle, Input};
-use crate::config::InferenceConfig;
 use crate::detect::{Detection, merged};
 use crate::image::{Letterbox, fill};
 use crate::network::Network;
@@ -29,14 +29,12 @@ struct Tile {
 }
 
 /// Adds the boxes found in tiles to those of the views, `[V][boxes]`, px of the images.
-pub fn detect(
-    network: &dyn Network,
-    bundle: &Bundle,
-    config: &InferenceConfig,
-    radii: &[[f64; 2]],
-    views: &[View],
-    boxes: &mut [Vec<Detection>],
-) -> Result<()> {
+///
+/// Where another view expects an object, only those of the classes that are asked for are looked for.
+pub fn detect(pipeline: &Pipeline, boxes: &mut [Vec<Detection>]) -> Result<()> {
+    let Pipeline { network, views, .. } = pipeline;
+    let Estimator { bundle, radii, .. } = pipeline.estimator;
+    let config = pipeline.config();
     let tiling = &config.tiling;
     let is_large = |view: &View| scale(view) < tiling.min_scale;
     if !views.iter().any(is_large) {
@@ -48,16 +46,16 @@ pub fn detect(
         let tiles = everywhere
             .flat_map(|(v, view)| all_of(v, view, &bundle.input, tiling.full_zoom))
             .collect();
-        add(network, bundle, views, tiles, boxes)?;
+        add(*network, bundle, views, tiles, boxes)?;
         found = detections::detected(bundle, &config.association, radii, views, boxes);
     }
     let places = found
         .iter()
-        .filter(|object| object.views() == 1)
+        .filter(|object| object.views() == 1 && pipeline.wanted.has_class(object.class))
         .take(config.search.max_instances)
         .flat_map(|object| guided(radii, views, object, &bundle.input, tiling.guided_zoom))
         .filter(|tile| is_large(&views[tile.view]));
-    add(network, bundle, views, places.collect(), boxes)
+    add(*network, bundle, views, places.collect(), boxes)
 }
 
 /// Pixels of the detector's input for each pixel of a view's image.

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{Estimator, PredictOptions, view};
+use super::{Estimator, PredictOptions, TrackOptions, Tracks, view};
 use crate::image::ViewImage;
 use crate::network::cached::{Answers, Cached};
 use crate::{Prediction, Result, Rig};
@@ -12,7 +12,9 @@ use crate::{Prediction, Result, Rig};
 ///
 /// What is kept are the detector's maps of each image and the features of each close-up, compared
 /// number by number with what is asked for; boxes are matched and poses decoded anew from all views.
-/// So a prediction is that of [`Estimator::predict`] on the same images.
+/// So a prediction is that of [`Estimator::predict`] on the same images, but that objects have numbers
+/// ([`ObjectPose::track_id`](crate::prediction::ObjectPose::track_id)) that stay theirs over time, see
+/// [`Tracks`].
 ///
 /// ```no_run
 /// use std::path::Path;
@@ -37,6 +39,7 @@ pub struct Tracker {
     /// At most one per camera, in the order of the rig.
     images: Vec<ViewImage>,
     answers: Answers,
+    tracks: Tracks,
 }
 
 impl Tracker {
@@ -47,6 +50,16 @@ impl Tracker {
             rig,
             images: Vec::new(),
             answers: Answers::default(),
+            tracks: Tracks::default(),
+        }
+    }
+
+    /// The tracker with another way to follow objects; those followed so far are forgotten.
+    #[must_use]
+    pub fn with_tracks(self, options: TrackOptions) -> Self {
+        Self {
+            tracks: Tracks::new(options),
+            ..self
         }
     }
 
@@ -90,6 +103,8 @@ impl Tracker {
             .estimator
             .predict_by(&network, &self.rig, &self.images, options);
         self.answers.forget_unused();
-        prediction
+        let mut prediction = prediction?;
+        self.tracks.follow(&mut prediction, &self.estimator.bundle);
+        Ok(prediction)
     }
 }

@@ -2,9 +2,11 @@
 
 use nalgebra::Isometry3;
 
-use super::instance::Instance;
+use super::instance::{Candidate, Instance};
+use super::near_miss::NearMisses;
 use super::occlusion::Seen;
 use super::pipeline::{Clock, Pipeline};
+use super::wanted::Misfit;
 use super::{Estimator, color_check, grouping, next_view, occlusion, rig_check, view};
 use crate::Result;
 use crate::prediction::{CameraPose, ObjectPose, Prediction, Timings, Warning};
@@ -18,6 +20,7 @@ impl Pipeline<'_> {
         &self,
         reference: usize,
         mut instances: Vec<Instance>,
+        mut misses: NearMisses,
         clock: &mut Clock,
     ) -> Result<Prediction> {
         let (Estimator { bundle, .. }, rig) = (self.estimator, self.rig);
@@ -50,6 +53,11 @@ impl Pipeline<'_> {
                 pose.object_deviation = own.unwrap_or(0.0);
                 pose.rig_deviation = rig_deviation;
             });
+            // One that only hides or suppresses others.
+            if !self.wanted.has_class(instance.class) {
+                continue;
+            }
+            let fitted = self.fitted(instance);
             let Some(mut object) = self.object(&ref_from_world, instance) else {
                 continue;
             };
@@ -62,10 +70,13 @@ impl Pipeline<'_> {
                     .map(|(_, one)| one.across.hypot(one.along));
                 object.sigma.t_m = apart.fold(object.sigma.t_m, f64::max);
             }
-            if object
-                .confidence
-                .is_none_or(|confidence| confidence >= least)
-            {
+            if let Some(confidence) = object.confidence.filter(|one| *one < least) {
+                let missed = || self.improbable(instance, confidence, least);
+                self.note(&mut misses, instance.class, missed);
+            } else if let Err(misfit) = fitted {
+                let missed = || self.misfitted(instance, misfit);
+                self.note(&mut misses, instance.class, missed);
+            } else {
                 reported[index] = Some(objects.len());
                 objects.push(object);
             }
@@ -88,12 +99,30 @@ impl Pipeline<'_> {
         clock.lap(|timings| &mut timings.check);
         Ok(Prediction {
             reference,
+            near_misses: misses.of_missing(&objects),
             objects,
             rig_consistency,
             timings: Timings::default(),
             provider: self.network.provider().to_owned(),
             warnings,
         })
+    }
+
+    /// Gives the poses, of those that look alike, that the priors are of; or how the best one misses them.
+    fn fitted(&self, instance: &mut Instance) -> std::result::Result<(), Misfit> {
+        let index = instance.class;
+        let class = &self.estimator.bundle.classes[index];
+        if !self.wanted.restricts(index) {
+            return Ok(());
+        }
+        let fit = |one: &Candidate| self.wanted.fit(index, class, &one.world_from_obj);
+        if let Some(Err(misfit)) = instance.best().map(fit) {
+            return Err(misfit);
+        }
+        for one in &mut instance.candidates {
+            one.world_from_obj = fit(one).unwrap_or(one.world_from_obj);
+        }
+        Ok(())
     }
 
     /// Lets views count as much as settled instances leave of an instance in sight.
@@ -114,7 +143,8 @@ impl Pipeline<'_> {
         instance: &mut Instance,
         change: impl Fn(&mut PoseEvidence, &mut [ViewEvidence]),
     ) {
-        for one in &mut instance.candidates {
+        let excluded = &mut instance.excluded;
+        for one in instance.candidates.iter_mut().chain(excluded) {
             let Scored {
                 initial_log_odds,
                 mut pose,
@@ -164,6 +194,7 @@ impl Pipeline<'_> {
             next_view: None,
             symmetry: class.symmetry.clone(),
             cameras,
+            track_id: None,
         })
     }
 }

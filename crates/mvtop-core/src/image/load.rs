@@ -30,7 +30,7 @@ const FOURTEEN_BITS: u16 = (1 << 14) - 1;
 /// which bounds the memory.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read; [`Error::Image`] where it is none of these, is
+/// [`Error::Geometry`] where the file cannot be read; [`Error::Image`] where it is none of these, is
 /// broken or cut short, has another size than the camera's or more than 268 million pixels, is marked
 /// as rotated, in which case its pixels may not be those that the camera was calibrated with, or has
 /// values that cannot be what was seen: 16 bits of which 12 or 14 are used, or floats that are not 0 to 1; or
@@ -118,7 +118,7 @@ pub fn decode(bytes: &[u8], path: &Path, camera: &Camera) -> Result<RgbImage> {
 /// Width and height of an image file, px; no more than its header is read.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Data`] where it is no PNG, JPEG, TIFF or
+/// [`Error::Geometry`] where the file cannot be read, [`Error::Data`] where it is no PNG, JPEG, TIFF or
 /// BMP file.
 pub fn size(path: &Path) -> Result<[u32; 2]> {
     let reader = ImageReader::new(BufReader::new(file::open(path)?));

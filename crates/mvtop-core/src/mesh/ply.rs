@@ -50,7 +50,7 @@ struct Body<'a> {
 /// - `unit`: what a unit of the file is to become; 0.001 gives BOP's models in metres
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Data`] where it is no PLY file with
+/// [`Error::Geometry`] where the file cannot be read, [`Error::Data`] where it is no PLY file with
 /// vertices or a face names a vertex that is not there.
 pub fn load_ply(path: &Path, unit: f64) -> Result<Mesh> {
     let refuse = |problem: String| {
@@ -349,7 +349,7 @@ mod tests {
         }
         assert!(matches!(
             load_ply(Path::new("none.ply"), 1.0),
-            Err(Error::Read { .. })
+            Err(Error::Geometry(mvtop_geometry::Error::Read { .. }))
         ));
     }
 }

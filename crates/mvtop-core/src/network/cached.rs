@@ -6,7 +6,7 @@ use ndarray::{
     Array2, Array3, Array4, ArrayD, ArrayView3, ArrayView4, ArrayViewD, Axis, Dimension, stack,
 };
 
-use super::{Decoded, DetectorMaps, Encoded, Network, Queries};
+use super::{Decoded, DetectorMaps, Network, Queries};
 use crate::{Error, Result};
 
 /// What a network said of the pictures that it was last shown.
@@ -14,6 +14,7 @@ use crate::{Error, Result};
 pub struct Answers {
     detector: Mutex<Vec<Answer>>,
     encoder: Mutex<Vec<Answer>>,
+    coordinates: Mutex<Vec<Answer>>,
     both: Mutex<Vec<Answer>>,
 }
 
@@ -41,7 +42,7 @@ pub struct Cached<'a> {
 impl Answers {
     /// Forgets the pictures that were not asked for since it was last called.
     pub fn forget_unused(&self) {
-        for table in [&self.detector, &self.encoder, &self.both] {
+        for table in [&self.detector, &self.encoder, &self.coordinates, &self.both] {
             let mut table = table.lock().unwrap_or_else(PoisonError::into_inner);
             table.retain_mut(|answer| std::mem::take(&mut answer.used));
         }
@@ -138,22 +139,26 @@ impl Network for Cached<'_> {
         })
     }
 
-    fn encode(&self, pictures: ArrayView4<f32>, camera_rays: ArrayView3<f32>) -> Result<Encoded> {
+    fn encode(
+        &self,
+        pictures: ArrayView4<f32>,
+        camera_rays: ArrayView3<f32>,
+    ) -> Result<Array3<f32>> {
         let run = |pictures: ArrayView4<f32>, rays: ArrayView3<f32>| {
-            let Encoded {
-                memory,
-                coordinates,
-            } = self.network.encode(pictures, rays)?;
-            let coordinates = coordinates.map(Array4::into_dyn);
-            Ok([memory.into_dyn()].into_iter().chain(coordinates).collect())
+            Ok(vec![self.network.encode(pictures, rays)?.into_dyn()])
         };
         let outputs = looked_up(&self.answers.encoder, pictures, camera_rays, run)?;
-        let with_coordinates = outputs.len() > 1;
-        let mut outputs = outputs.into_iter();
-        Ok(Encoded {
-            memory: next(&mut outputs)?,
-            coordinates: with_coordinates.then(|| next(&mut outputs)).transpose()?,
-        })
+        next(&mut outputs.into_iter())
+    }
+
+    fn coordinates(&self, pictures: ArrayView4<f32>) -> Result<Array4<f32>> {
+        let no_rays = Array3::zeros((pictures.dim().0, 0, 3));
+        let run = |pictures: ArrayView4<f32>, _: ArrayView3<f32>| {
+            Ok(vec![self.network.coordinates(pictures)?.into_dyn()])
+        };
+        let table = &self.answers.coordinates;
+        let outputs = looked_up(table, pictures, no_rays.view(), run)?;
+        next(&mut outputs.into_iter())
     }
 
     fn detect_and_encode(
@@ -216,16 +221,14 @@ mod tests {
             &self,
             pictures: ArrayView4<f32>,
             camera_rays: ArrayView3<f32>,
-        ) -> Result<Encoded> {
+        ) -> Result<Array3<f32>> {
             self.0.fetch_add(pictures.dim().0, Ordering::Relaxed);
-            Ok(Encoded {
-                memory: &camera_rays + &pictures.slice(s![.., ..1, 0, ..1]),
-                coordinates: None,
-            })
+            Ok(&camera_rays + &pictures.slice(s![.., ..1, 0, ..1]))
         }
 
-        fn decode(&self, _: ArrayView3<f32>, _: &Queries) -> Result<Decoded> {
-            Err(Error::Input("decoded".into()))
+        fn coordinates(&self, pictures: ArrayView4<f32>) -> Result<Array4<f32>> {
+            self.0.fetch_add(pictures.dim().0, Ordering::Relaxed);
+            Ok(pictures.to_owned())
         }
 
         fn provider(&self) -> &str {
@@ -262,6 +265,20 @@ mod tests {
     }
 
     #[test]
+    fn coordinates_of_a_known_picture_are_not_computed_again() {
+        let (network, answers) = (Counting::default(), Answers::default());
+        let cached = Cached {
+            network: &network,
+            answers: &answers,
+        };
+        for (values, count) in [(&[1.0, 2.0], 2), (&[2.0, 1.0], 2), (&[3.0, 2.0], 3)] {
+            let given = pictures(values);
+            assert_eq!(cached.coordinates(given.view()).unwrap(), given);
+            assert_eq!(network.0.load(Ordering::Relaxed), count);
+        }
+    }
+
+    #[test]
     fn a_picture_with_other_rays_is_another() {
         let (network, answers) = (Counting::default(), Answers::default());
         let cached = Cached {
@@ -273,7 +290,7 @@ mod tests {
             let rays = Array3::from_elem((1, 4, 3), rays);
             let expected = &rays + 1.0;
             let encoded = cached.encode(picture.view(), rays.view()).unwrap();
-            assert_eq!(encoded.memory, expected);
+            assert_eq!(encoded, expected);
             assert_eq!(network.0.load(Ordering::Relaxed), count);
         }
     }

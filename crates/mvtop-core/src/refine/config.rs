@@ -12,13 +12,13 @@ use crate::closeup::FILL;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stage {
-    /// Resolution of the crop, px per px of the image, if `side_px` allows it.
+    /// Px of the crop per px of the image, if `side_px` allows it.
     pub scale: f64,
     /// Least and greatest side of the crop, px.
     pub side_px: [f64; 2],
     /// Share of the crop's side that the object's box takes.
     pub fill: f64,
-    /// Distance of samples on a correspondence line, per iteration, px of the crop (M3T: `scales`).
+    /// Sampling distance on correspondence lines, per iteration, px of the crop (M3T: `scales`).
     pub steps_px: Vec<f64>,
 }
 
@@ -26,15 +26,15 @@ pub struct Stage {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TextureConfig {
-    /// Least standard deviation over the part of log brightness and of the shares of R and G.
+    /// Least standard deviations of log brightness and shares of R and G.
     pub contrast: [f32; 3],
-    /// Radius of the blur in the first and the last pass of the search, shares of the diameter.
+    /// Blur radius in the first and last pass of the search, shares of the diameter.
     pub blur: [f64; 2],
-    /// Reach and step of the first and the last search about the axis of a round part, degrees.
+    /// Reach and step of the first and last search about a round part's axis, degrees.
     pub search_deg: [[f64; 2]; 2],
-    /// Least normalised cross-correlation (NCC) at which the angle found is accepted.
+    /// Least normalised cross-correlation of an accepted angle.
     pub min_correlation: f64,
-    /// Largest standard deviation of the radius of a round part, share of the diameter.
+    /// Largest standard deviation of a round part's radius, share of the diameter.
     pub max_unevenness: f64,
     /// Displacement for the texture gain, share of the projected diameter.
     pub displacement: f64,
@@ -49,36 +49,34 @@ pub struct RefineConfig {
     pub coarse: Stage,
     /// Second stage, at twice the resolution, as regions are sampled by whole pixels; not measured.
     pub fine: Stage,
-    /// Least angle between the normals of two triangles at a crease, degrees; not measured.
+    /// Least angle between normals at a crease, degrees; not measured.
     pub crease_deg: f64,
-    /// Largest number of segments; a mesh of more colors is textured and has one segment.
+    /// Most segments; a mesh of more colors is textured and has one.
     pub max_segments: usize,
     /// Line steps of a refinement that ends on coarse crops, px; not measured.
     pub coarse_only_steps_px: Vec<f64>,
     /// Number of contour points per view (M3T uses 200 lines); not measured.
     pub contour_points: f64,
-    /// Least distance of contour points, and sampling distance from an edge, px of the crop; not
-    /// measured.
+    /// Least distance of contour points, and of samples from an edge, px of the crop; not measured.
     pub contour_margin_px: f64,
-    /// Depth tolerance of the visibility test, at silhouettes, other edges and texture, diameters; not
+    /// Depth tolerance of visibility at silhouettes, other edges and texture, diameters; not
     /// measured.
     pub occlusion_tolerance: [f64; 3],
-    /// Amplitude of the smoothed step function of a correspondence line (M3T's `function_amplitude`, same value).
+    /// Amplitude of the smoothed step function (M3T: `function_amplitude`).
     pub function_amplitude: f64,
-    /// Width of the background band around the silhouette, px of the crop (M3T uses 20 px); not
-    /// measured.
+    /// Width of the background band, px of the crop (M3T uses 20 px); not measured.
     pub background_band_px: usize,
     /// Added to the squared color gradient, on short and on long lines; not measured.
     pub gradient_floor: [f64; 2],
-    /// Chromaticity difference with equal odds of two segments, and the largest log-odds; not measured.
+    /// Chromaticity difference of equal odds, and largest log-odds; not measured.
     pub chromaticity: [f64; 2],
-    /// Largest displacement and standard deviation of an inlier, px of the crop; not measured.
+    /// Largest displacement and standard deviation of inliers, px of the crop; not measured.
     pub inlier_px: [f64; 2],
-    /// Number of neighbouring lines with one common error, which count as one; not measured.
+    /// Neighbouring lines that count as one; not measured.
     pub correlated_lines: f64,
-    /// Share of the images' information that the reported covariance uses; not measured.
+    /// Share of the information that the covariance uses; not measured.
     pub information_deflation: f64,
-    /// Least eigenvalue of an observable direction, share of the largest one; not measured.
+    /// Least eigenvalue of an observable direction, share of the largest; not measured.
     pub observability_floor: f64,
     /// Tolerated loss of separation at an accepted pose, bits per pixel; not measured.
     pub accept_margin_bits: f64,

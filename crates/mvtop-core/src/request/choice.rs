@@ -4,8 +4,8 @@ use nalgebra::{Isometry3, Point2, Point3};
 use serde::{Deserialize, Serialize};
 
 use super::{Request, refuse};
-use crate::bundle::{Bundle, Class};
-use crate::prediction::{ObjectPose, Prediction};
+use crate::bundle::Bundle;
+use crate::prediction::{MissReason, NearMiss, ObjectPose, Prediction};
 use crate::{Result, Rig};
 
 /// A box along the axes of the world frame.
@@ -38,6 +38,8 @@ impl WorldBox {
 }
 
 /// How many objects were found but not asked for, each counted once, by what left it out first.
+///
+/// Those of other classes are not looked for, but in what was found before it was asked.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct LeftOut {
     /// Of another class.
@@ -59,6 +61,8 @@ pub(super) fn choose(
 ) -> (Prediction, LeftOut) {
     let mut left_out = LeftOut::default();
     let mut kept: Vec<usize> = Vec::new();
+    // Found and wanted, but for this.
+    let mut missed: Vec<(usize, MissReason)> = Vec::new();
     for (index, object) in found.objects.iter().enumerate() {
         let listed = |classes: &Vec<String>| classes.contains(&object.class);
         let middle = middle(object, bundle);
@@ -66,8 +70,10 @@ pub(super) fn choose(
             left_out.classes += 1;
         } else if !request.region.is_none_or(|region| region.contains(&middle)) {
             left_out.region += 1;
+            missed.push((index, MissReason::Region));
         } else if !is_in_polygons(request, &middle, rig) {
             left_out.polygons += 1;
+            missed.push((index, MissReason::Polygons));
         } else {
             kept.push(index);
         }
@@ -84,9 +90,32 @@ pub(super) fn choose(
             let ((a, a_score), (b, b_score)) = (probability(a), probability(b));
             b.total_cmp(&a).then(b_score.total_cmp(&a_score))
         });
-        kept.truncate(most);
+        let others = kept.split_off(most);
+        missed.extend(others.into_iter().map(|index| (index, MissReason::Most)));
         kept.sort_unstable();
     }
+    let given = |class: &str| {
+        kept.iter()
+            .any(|&index| found.objects[index].class == class)
+    };
+    let mut near_misses: Vec<NearMiss> = Vec::new();
+    // What failed at the last choice came nearest.
+    missed.sort_by(|a, b| b.1.cmp(&a.1));
+    for (index, reason) in missed {
+        let object = &found.objects[index];
+        let told = |miss: &NearMiss| miss.class == object.class;
+        if request.says_why() && !given(&object.class) && !near_misses.iter().any(told) {
+            near_misses.push(near_miss(object, reason));
+        }
+    }
+    let listed = |class: &String| {
+        request
+            .classes
+            .as_ref()
+            .is_none_or(|all| all.contains(class))
+    };
+    found.near_misses.retain(|miss| listed(&miss.class));
+    found.near_misses.extend(near_misses);
     for warning in &mut found.warnings {
         // What was doubtful stays so: a warning of an object that is left out is one of the images.
         let place = |object| kept.iter().position(|index| *index == object);
@@ -101,26 +130,32 @@ pub(super) fn choose(
     (found, left_out)
 }
 
+/// An object that was found, and is not given.
+fn near_miss(object: &ObjectPose, reason: MissReason) -> NearMiss {
+    let seen = object.cameras.iter().find(|seen| seen.bbox.is_some());
+    let place = match reason {
+        MissReason::Region => "outside the region",
+        MissReason::Polygons => "outside a polygon",
+        _ => "less probable than as many others as were asked for",
+    };
+    NearMiss {
+        class: object.class.clone(),
+        reason,
+        camera: seen.map(|seen| seen.camera),
+        bbox: seen.and_then(|seen| seen.bbox),
+        world_from_obj: Some(object.world_from_obj),
+        value: None,
+        threshold: None,
+        message: format!("`{}` was found, {place}", object.class),
+    }
+}
+
 /// Middle of the box around the object's surface points, world frame, metres; its origin where the
 /// class is not known.
 fn middle(object: &ObjectPose, bundle: &Bundle) -> Point3<f64> {
     let class = bundle.class_index(&object.class);
-    let middle = class.map(|class| middle_of_class(&bundle.classes[class]));
+    let middle = class.map(|class| bundle.classes[class].middle());
     object.world_from_obj * middle.unwrap_or_else(Point3::origin)
-}
-
-fn middle_of_class(class: &Class) -> Point3<f64> {
-    let along = |axis: usize| {
-        let all = class.points.iter().map(|point| point.position[axis]);
-        let ends = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
-            (low.min(x), high.max(x))
-        });
-        (ends.0 + ends.1) / 2.0
-    };
-    match class.points.is_empty() {
-        true => Point3::origin(),
-        false => Point3::new(along(0), along(1), along(2)),
-    }
 }
 
 fn is_in_polygons(request: &Request, middle: &Point3<f64>, rig: &Rig) -> bool {

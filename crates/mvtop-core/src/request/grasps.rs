@@ -83,7 +83,7 @@ impl Grasps {
     /// The grasps of a bundle, `None` where its folder has no such file.
     ///
     /// # Errors
-    /// [`Error::Read`] and [`Error::Json`] where the file cannot be read, and [`Error::Data`] where it
+    /// [`Error::Geometry`] where the file cannot be read, and [`Error::Data`] where it
     /// says something impossible or names a class that the bundle does not know.
     pub fn of_bundle(bundle: &Bundle) -> Result<Option<Self>> {
         let path = bundle.dir.join(FILE);

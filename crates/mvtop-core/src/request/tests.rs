@@ -4,12 +4,12 @@ use nalgebra::{Isometry3, Point2, Translation3, UnitQuaternion, Vector3};
 
 use super::choice::is_inside;
 use super::*;
-use crate::prediction::{ObjectPose, Sigma, Timings, Warning, WarningCode};
+use crate::prediction::{MissReason, ObjectPose, Sigma, Timings, Warning, WarningCode};
 use crate::symmetry::Symmetry;
 use crate::{Camera, Intrinsics, Projection};
 
 /// Four classes, calibrated.
-fn bundle() -> Bundle {
+pub(crate) fn bundle() -> Bundle {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     Bundle::load(&root.join("models/ycbv4")).unwrap()
 }
@@ -41,11 +41,12 @@ fn object(class: &str, confidence: f64, at: [f64; 3]) -> ObjectPose {
         next_view: None,
         symmetry: Symmetry::default(),
         cameras: Vec::new(),
+        track_id: None,
     }
 }
 
 /// A can, a box beside it, and another can farther away, with a warning of the box.
-fn found() -> Prediction {
+pub(crate) fn found() -> Prediction {
     Prediction {
         reference: 0,
         objects: vec![
@@ -62,6 +63,7 @@ fn found() -> Prediction {
             object: Some(1),
             message: "a sentence".into(),
         }],
+        near_misses: Vec::new(),
     }
 }
 
@@ -232,11 +234,12 @@ fn settings_as_text_are_those_of_json() {
         ("frame", "left"),
         ("min_confidence", "0.5"),
         ("grasps", "true"),
+        ("why", "true"),
     ] {
         request.set(name, value).unwrap();
     }
     let same = r#"{"reference": "right", "min_views": 2, "refine": false, "most": 3, "frame": "left",
-        "classes": ["soup_can", "cracker_box"], "min_confidence": 0.5, "grasps": true,
+        "classes": ["soup_can", "cracker_box"], "min_confidence": 0.5, "grasps": true, "why": true,
         "region": {"min_m": [-1, -1, 0], "max_m": [1, 1, 2]}}"#;
     assert_eq!(request, Request::from_json(same).unwrap());
     let text = serde_json::to_string(&request).unwrap();
@@ -252,6 +255,170 @@ fn settings_as_text_are_those_of_json() {
             "{name}={value}"
         );
     }
+}
+
+#[test]
+fn priors_and_planes_are_read_and_written_as_they_are() {
+    let text = r#"{"priors": [{"class": "soup_can", "sigma_m": 0.01, "sigma_deg": 10.0,
+        "T_world_obj": [[0, -1, 0, 0.1], [1, 0, 0, 0.2], [0, 0, 1, 0.3], [0, 0, 0, 1]]}],
+        "planes": [{"point_m": [0, 0, 0.1], "normal": [0, 0, 2], "axis": [0, -1, 0],
+                    "within_m": 0.01, "within_deg": 15}]}"#;
+    let request = Request::from_json(text).unwrap();
+    request.check(&bundle(), &rig(), false).unwrap();
+    let again = serde_json::to_string(&request).unwrap();
+    assert_eq!(Request::from_json(&again).unwrap(), request);
+    let prior = &request.priors[0];
+    assert_eq!(prior.world_from_obj().translation.z, 0.3);
+    let quarter = prior.world_from_obj().rotation.scaled_axis();
+    assert!((quarter.z - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+    for (from, to, said) in [
+        (
+            r#""sigma_m": 0.01"#,
+            r#""sigma_m": 0"#,
+            "prior of `soup_can`: sigma_m: expected a standard deviation above 0, got 0",
+        ),
+        (
+            "[0, 0, 1, 0.3]",
+            "[0, 0, -1, 0.3]",
+            "T_world_obj: it is a reflection",
+        ),
+        ("[0, 0, 2]", "[0, 0, 0]", "plane: normal: expected"),
+        (
+            r#""within_deg": 15"#,
+            r#""within_deg": -1"#,
+            "within_deg: expected a limit above 0",
+        ),
+        (r#""within_m""#, r#""within""#, "unknown field `within`"),
+    ] {
+        let error = Request::from_json(&text.replace(from, to)).unwrap_err();
+        let error = error.to_string();
+        assert!(error.contains(said) && !error.contains('\n'), "{error}");
+    }
+    for (from, to) in [
+        ("soup_can", "nut"),
+        (r#""planes": [{"#, r#""planes": [{"class": "nut", "#),
+    ] {
+        let request = Request::from_json(&text.replace(from, to)).unwrap();
+        let error = request.check(&bundle(), &rig(), false).unwrap_err();
+        assert!(error.to_string().contains("no class `nut`"), "{error}");
+    }
+}
+
+/// An object that looks the same upside down, turned by half a turn about x, and after any turn about z.
+fn shaft() -> crate::bundle::Class {
+    let half = UnitQuaternion::from_scaled_axis(Vector3::x() * std::f64::consts::PI);
+    let end = |z: f64| crate::bundle::SurfacePoint {
+        position: [0.0, 0.0, z],
+        color: [0; 3],
+    };
+    crate::bundle::Class {
+        symmetry: Symmetry {
+            discrete: vec![Isometry3::from_parts(Translation3::identity(), half)],
+            axis: Some(crate::symmetry::Axis {
+                direction: Vector3::z_axis(),
+                point: nalgebra::Point3::origin(),
+            }),
+        },
+        points: vec![end(-0.05), end(0.05)],
+        diameter_m: 0.1,
+        ..bundle().classes.remove(0)
+    }
+}
+
+#[test]
+fn deviation_from_a_prior_is_that_of_the_pose_that_looks_alike_nearest_to_it() {
+    let prior = Prior::new("shaft", &Isometry3::translation(0.0, 0.0, 1.0), 0.01, 10.0).unwrap();
+    let turned = |axis: Vector3<f64>, degrees: f64, x: f64| {
+        let turn = UnitQuaternion::from_scaled_axis(axis * degrees.to_radians());
+        Isometry3::from_parts(Translation3::new(x, 0.0, 1.0), turn)
+    };
+    for (pose, expected) in [
+        (turned(Vector3::x(), 20.0, 0.0), 2.0),
+        (turned(Vector3::x(), 20.0, 0.05), 5.0),
+        (turned(Vector3::z(), 77.0, 0.015), 1.5),
+        (turned(Vector3::x(), 165.0, 0.0), 1.5),
+    ] {
+        let (alike, deviation) = prior.deviation(&shaft(), &pose);
+        assert!(
+            (deviation - expected).abs() < 1e-9,
+            "{deviation} {expected}"
+        );
+        // Up, as the prior is.
+        assert!((alike.rotation * Vector3::z()).z > 0.9);
+    }
+}
+
+#[test]
+fn of_poses_that_look_alike_the_upright_one_stands() {
+    let up = [0.0, 0.0, 1.0];
+    let plane = Plane::new(None, [0.0, 0.0, 0.3], up, up, 0.01, 10.0).unwrap();
+    // Upside down and tilted by 5 degrees: its lower end is 5 cm below its middle, times the cosine.
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::x() * 175.0_f64.to_radians());
+    let pose = Isometry3::from_parts(Translation3::new(1.0, 2.0, 0.36), turn);
+    let stand = plane.stand(&shaft(), &pose);
+    assert!((stand.tilt_deg - 5.0).abs() < 1e-9);
+    let height = 0.36 - 0.05 * 5.0_f64.to_radians().cos() - 0.3;
+    assert!((stand.height_m - height).abs() < 1e-12);
+    assert!((stand.world_from_obj.rotation * Vector3::z()).z > 0.99);
+    // Without symmetry it is upside down.
+    let mut alone = shaft();
+    alone.symmetry = Symmetry::default();
+    assert!((plane.stand(&alone, &pose).tilt_deg - 175.0).abs() < 1e-9);
+}
+
+#[test]
+fn classes_without_an_object_are_told_of_where_that_is_asked() {
+    let why = |request: &str| {
+        let request = Request::from_json(request).unwrap();
+        let mut found = found();
+        found.near_misses.push(crate::prediction::NearMiss {
+            class: "mustard_bottle".into(),
+            reason: MissReason::DetectorScore,
+            camera: Some(1),
+            bbox: None,
+            world_from_obj: None,
+            value: Some(0.2),
+            threshold: Some(0.3),
+            message: "a sentence".into(),
+        });
+        let answer = request.choose(found, &bundle(), None, &rig()).unwrap();
+        let told = answer.report.why?.into_iter();
+        let told = told.map(|miss| (miss.class, miss.reason, miss.camera));
+        Some(told.collect::<Vec<_>>())
+    };
+    let bottle = || {
+        let camera = Some("right".to_owned());
+        (
+            "mustard_bottle".to_owned(),
+            MissReason::DetectorScore,
+            camera,
+        )
+    };
+    assert_eq!(why("{}"), None);
+    assert_eq!(why(r#"{"why": true}"#), Some(vec![bottle()]));
+    assert_eq!(why(r#"{"classes": ["soup_can"]}"#), None);
+    assert_eq!(
+        why(r#"{"classes": ["soup_can"], "why": true}"#),
+        Some(Vec::new())
+    );
+    assert_eq!(
+        why(r#"{"classes": ["soup_can", "mustard_bottle"]}"#),
+        Some(vec![bottle()])
+    );
+    // The box is found, and less probable than the most that were asked for; the cans are outside.
+    let region = r#"{"min_m": [0.2, -1, 0], "max_m": [1, 1, 3]}"#;
+    let told = why(&format!(
+        r#"{{"classes": ["soup_can"], "region": {region}}}"#
+    ));
+    assert_eq!(
+        told,
+        Some(vec![("soup_can".to_owned(), MissReason::Region, None)])
+    );
+    let told = why(r#"{"classes": ["soup_can", "cracker_box"], "most": 1}"#);
+    assert_eq!(
+        told,
+        Some(vec![("soup_can".to_owned(), MissReason::Most, None)])
+    );
 }
 
 /// A tool that comes from above, 0.2 m over the object, with a ball of 5 cm at its tip.

@@ -6,7 +6,7 @@ use super::{Request, WorldBox, refuse};
 use crate::{Error, Result};
 
 /// The settings that [`Request::set`] knows.
-pub const SETTINGS: [&str; 9] = [
+pub const SETTINGS: [&str; 10] = [
     "reference",
     "min_views",
     "refine",
@@ -16,13 +16,14 @@ pub const SETTINGS: [&str; 9] = [
     "frame",
     "min_confidence",
     "grasps",
+    "why",
 ];
 
 impl Request {
     /// Sets one thing by its name.
     ///
     /// Lists are parted by commas; `region` is the least corner and then the greatest one, six numbers
-    /// in metres. Boxes, polygons and `T_base_world` have no such form.
+    /// in metres. Boxes, polygons, priors, planes and `T_base_world` have no such form.
     ///
     /// # Errors
     /// [`Error::Input`] for another name or a value that is none.
@@ -46,6 +47,7 @@ impl Request {
                 self.min_confidence = Some(parsed(name, value, "a probability from 0 to 1")?);
             }
             "grasps" => self.grasps = parsed(name, value, "true or false")?,
+            "why" => self.why = parsed(name, value, "true or false")?,
             _ => {
                 return Err(refuse(&format!(
                     "`{name}`: no such setting, expected one of: {}",

@@ -247,6 +247,7 @@ fn verdict_asks_for_another_view_where_that_could_tell() {
                 bbox: (camera < views).then_some([0., 0., 9., 9.].into()),
             })
             .collect(),
+        track_id: None,
     };
     for (confidence, first, views, least, expected) in [
         (Some(0.8), 0.5, 1, 0.8, Verdict::Accept),

@@ -4,6 +4,7 @@
 mod answers;
 mod mutate;
 
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use mutate::{changed, edits};
@@ -25,7 +26,7 @@ fn good(path: &str) -> Vec<u8> {
 }
 
 /// A sentence, or a value.
-fn answered<T>(answer: mvtop_core::Result<T>) -> Option<T> {
+fn answered<T, E: Display>(answer: Result<T, E>) -> Option<T> {
     match answer {
         Ok(value) => Some(value),
         Err(error) => {

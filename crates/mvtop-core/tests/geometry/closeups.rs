@@ -6,7 +6,8 @@ use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector3}
 use ndarray::Axis;
 use proptest::prelude::*;
 
-use super::{camera, lenses, pinhole};
+use super::camera;
+use super::examples::{lenses, pinhole};
 
 const SIZE: u32 = 64;
 

@@ -8,7 +8,8 @@ use ndarray::s;
 use proptest::prelude::*;
 use tempfile::TempDir;
 
-use super::{camera, pinhole};
+use super::camera;
+use super::examples::pinhole;
 
 const ZERO: [f32; 3] = [0.0; 3];
 const ONE: [f32; 3] = [1.0; 3];

@@ -5,7 +5,8 @@ use nalgebra::{Isometry3, Point2, Point3, Rotation3, UnitQuaternion, Vector3, ma
 use ndarray::{Array2, ArrayView1, array};
 use proptest::prelude::*;
 
-use super::{camera, lenses, pinhole};
+use super::camera;
+use super::examples::{lenses, pinhole};
 
 const STRIDES: [usize; 3] = [8, 16, 32];
 
@@ -106,7 +107,7 @@ fn padding_and_cells_without_a_ray_are_zero() {
         assert!((norm - expected).abs() < 1e-6, "cell {cell}: {norm}");
     }
     // An equidistant fisheye of 50 px per radian sees nothing past 50π = 157 px from its center.
-    let equidistant = super::kannala_brandt(&[0.0; 4]);
+    let equidistant = super::examples::kannala_brandt(&[0.0; 4]);
     let lens = Intrinsics::new(50.0, 50.0, 318.2, 243.9, equidistant).unwrap();
     let fisheye = camera(lens, 640, 480);
     let rays = camera_rays(&fisheye, &Letterbox::new(640, 480, 640, 480), &[8]);

@@ -6,4 +6,5 @@ mod onnx;
 mod parity;
 mod pipeline;
 mod reference;
+mod request;
 mod settings;

@@ -26,7 +26,7 @@ pub(crate) struct Annotation {
 /// By image, in the file's order.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Json`] where it holds something else.
+/// [`Error::Geometry`] where the file cannot be read or holds something else.
 pub(crate) fn load_annotations(path: &Path) -> Result<BTreeMap<u32, Vec<Annotation>>> {
     read_numbered(
         path,

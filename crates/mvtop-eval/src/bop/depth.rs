@@ -13,7 +13,7 @@ use crate::{Error, Result};
 /// Reads a frame's depth image, metres, 0 where nothing was measured; `None` where it has none.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Data`] where it is no grey image of 16
+/// [`Error::Geometry`] where the file cannot be read, [`Error::Data`] where it is no grey image of 16
 /// bits.
 pub fn load_depth(frame: &Frame) -> Result<Option<DepthImage>> {
     let Some(path) = &frame.depth else {

@@ -12,6 +12,7 @@ use serde::de::{DeserializeOwned, Deserializer, Error as _, MapAccess, Visitor};
 use crate::{Error, Result};
 pub(super) use mvtop_core::json::read;
 use mvtop_core::transform;
+use mvtop_geometry::Error as Geometry;
 
 /// Metres per unit of a file.
 pub(super) const MM: f64 = 1e-3;
@@ -29,7 +30,8 @@ pub(super) fn read_numbered<T: DeserializeOwned>(
     path: &Path,
     expected: &str,
 ) -> Result<BTreeMap<u32, T>> {
-    read(path, expected).map(|Numbered(map)| map)
+    let Numbered(map) = read(path, expected)?;
+    Ok(map)
 }
 
 struct Numbered<T>(BTreeMap<u32, T>);
@@ -71,9 +73,10 @@ pub(super) fn motion(place: &str, r: &[f64; 9], t: &[f64; 3]) -> Result<Isometry
     let (rotation, _) =
         rotation(r).map_err(|problem| Error::Data(format!("{place}: {problem}")))?;
     let rows = rotation.into_inner().transpose().into();
-    transform::from_rotation(&rows, t.map(|x| x * MM)).map_err(|cause| Error::Transform {
-        name: place.to_owned(),
-        cause,
+    let moved = transform::from_rotation(&rows, t.map(|x| x * MM));
+    moved.map_err(|cause| {
+        let name = place.to_owned();
+        Geometry::Transform { name, cause }.into()
     })
 }
 

@@ -77,8 +77,8 @@ struct Axis {
 /// Reads `models_info.json`, by object.
 ///
 /// # Errors
-/// [`Error::Read`] where it cannot be read, [`Error::Json`], [`Error::Data`] or
-/// [`Error::Transform`] where it holds something else.
+/// [`Error::Geometry`] where it cannot be read, [`Error::Geometry`] or [`Error::Data`] where it holds
+/// something else.
 pub fn load_infos(path: &Path) -> Result<BTreeMap<u32, ModelInfo>> {
     let infos: BTreeMap<u32, Info> = read_numbered(
         path,
@@ -97,8 +97,8 @@ pub fn load_infos(path: &Path) -> Result<BTreeMap<u32, ModelInfo>> {
 /// - `wanted`: which objects
 ///
 /// # Errors
-/// [`Error::Read`] where a file is missing, [`Error::Json`], [`Error::Data`] or
-/// [`Error::Transform`] where one holds something else.
+/// [`Error::Geometry`] where a file is missing, [`Error::Geometry`] or [`Error::Data`] where one holds
+/// something else.
 pub fn load_models(folder: &Path, wanted: impl Fn(u32) -> bool) -> Result<BTreeMap<u32, Model>> {
     let folders = ["", "models_eval", "models"].map(|name| folder.join(name));
     let listed = |dir: &&PathBuf| dir.join("models_info.json").is_file();

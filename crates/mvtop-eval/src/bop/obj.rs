@@ -18,7 +18,7 @@ const MAX_FILE_BYTES: u64 = 1 << 30;
 /// - `unit`: what a unit of the file is to become; 0.001 gives BOP's models in metres
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Data`] where it is no OBJ file with faces
+/// [`Error::Geometry`] where the file cannot be read, [`Error::Data`] where it is no OBJ file with faces
 /// or a face names a vertex that is not there.
 pub(super) fn load_obj(path: &Path, unit: f64) -> Result<Mesh> {
     let refuse = |problem: String| {

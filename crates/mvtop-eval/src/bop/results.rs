@@ -59,7 +59,7 @@ pub struct ResultRow {
 /// - `names`: numbers of objects that the file gives by name
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Data`] with the number of the line that is
+/// [`Error::Geometry`] where the file cannot be read, [`Error::Data`] with the number of the line that is
 /// no result.
 pub fn load_results(
     path: &Path,

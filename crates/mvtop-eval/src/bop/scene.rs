@@ -128,7 +128,7 @@ impl fmt::Display for FrameId {
 /// Numbers of a split's scenes.
 ///
 /// # Errors
-/// [`Error::Read`] where the folder cannot be read, [`Error::Data`] where it has no scenes.
+/// [`Error::Geometry`] where the folder cannot be read, [`Error::Data`] where it has no scenes.
 pub fn scene_ids(split: &Path) -> Result<Vec<u32>> {
     let entries = std::fs::read_dir(split).map_err(Error::read(split))?;
     let mut ids: Vec<u32> = entries
@@ -198,7 +198,7 @@ impl Scene {
 ///   annotations without a camera, or left out
 ///
 /// # Errors
-/// [`Error::Read`] where a file cannot be read, and another where it is
+/// [`Error::Geometry`] where a file cannot be read, and another where it is
 /// not BOP's.
 pub fn load_frames(folder: &Path, whole: bool) -> Result<(BTreeMap<FrameId, Frame>, Doubts)> {
     let (mut frames, mut doubts) = (BTreeMap::new(), Doubts::default());

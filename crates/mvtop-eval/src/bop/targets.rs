@@ -61,7 +61,7 @@ enum Image {
 /// twice, as XYZ-IBD's do, is one view.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Data`] where it is none of these or
+/// [`Error::Geometry`] where the file cannot be read, [`Error::Data`] where it is none of these or
 /// empty.
 pub fn load_targets(path: &Path) -> Result<Vec<Target>> {
     let expected = "BOP's targets, [{\"scene_id\": N, \"im_id\": N or [[SENSOR, N], ...], ...}], \

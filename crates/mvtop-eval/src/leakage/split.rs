@@ -89,7 +89,7 @@ impl Files {
     /// folder itself where it is a scene.
     ///
     /// # Errors
-    /// [`Error::Read`] where a folder cannot be read, [`Error::Data`] where there is no such file.
+    /// [`Error::Geometry`] where a folder cannot be read, [`Error::Data`] where there is no such file.
     pub fn find(folder: &Path) -> Result<Self> {
         // Canonical, so that a file which two splits share is recognised.
         let folder = fs::canonicalize(folder).map_err(Error::read(folder))?;
@@ -125,7 +125,7 @@ impl Files {
     /// Reads all files; `done` is told the size of each one read.
     ///
     /// # Errors
-    /// [`Error::Read`] where a file cannot be read, [`Error::Data`] where it does not hold poses.
+    /// [`Error::Geometry`] where a file cannot be read, [`Error::Data`] where it does not hold poses.
     pub fn read(&self, done: impl Fn(u64) + Sync) -> Result<Split> {
         let read = |(scene, (_, path)): (usize, &(String, PathBuf))| {
             let poses = poses(path, scene as u32)?;

@@ -1,6 +1,6 @@
 //! The Brown-Conrady or Kannala-Brandt lens nearest to another one, by least squares over the image.
 
-use mvtop_core::{Intrinsics, Projection};
+use mvtop_geometry::{Intrinsics, Projection};
 use nalgebra::{DMatrix, DVector, Point2, Point3, Vector3};
 
 use super::{Foreign, Plane};

@@ -1,6 +1,6 @@
 //! Lenses that rig files have no name for, from image to ray.
 
-use mvtop_core::Projection;
+use mvtop_geometry::Projection;
 use nalgebra::{Point2, Vector3};
 
 use crate::Checked;

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use mvtop_core::transform;
+use mvtop_geometry::transform;
 use nalgebra::Isometry3;
 
 use super::hand_eye;

@@ -5,7 +5,7 @@
 //! `transformation` (x, y, z, qx, qy, qz, qw) or `transform` (as a message of TF) is the camera's pose in
 //! the robot's base, or in its hand where the camera is mounted there; metres.
 
-use mvtop_core::transform;
+use mvtop_geometry::transform;
 use nalgebra::Isometry3;
 use serde_json::Value;
 

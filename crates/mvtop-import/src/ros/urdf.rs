@@ -4,7 +4,7 @@
 
 use std::f64::consts::TAU;
 
-use mvtop_core::transform;
+use mvtop_geometry::transform;
 use nalgebra::{Isometry3, UnitQuaternion};
 use roxmltree::{Document, Node, ParsingOptions};
 

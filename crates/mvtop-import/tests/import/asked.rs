@@ -104,7 +104,7 @@ fn cameras_stand_as_near_together_as_is_said() {
     let rig = crate::read(&files, &trusted).unwrap().rig;
     let place = rig.cameras()[1].world_from_cam().translation.vector;
     crate::assert_near([place.x], [4e-6]);
-    assert_eq!(mvtop_core::Rig::from_json(&rig.to_json()).unwrap(), rig);
+    assert_eq!(mvtop_geometry::Rig::from_json(&rig.to_json()).unwrap(), rig);
 }
 
 #[test]

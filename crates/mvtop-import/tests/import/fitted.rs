@@ -1,6 +1,6 @@
 //! Lenses that rig files have no name for: how far the fitted ones are off, measured anew.
 
-use mvtop_core::Camera;
+use mvtop_geometry::Camera;
 use mvtop_import::{Imported, Options};
 use nalgebra::{Point3, Vector3};
 

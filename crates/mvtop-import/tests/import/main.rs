@@ -10,7 +10,7 @@ mod written;
 
 use std::path::PathBuf;
 
-use mvtop_core::{Camera, Result};
+use mvtop_geometry::{Camera, Result};
 use mvtop_import::{Imported, Options, import};
 use tempfile::TempDir;
 

@@ -1,6 +1,6 @@
 //! Rigs that are written in each format and read again: the same poses and the same lens.
 
-use mvtop_core::{Camera, Rig};
+use mvtop_geometry::{Camera, Rig};
 use mvtop_import::{Direction, ImageSize, Options, Unit};
 use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
 use proptest::prelude::*;

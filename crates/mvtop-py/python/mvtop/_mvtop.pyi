@@ -5,7 +5,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Final, SupportsFloat, SupportsIndex, final
 
-__all__ = ["BOP_RESULTS_HEADER", "PIPELINE_VERSION", "REPORT_SCHEMA_VERSION", "__version__", "Camera", "Image", "Instance", "Mesh", "ModelInfo", "NativeEstimator", "NativePrediction", "NativeTracker", "RefinedRig", "Rig", "RigCheck", "RigCorrection", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "check_request", "correlation", "default_inference", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "eval_bop", "read_models_info", "read_scene", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "set_num_threads", "translation_error", "vsd"]
+__all__ = ["BOP_RESULTS_HEADER", "PIPELINE_VERSION", "REPORT_SCHEMA_VERSION", "__version__", "Camera", "Image", "Instance", "Mesh", "ModelInfo", "NativeEstimator", "NativePrediction", "NativeTracker", "RefinedRig", "Rig", "RigCheck", "RigCorrection", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "check_request", "correlation", "default_inference", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "read_models_info", "read_scene", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "score_results", "set_num_threads", "translation_error", "vsd"]
 
 BOP_RESULTS_HEADER: Final[str]
 PIPELINE_VERSION: Final[int]
@@ -334,7 +334,7 @@ class NativeTracker:
     """
     Predictions of one rig, again and again, by a network that is loaded in this process.
     """
-    def __new__(cls, /, estimator: NativeEstimator, rig: Rig) -> NativeTracker: ...
+    def __new__(cls, /, estimator: NativeEstimator, rig: Rig, max_motion_m: float | None, patience: SupportsIndex) -> NativeTracker: ...
     def __repr__(self, /) -> str: ...
     def predict(self, /, request: str | None, reference: str | None, boxes: SupportsGetItem[int, tuple[str, dict[str, SupportsLenAndGetItem[SupportsFloat | SupportsIndex]]]] | None, min_views: SupportsIndex | None, refine: bool | None) -> NativePrediction:
         """
@@ -935,16 +935,6 @@ def encode_rays(camera_rays: ArrayLike, ref_from_cam: ArrayLike, encoding: str =
         0 where there is no ray.
     """
 
-def eval_bop(args: SupportsGetItem[int, str]) -> str:
-    """
-    What `mvtop-cli eval bop --json` prints; `args` follow these words.
-
-    Raises
-    ------
-    ValueError
-        For what it refuses.
-    """
-
 def read_models_info(path: str | PathLike[str]) -> dict[int, ModelInfo]:
     """
     What models_info.json says of each object, by its number.
@@ -1047,6 +1037,23 @@ def run_cli(args: SupportsGetItem[int, str], shipped: str | PathLike[str], libra
         The folder with the package's model and example.
     library
         Of ONNX Runtime, used where none is named; searched for by default.
+    """
+
+def score_results(dataset: str | PathLike[str], predictions: SupportsGetItem[int, str | PathLike[str]], *, split: str, targets: str | PathLike[str] | None, sensor: str | None, objects: SupportsGetItem[int, SupportsIndex] | None, names: SupportsGetItem[int, tuple[str, SupportsIndex]], vsd_delta_mm: SupportsFloat | SupportsIndex, report: str | PathLike[str] | None, force: bool) -> str:
+    """
+    Scores of results in BOP's format as one line of JSON, see `mvtop.bop.evaluate`.
+
+    Parameters
+    ----------
+    names
+        Ids of objects that the files give by name.
+    report
+        Folder for results and pages.
+
+    Raises
+    ------
+    ValueError
+        For what is refused.
     """
 
 def set_num_threads(count: SupportsIndex) -> None:

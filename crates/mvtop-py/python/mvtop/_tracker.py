@@ -18,8 +18,10 @@ class Tracker:
     """Keeps the latest image of each camera of a rig, and what the network has said of it, so that
     a new image of one camera does not compute those of the others again.
 
-    A prediction is that of `Estimator.predict` on the same images. Threads may share a tracker: its
-    calls run one after the other. It is used in the process that it was made in.
+    A prediction is that of `Estimator.predict` on the same images, but that each object has a
+    `track_id`. An object is the same as the nearest one of its class in earlier predictions, if it
+    moved by less than the bound; no number is given twice. Threads may share a tracker: its calls
+    run one after the other. It is used in the process that it was made in.
 
     Parameters
     ----------
@@ -27,12 +29,28 @@ class Tracker:
         What predicts.
     rig
         The cameras.
+    max_motion_m
+        Farthest that an object moves between two predictions, metres; None: half its diameter.
+    patience
+        Predictions after which an object that is not found any more is forgotten.
+
+    Raises
+    ------
+    ValueError
+        Where `max_motion_m` is below 0 or not finite.
     """
 
-    def __init__(self, estimator: Estimator, rig: Rig) -> None:
+    def __init__(
+        self,
+        estimator: Estimator,
+        rig: Rig,
+        *,
+        max_motion_m: float | None = None,
+        patience: int = 30,
+    ) -> None:
         self._estimator = estimator._here()
         self._rig = rig
-        self._native = NativeTracker(self._estimator, rig)
+        self._native = NativeTracker(self._estimator, rig, max_motion_m, patience)
         self._images: dict[int, Any] = {}
         # Without it, a prediction would be drawn onto images that came while it was computed.
         self._lock = threading.Lock()

@@ -10,7 +10,14 @@ import os
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from mvtop._mvtop import Image, Instance, ModelInfo, eval_bop, read_models_info, read_scene
+from mvtop._mvtop import (
+    Image,
+    Instance,
+    ModelInfo,
+    read_models_info,
+    read_scene,
+    score_results,
+)
 
 __all__ = ["Image", "Instance", "ModelInfo", "evaluate", "read_models_info", "read_scene"]
 
@@ -77,21 +84,19 @@ def evaluate(
         raise ValueError("predictions: expected at least one file, got none")
     for path in (dataset, *files, *([targets] if targets is not None else [])):
         os.stat(path)
-    options = {
-        "--dataset": os.fspath(dataset),
-        "--split": split,
-        "--targets": targets and os.fspath(targets),
-        "--sensor": sensor,
-        "--objects": None if objects is None else ",".join(str(id) for id in objects),
-        "--vsd-delta-mm": str(vsd_delta_mm),
-        "--report": report and os.fspath(report),
-    }
-    arguments = [f"{name}={value}" for name, value in options.items() if value is not None]
-    arguments += [f"--predictions={os.fspath(path)}" for path in files]
-    arguments += [f"--map={name}={id}" for name, id in (names or {}).items()]
-    answer: dict[str, Any] = json.loads(
-        eval_bop([*arguments, "--json", *(["--force"] if force else [])])
+    scores = score_results(
+        dataset,
+        files,
+        split=split,
+        targets=targets,
+        sensor=sensor,
+        objects=None if objects is None else list(objects),
+        names=list((names or {}).items()),
+        vsd_delta_mm=vsd_delta_mm,
+        report=report,
+        force=force,
     )
+    answer: dict[str, Any] = json.loads(scores)
     if several and len(files) == 1:
         return {os.path.splitext(os.path.basename(files[0]))[0]: answer}
     return answer

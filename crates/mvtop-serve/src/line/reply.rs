@@ -99,6 +99,13 @@ impl Format {
                 self.numbers(&(frame_from_world * object.world_from_obj))
             ));
         }
+        for miss in prediction.near_misses.iter().filter(|_| request.why) {
+            lines.push_str(&format!(
+                "WHY {} {}\n",
+                word(&miss.class),
+                printable(&miss.message)
+            ));
+        }
         for warning in &prediction.warnings {
             lines.push_str(&format!("WARNING {}\n", printable(&warning.message)));
         }

@@ -3,7 +3,6 @@ import { Scene } from "./scene.js";
 
 const POLL_MS = 1000;
 const DOUBT = 0.8;
-const COLORS = ["#00e5ff", "#ff40d0", "#ffc400", "#b2ff59"];
 
 const $ = (id) => document.getElementById(id);
 const scene = new Scene($("scene"));
@@ -117,7 +116,8 @@ async function show(number) {
   const took = `exposure ${number}, ${exposure.model}, ${exposure.rig}, ${exposure.took_ms.toFixed(0)} ms`;
   $("about").textContent = exposure.error ? took : `${took}; ${objects.length} found`;
   const warnings = exposure.answer ? exposure.answer.warnings : [];
-  $("warnings").replaceChildren(...warnings.map((warning) => element("li", warning.message)));
+  const misses = (exposure.answer && exposure.answer.why) || [];
+  $("warnings").replaceChildren(...[...warnings, ...misses].map((one) => element("li", one.message)));
   table(objects);
   scene.setRig(rig);
   scene.setObjects(objects.map((object) => {
@@ -125,14 +125,14 @@ async function show(number) {
     return { name: object.class, pose: object.T_world_obj, points: about.points, diameter: about.diameter_m };
   }));
   const cameras = rig.cameras.filter((camera) => exposure.cameras.includes(camera.id));
-  const figures = await Promise.all(cameras.map((camera) => view(number, camera, objects)));
+  const figures = await Promise.all(cameras.map((camera) => view(number, camera)));
   if (shown !== number) return;
   $("views").replaceChildren(...figures);
   if (!figures.length) $("views").append(element("p", "Its images are no longer in memory.", { className: "hint" }));
 }
 
-/** A camera's picture with boxes, names and confidences over it. */
-async function view(number, camera, objects) {
+/** A camera's picture, with the objects as the service draws them. */
+async function view(number, camera) {
   const figure = element("figure");
   const canvas = element("canvas");
   figure.append(canvas, element("figcaption", camera.id));
@@ -145,23 +145,7 @@ async function view(number, camera, objects) {
     return figure;
   }
   [canvas.width, canvas.height] = [picture.width, picture.height];
-  const pen = canvas.getContext("2d");
-  pen.drawImage(picture, 0, 0);
-  const scale = picture.width / camera.width;
-  pen.font = `${Math.max(12, picture.width / 32)}px system-ui, sans-serif`;
-  objects.forEach((object, index) => {
-    const seen = object.cameras.find((one) => one.id === camera.id);
-    if (!seen || !seen.box) return;
-    const [x0, y0, x1, y1] = seen.box.map((x) => (x + 0.5) * scale);
-    pen.lineWidth = Math.max(1, picture.width / 500);
-    pen.strokeStyle = pen.fillStyle = COLORS[index % COLORS.length];
-    pen.strokeRect(x0, y0, x1 - x0, y1 - y0);
-    const label = `${object.class} ${percent(object.confidence)}`;
-    pen.strokeStyle = "#000";
-    pen.lineWidth = Math.max(3, picture.width / 200);
-    pen.strokeText(label, x0, Math.max(14, y0 - 6));
-    pen.fillText(label, x0, Math.max(14, y0 - 6));
-  });
+  canvas.getContext("2d").drawImage(picture, 0, 0);
   return figure;
 }
 

@@ -1,10 +1,9 @@
 //! `compared.html`: several results side by side.
 
 use askama::Template;
+use mvtop_eval::runner::bop::{COLUMNS, Line, Results};
 use serde_json::Value;
 
-use super::journal::Line;
-use super::results::{COLUMNS, Results};
 use crate::failure::Result;
 use crate::plot::recall_curves;
 use crate::write;

@@ -8,16 +8,12 @@ use base64::prelude::BASE64_STANDARD;
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::{FilterType, resize};
 use mvtop_core::ViewImage;
-use mvtop_core::overlay::{Drawn, contact_sheet, draw, draw_truth};
+use mvtop_core::overlay::{Drawn, Shape, contact_sheet, draw, draw_truth};
+use mvtop_eval::runner::bop::{COLUMNS, Line, Plan, Results, Scored};
+use mvtop_eval::runner::{self, Bounds};
 use nalgebra::{Isometry3, Matrix4};
 use serde_json::Value;
 
-use super::journal::Line;
-use super::plan::Plan;
-use super::results::{COLUMNS, Results};
-use super::score::Scored;
-use crate::eval::bounds::Bounds;
-use crate::eval::right;
 use crate::failure::{Failure, Result};
 use crate::plot::{histogram, recall_curves};
 use crate::write;
@@ -61,7 +57,7 @@ pub fn page(about: &Value, results: &Results, lines: &[Line], plan: &Plan) -> Re
         columns: COLUMNS.iter().map(|column| column.name).collect(),
         rows: rows.into_iter().map(|(name, s)| (name, cells(s))).collect(),
         bounds: results.summary.bounds,
-        confidence_columns: right::COLUMNS,
+        confidence_columns: runner::COLUMNS,
         by_confidence: results.summary.by_confidence(),
         plots: plots(lines)?,
         worst: worst(lines, plan)?,
@@ -150,10 +146,11 @@ fn picture(line: &Line, scored: &Scored, plan: &Plan) -> Result<String> {
             let camera = &sample.rig.cameras()[*camera];
             let drawn = predicted.flatten().map(|world_from_obj| Drawn {
                 cam_from_obj: camera.world_from_cam().inv_mul(&world_from_obj),
-                points: model.mesh.vertices(),
+                shape: Shape::Mesh(&model.mesh),
                 diameter_m: model.diameter_m,
                 bbox: None,
                 label: scored.outcome.class.clone(),
+                instance: 0,
             });
             let image = draw(image, camera, drawn.as_slice());
             draw_truth(&image, camera, &known.world_from_obj, model.diameter_m)

@@ -6,7 +6,7 @@ use ndarray::{ArrayView3, ArrayView4, Axis};
 use super::inlier;
 use crate::bundle::{Class, SurfacePoint};
 use crate::camera::Camera;
-use crate::estimator::crops::{Crop, Crops, Group, TRUST, cell_at, cell_center};
+use crate::estimator::crops::{Crop, Group, TRUST, cell_at, cell_center};
 use crate::symmetry::Symmetry;
 
 /// A point of the object, and the ray on which it is seen.
@@ -44,18 +44,18 @@ pub struct Correspondences {
 impl Correspondences {
     /// Those of a group's crops.
     ///
-    /// - `codes`: of all crops, see [`Crops::coordinates`]
+    /// - `codes`: of all crops, see [`crate::network::Network::coordinates`]
     /// - `extent`: their unit, metres
     /// - `min_trust`: cells of less are left out
     pub fn new(
-        crops: &Crops,
+        crops: &[Crop],
         codes: ArrayView4<f32>,
         group: &Group,
         extent: f64,
         class: &Class,
         min_trust: f64,
     ) -> Self {
-        let list = &crops.list[group.crops.clone()];
+        let list = &crops[group.crops.clone()];
         let mut all = Vec::new();
         for (at, (crop, index)) in list.iter().zip(group.crops.clone()).enumerate() {
             let codes = codes.index_axis(Axis(0), index);

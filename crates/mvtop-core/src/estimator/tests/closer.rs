@@ -45,7 +45,7 @@ impl Network for White<'_> {
         Ok(maps)
     }
 
-    fn encode(&self, pictures: ArrayView4<f32>, rays: ArrayView3<f32>) -> Result<Encoded> {
+    fn encode(&self, pictures: ArrayView4<f32>, rays: ArrayView3<f32>) -> Result<Array3<f32>> {
         self.decoder.encode(pictures, rays)
     }
 

@@ -220,7 +220,7 @@ impl Network for Painted<'_> {
         Ok(maps)
     }
 
-    fn encode(&self, pictures: ArrayView4<f32>, rays: ArrayView3<f32>) -> Result<Encoded> {
+    fn coordinates(&self, pictures: ArrayView4<f32>) -> Result<Array4<f32>> {
         let count = pictures.dim().0;
         self.crops.lock().unwrap().push(count);
         let cells = CROP as usize / CELL;
@@ -242,15 +242,7 @@ impl Network for Painted<'_> {
                 }
             }
         }
-        Ok(Encoded {
-            memory: rays.to_owned(),
-            coordinates: Some(coordinates),
-        })
-    }
-
-    /// Never asked: the coordinates tell the pose.
-    fn decode(&self, _: ArrayView3<f32>, _: &Queries) -> Result<Decoded> {
-        Err(Error::Input("decoded".into()))
+        Ok(coordinates)
     }
 
     fn provider(&self) -> &str {
@@ -288,7 +280,7 @@ fn ball_pose() -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::new(-0.01, 0.08, 0.0), turn)
 }
 
-/// What is predicted of a brick and a ball, and the number of crops of each call of the encoder.
+/// What is predicted of a brick and a ball, and the number of crops of each call of the network.
 ///
 /// - `scores`: the detector's, of the brick in each view
 fn found(scores: [f32; 3], with_ball: bool, options: &PredictOptions) -> (Prediction, Vec<usize>) {
@@ -332,6 +324,7 @@ fn found(scores: [f32; 3], with_ball: bool, options: &PredictOptions) -> (Predic
             strides: vec![8, 16],
             graph: "closeup.onnx".into(),
         }),
+        decoder: None,
         ..bundle()
     };
     let estimator = Estimator::new(bundle, Box::new(network));

@@ -21,14 +21,6 @@ impl Network for Blind {
         })
     }
 
-    fn encode(&self, _: ArrayView4<f32>, _: ArrayView3<f32>) -> Result<Encoded> {
-        unreachable!("no crops")
-    }
-
-    fn decode(&self, _: ArrayView3<f32>, _: &Queries) -> Result<Decoded> {
-        unreachable!("no poses")
-    }
-
     fn provider(&self) -> &str {
         "blind"
     }
@@ -52,6 +44,7 @@ fn instance(world_from_obj: Isometry3<f64>, log_odds: f64) -> Instance {
         class: 0,
         detections: vec![None; 3],
         candidates: vec![candidate(world_from_obj, log_odds)],
+        excluded: Vec::new(),
     }
 }
 

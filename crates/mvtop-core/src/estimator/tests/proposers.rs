@@ -27,7 +27,7 @@ impl Network for Noting<'_> {
         self.network.detect(images)
     }
 
-    fn encode(&self, pictures: ArrayView4<f32>, rays: ArrayView3<f32>) -> Result<Encoded> {
+    fn encode(&self, pictures: ArrayView4<f32>, rays: ArrayView3<f32>) -> Result<Array3<f32>> {
         self.crops.lock().unwrap().push(pictures.dim().0);
         self.network.encode(pictures, rays)
     }
@@ -85,7 +85,7 @@ fn found(
 }
 
 /// Points of the ball, along its axes and the diagonals between them.
-fn surface() -> Vec<SurfacePoint> {
+pub(super) fn surface() -> Vec<SurfacePoint> {
     let steps = [-1.0, 0.0, 1.0];
     let corners = steps.map(|x| steps.map(|y| steps.map(|z| Vector3::new(x, y, z))));
     let directions = corners.into_iter().flatten().flatten();
@@ -202,6 +202,7 @@ fn rolled_crops_look_at_the_best_pose() {
             .chain([None])
             .collect(),
         candidates: vec![candidate(vec![roi, roi])],
+        excluded: Vec::new(),
     };
     let rolls = &estimator.config.search.rolls_deg;
     let requests = pipeline.rolled(closeups, 0, &instance);

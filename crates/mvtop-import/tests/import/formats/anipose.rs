@@ -46,7 +46,7 @@ fn anipose_maps_world_to_camera_and_says_which_lens_is_a_fisheye() {
     assert_eq!([left.width(), left.height()], [1280, 960]);
     assert_params(left, &[-0.2, 0.05, 0.001, -0.002, 0.01]);
     assert_pose(left, [0.0; 3], X, Z);
-    let lens = |camera: &mvtop_core::Camera| camera.intrinsics().projection().distortion();
+    let lens = |camera: &mvtop_geometry::Camera| camera.intrinsics().projection().distortion();
     assert_eq!(lens(wide), Some("kannala_brandt"));
     // A quarter turn about z: -Rᵀ t is (0, -400, 0) mm, and the camera's x is the first row of R.
     assert_pose(wide, [0.0, -0.4, 0.0], MINUS_Y, Z);

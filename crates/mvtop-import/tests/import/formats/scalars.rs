@@ -1,4 +1,4 @@
-use mvtop_core::Camera;
+use mvtop_geometry::Camera;
 use mvtop_import::{Direction, Options};
 
 use super::{X, Z};
