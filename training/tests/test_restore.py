@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from conftest import random_views
 
 from mvtop_train.data.objects import ball, classes_of
 from mvtop_train.errors import UserError
@@ -54,6 +55,14 @@ def pictures():
 def answers(model: Mvtop) -> dict[str, np.ndarray]:
     """Of all parts one after the other: what one has wrong, those after it have as well."""
     told = self_test.outputs(self_test.OfModel(model.eval()))
+    if model.decoder:  # of the self-test it is given numbers, not what the encoder makes
+        config = model.config
+        views = random_views(
+            dataclasses.replace(config, width=config.closeup, height=config.closeup), 2
+        )
+        views.inside = torch.ones(1, 2, sum(h * w for h, w in config.decoder_shapes()))
+        with torch.no_grad():
+            told["rotations"] = model(views).hypotheses[-1].rotation_6d.flatten().tolist()
     return {name: np.array(numbers) for name, numbers in told.items()}
 
 
@@ -79,7 +88,7 @@ def test_a_restored_network_answers_as_the_one_that_was_exported(trained, pictur
     for name, values in expected.items():
         assert np.abs(got[name] - values).max() < off * np.abs(values).max(), name
     differs = (np.abs(other[name] - x).max() / np.abs(x).max() for name, x in expected.items())
-    assert max(differs) > 0.3
+    assert max(differs) > 0.2, "twice what 8 bits may change"
 
 
 def of_closeups(model: Mvtop, pictures: torch.Tensor) -> torch.Tensor:

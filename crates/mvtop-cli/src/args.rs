@@ -53,16 +53,16 @@ Examples:
   For a robot that grasps only what is certain, with exit code 3 where something is not:
     mvtop-cli infer --rig rig.json left.png right.png --json --min-confidence 0.9")]
 pub struct Infer {
-    /// Rig file: the cameras, their lenses and where they are
+    /// Rig file: cameras, lenses and poses
     #[arg(long, value_name = "FILE", required_unless_present = "example")]
     pub rig: Option<PathBuf>,
 
-    /// PNG, JPEG, TIFF or BMP images: one for each camera, in the rig's order or named after the cameras
-    /// (left.png), or ID=PATH for some cameras
+    /// Images (PNG, JPEG, TIFF, BMP): one per camera, in the rig's order or named after the cameras
+    /// (left.png); or ID=PATH for some cameras
     #[arg(required_unless_present = "example", value_name = "IMAGE")]
     pub images: Vec<PathBuf>,
 
-    /// Take the rig, images and known poses of the example that comes along
+    /// Use the shipped example: rig, images and known poses
     #[arg(long, conflicts_with_all = ["rig", "images", "truth", "boxes"])]
     pub example: bool,
 
@@ -70,7 +70,7 @@ pub struct Infer {
     #[arg(long, value_name = "ID")]
     pub reference: Option<String>,
 
-    /// Use the boxes in this file instead of detecting objects
+    /// Use the boxes in this file instead of the detector's
     #[arg(long, value_name = "FILE", conflicts_with = "min_views")]
     pub boxes: Option<PathBuf>,
 
@@ -80,8 +80,8 @@ pub struct Infer {
     #[command(flatten)]
     pub refinement: Refinement,
 
-    /// Say of each pose whether it is right with this probability, `accept`, `reject` or
-    /// `need_another_view`; end with code 3 unless all are accepted and there is one
+    /// Give each pose a verdict by this confidence: `accept`, `reject` or `need_another_view`; exit
+    /// with 3 unless there are poses and all are accepted
     #[arg(long, value_name = "P", value_parser = probability)]
     pub min_confidence: Option<f64>,
 
@@ -89,20 +89,19 @@ pub struct Infer {
     #[arg(long, conflicts_with = "truth")]
     pub json: bool,
 
-    /// Print the known poses in this file (truth.json) beside the predicted ones; in pictures, thin
-    /// white axes
+    /// Print the known poses in this file (truth.json) too; draw them as thin white axes
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
 
-    /// Draw the poses onto copies of the images, in this folder
+    /// Draw the poses onto copies of the images, into this folder
     #[arg(long, value_name = "DIR")]
     pub overlay: Option<PathBuf>,
 
-    /// Draw the edges of the objects' meshes instead: green where the image shows them, else red
+    /// Draw edges of the meshes instead: green where the image shows them, else red
     #[arg(long, requires = "overlay")]
     pub edges: bool,
 
-    /// Overwrite pictures that exist
+    /// Overwrite existing pictures
     #[arg(long, requires = "overlay")]
     pub force: bool,
 

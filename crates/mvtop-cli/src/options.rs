@@ -12,8 +12,7 @@ use crate::model_dir::{self, Found};
 
 #[derive(Args)]
 pub struct Detection {
-    /// Leave out objects that are detected in fewer images: 2 spares nearly all false ones, and
-    /// costs those that only one image shows
+    /// Leave out objects detected in fewer images; 2 removes nearly all false positives
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     pub min_views: u32,
 }
@@ -27,11 +26,11 @@ impl Detection {
 
 #[derive(Args)]
 pub struct Refinement {
-    /// Refine poses on the images; an error where the model has no mesh [default: where it has]
+    /// Refine poses on the images; needs a mesh [default: where there is one]
     #[arg(long, overrides_with = "no_refine")]
     refine: bool,
 
-    /// Give poses as the network finds them
+    /// Give the network's poses
     #[arg(long, overrides_with = "refine")]
     no_refine: bool,
 }
@@ -66,16 +65,15 @@ pub struct RuntimeArgs {
     #[arg(long, value_name = "PATH")]
     pub ort_lib: Option<PathBuf>,
 
-    /// What executes the network
+    /// Execution provider
     #[arg(long, value_name = "NAME", default_value_t)]
     pub provider: Provider,
 
-    /// Threads inside one operation of the network; 0: one per physical core
+    /// Threads per operation; 0: one per physical core
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub threads: usize,
 
-    /// Change a setting of the inference, as in `search.settled=0.8` (docs/reference/inference.md); may
-    /// be repeated
+    /// Change an inference setting (docs/reference/inference.md), as `search.settled=0.8`; repeatable
     #[arg(long = "set", value_name = "KEY=VALUE", value_parser = setting)]
     pub settings: Vec<(String, serde_json::Value)>,
 }

@@ -24,7 +24,7 @@ use crate::{BBox, Camera, Estimator, Rig};
 
 /// One color per object, in turn: those of Okabe and Ito, which people with any color vision can
 /// tell apart.
-pub const OBJECT_COLORS: [[u8; 3]; 7] = [
+const OBJECT_COLORS: [Color; 7] = [
     [86, 180, 233],
     [230, 159, 0],
     [204, 121, 167],

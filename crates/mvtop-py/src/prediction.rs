@@ -33,6 +33,19 @@ pub struct PredictionValues {
     warnings: Vec<WarningValues>,
     frame: Option<String>,
     left_out: Option<LeftOutValues>,
+    why: Option<Vec<NearMissValues>>,
+}
+
+#[derive(IntoPyObject)]
+struct NearMissValues {
+    class_name: String,
+    reason: String,
+    camera: Option<String>,
+    r#box: Option<F64>,
+    world_from_obj: Option<F64>,
+    value: Option<f64>,
+    threshold: Option<f64>,
+    message: String,
 }
 
 #[derive(IntoPyObject)]
@@ -254,6 +267,21 @@ impl From<report::ReportedGrasp> for GraspValues {
     }
 }
 
+impl NearMissValues {
+    fn of(of: report::ReportedNearMiss) -> PyResult<Self> {
+        Ok(Self {
+            class_name: of.class,
+            reason: named(serde_json::to_value(of.reason))?,
+            camera: of.camera,
+            r#box: of.bbox.map(|bbox| vector(<[f64; 4]>::from(bbox))),
+            world_from_obj: of.t_world_obj.as_ref().map(rows),
+            value: of.value,
+            threshold: of.threshold,
+            message: of.message,
+        })
+    }
+}
+
 impl ObjectValues {
     fn of(of: report::Object) -> PyResult<Self> {
         let hypothesis = |one: report::ReportedHypothesis| HypothesisValues {
@@ -324,6 +352,10 @@ impl NativePrediction {
                 .collect::<PyResult<_>>()?,
             frame: report.frame,
             left_out: report.left_out.map(Into::into),
+            why: report
+                .why
+                .map(|all| all.into_iter().map(NearMissValues::of).collect())
+                .transpose()?,
         })
     }
 
@@ -370,7 +402,7 @@ fn rows(matrix: &[[f64; 4]; 4]) -> F64 {
     F64(arr2(matrix).into_dyn())
 }
 
-/// The name in JSON of a code or a verdict.
+/// The name in JSON of a code, a verdict or a reason.
 fn named(code: serde_json::Result<Value>) -> PyResult<String> {
     match code {
         Ok(Value::String(name)) => Ok(name),

@@ -83,7 +83,7 @@ rig, images = mvtop.example()
 tracker = mvtop.Tracker(mvtop.Estimator.load("models/mvball", threads=1), rig)
 tracker.update(images)
 def predict():
-    tracker._native.predict(None, None, 1, None)
+    tracker._native.predict(None, None, None, 1, None)
 predict()
 start = time.perf_counter()
 predict()
@@ -115,7 +115,7 @@ threading.Thread(target=note, daemon=True).start()
 within = 0
 for _ in range(200):
     start = time.perf_counter()
-    estimator._native.predict(rig, list(enumerate(images)), None, None, 1, None)
+    estimator._native.predict(rig, list(enumerate(images)), None, None, None, 1, None)
     end = time.perf_counter()
     margin = (end - start) / 4
     within += sum(start + margin < t < end - margin for t in list(noted))

@@ -74,6 +74,33 @@ def test_region_and_polygons_leave_out_what_is_elsewhere(predict):
     assert (len(gone), gone.left_out["polygons"]) == (0, 1)
 
 
+def test_priors_and_planes_are_gates(predict):
+    (found,) = predict()
+    pose = found.world_from_obj
+    near, far = pose.copy(), pose.copy()
+    near[:3, 3] += [0.01, 0, 0]
+    far[:3, 3] += [0.3, 0, 0]
+    (kept,) = predict(priors=mvtop.Prior("mvball", near, 0.02, 10))
+    np.testing.assert_allclose(kept.world_from_obj, pose, atol=1e-9)
+    gone = predict(priors=[mvtop.Prior("mvball", far, 0.02, 10)], why=True)
+    (miss,) = gone.why
+    assert len(gone) == 0 and (miss.class_name, miss.reason) == ("mvball", "prior")
+    assert miss.value > miss.threshold == 3
+    assert gone.to_dict()["why"][0]["reason"] == "prior"
+    # Its own z axis is upright to itself; a plane at its lowest point holds it.
+    axis = pose[:3, 2]
+    low = (found.world_from_obj[:3, 3] - 0.2 * axis).tolist()
+    limits = {"within_m": 0.2, "within_deg": 5}
+    assert len(predict(planes=mvtop.Plane(point=low, normal=axis, **limits))) == 1
+    tilted = predict(planes=mvtop.Plane(point=low, normal=-axis, **limits), why=True)
+    assert (len(tilted), tilted.why[0].reason) == (0, "tilt")
+    assert predict().why is None
+    with pytest.raises(ValueError, match="sigma_m: expected a standard deviation above 0"):
+        mvtop.Request(priors=mvtop.Prior("mvball", pose, 0, 10))
+    with pytest.raises(ValueError, match="within_deg"):
+        mvtop.Request(planes=mvtop.Plane(point=low, normal=axis, within_m=0.2, within_deg=-1))
+
+
 def test_arguments_replace_what_the_request_says(estimator, rig, paths, truth):
     request = mvtop.Request(reference="cam1", boxes=truth, refine=False)
     first = estimator.predict(paths, rig, request=request)
@@ -135,7 +162,9 @@ def test_requests_are_read_as_they_were_written():
         classes=["mvball"], most=np.int64(2), region=[[0, 0, 0], [1, 1, 1]], frame="base",
         polygons={"cam0": POLYGON}, base_from_world=BASE_FROM_WORLD, min_confidence=0.5,
         grasps=True, reference="cam0", min_views=2, refine=False,
-        boxes=[{"class": "mvball", "boxes": {"cam0": [1, 2, 3, 4]}}],
+        boxes=[{"class": "mvball", "boxes": {"cam0": [1, 2, 3, 4]}}], why=True,
+        priors=[mvtop.Prior("mvball", np.eye(4), 0.01, 10.0)],
+        planes=[mvtop.Plane(point=[0, 0, 1], normal=[0, 0, 2], within_m=0.01, within_deg=10)],
     )  # fmt: skip
     assert mvtop.Request.from_json(request.to_json()) == request
     assert pickle.loads(pickle.dumps(request)) == request
@@ -147,6 +176,7 @@ REFUSED = {
     "most": ({"most": "two"}, "request: expected JSON"),
     "region of four": ({"region": [[0, 0], [1, 1]]}, "region: expected finite numbers of shape"),
     "region not finite": ({"region": [[0, 0, 0], [1, 1, np.nan]]}, "some that are not finite"),
+    "prior": ({"priors": [{"class": "mvball"}]}, "priors: expected mvtop.Prior, got dict"),
     "polygon": ({"polygons": {"cam0": [1, 2]}}, "camera `cam0`: expected finite numbers"),
     "base": ({"base_from_world": np.eye(3)}, "base_from_world: expected finite numbers"),
     "confidence not finite": ({"min_confidence": np.inf}, "finite numbers"),

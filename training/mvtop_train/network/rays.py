@@ -1,4 +1,4 @@
-"""Lines of sight of feature cells and boxes. Counterpart of `rays.rs` in `mvtop-core` and `mvtop-geometry`.
+"""Lines of sight of feature cells and boxes. Counterpart of `rays.rs` in the Rust crates.
 
 Pixels: OpenCV, the top-left pixel's center is (0, 0). Directions are unit vectors; origins and
 moments are in metres. Training cameras are pinholes; at inference Rust uses the true lens.

@@ -8,7 +8,7 @@ use crate::options::positive;
 
 #[derive(Subcommand)]
 pub enum Audit {
-    /// Count the poses of one split that recur in another one, such as test in training
+    /// Count poses of one split that recur in another, as of test in training
     Leakage(LeakageArgs),
 }
 
@@ -33,29 +33,28 @@ Examples:
     mvtop-cli audit leakage --a ycbv/test --b ycbv/train_synth --meshes ycbv/models_eval \\
       --report out/leakage")]
 pub struct LeakageArgs {
-    /// Split to look for: a folder of scenes that hold scene_gt.json, or one scene
+    /// First split: a folder of scenes with scene_gt.json, or one scene
     #[arg(long, value_name = "DIR")]
     pub a: PathBuf,
 
-    /// Split to look in
+    /// Split to search
     #[arg(long, value_name = "DIR")]
     pub b: PathBuf,
 
-    /// Folder with models_info.json and obj_NNNNNN.ply, which BOP calls models; without it, rotations
-    /// are compared
+    /// BOP's models folder (models_info.json, obj_NNNNNN.ply); without it, rotations are compared
     #[arg(long, value_name = "DIR")]
     pub meshes: Option<PathBuf>,
 
-    /// Largest distance of translations that count as the same
+    /// Largest distance of equal translations
     #[arg(long, value_name = "MM", default_value_t = 0.01, value_parser = positive)]
     pub within_mm: f64,
 
-    /// Largest ADD of poses that count as the same, in percent of the object's diameter
+    /// Largest ADD of equal poses, in percent of the diameter
     #[arg(long, value_name = "PERCENT", default_value_t = 1.0, value_parser = positive)]
     #[arg(requires = "meshes")]
     pub add_percent: f64,
 
-    /// Largest angle of poses that count as the same, where there are no meshes
+    /// Largest angle of equal poses, without meshes
     #[arg(long, value_name = "DEG", default_value_t = 1.0, value_parser = positive)]
     #[arg(conflicts_with = "meshes")]
     pub rot_deg: f64,
@@ -64,17 +63,15 @@ pub struct LeakageArgs {
     #[arg(long)]
     pub json: bool,
 
-    /// Write leakage.json, with the counts and the histogram of each object, and pairs.csv, with each
-    /// recurring pose of split a and the pose of b that it recurs as, to this folder
+    /// Write leakage.json (counts, histograms) and pairs.csv (recurring poses) to this folder
     #[arg(long, value_name = "DIR", group = "results")]
     pub out: Option<PathBuf>,
 
-    /// Write the files of --out to this folder, and report.html, a page with the histogram, which is
-    /// also in histogram.svg
+    /// Write the files of --out, report.html and histogram.svg to this folder
     #[arg(long, value_name = "DIR", group = "results")]
     pub report: Option<PathBuf>,
 
-    /// Overwrite files that exist
+    /// Overwrite existing files
     #[arg(long, requires = "results")]
     pub force: bool,
 }

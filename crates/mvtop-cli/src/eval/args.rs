@@ -24,7 +24,7 @@ pub enum Eval {
 #[derive(Args)]
 #[command(after_help = "\
 A sample is a folder with rig.json, truth.json and one image for each camera, <ID>.png or .jpg.
-docs/reference/json.md says what --json and --out hold, and what the noise is exactly.
+docs/reference/json.md says what --json and --out hold, and what the noise is.
 
 Examples:
   Detected boxes, all views; one line of JSON per object of the truth to look into:
@@ -46,11 +46,11 @@ pub struct SamplesArgs {
     #[arg(long)]
     pub json: bool,
 
-    /// Write one line of JSON for each object of the truth to this file
+    /// Write one line of JSON per true object to this file
     #[arg(long, value_name = "FILE.jsonl")]
     pub out: Option<PathBuf>,
 
-    /// Overwrite the file if it exists
+    /// Overwrite an existing file
     #[arg(long, requires = "out")]
     pub force: bool,
 
@@ -79,14 +79,13 @@ pub struct BopArgs {
     #[command(flatten)]
     pub split: SplitArgs,
 
-    /// Score these results, files in BOP's format, side by side, instead of predicting
+    /// Score these results in BOP's format, side by side, instead of predicting
     #[arg(long, value_name = "FILE.csv", num_args = 1..)]
     #[arg(conflicts_with_all = ["views", "min_views", "min_confidence", "true_boxes", "boxes", "rig_deg",
         "rig_mm", "model", "ort_lib", "provider", "threads", "grouping"])]
     pub predictions: Vec<PathBuf>,
 
-    /// Which object of the data set a class of the model is, or a name in --predictions [default: the
-    /// one of the same number]
+    /// Object id of a class of the model, or of a name in --predictions [default: its number]
     #[arg(long, value_name = "NAME=ID", value_parser = name_and_id)]
     pub map: Vec<(String, u32)>,
 
@@ -94,20 +93,19 @@ pub struct BopArgs {
     #[arg(long)]
     pub json: bool,
 
-    /// Write results to this folder: CSV in BOP's format, and JSON
+    /// Write results (BOP's CSV, JSON) to this folder
     #[arg(long, value_name = "DIR", group = "results")]
     pub out: Option<PathBuf>,
 
-    /// Write the files of --out to this folder, and report.html, a page with plots and pictures
+    /// Write the files of --out and report.html, a page with plots and pictures
     #[arg(long, value_name = "DIR", group = "results")]
     pub report: Option<PathBuf>,
 
-    /// Begin anew where the folder holds results
+    /// Replace existing results instead of resuming
     #[arg(long)]
     pub force: bool,
 
-    /// How far a surface may lie behind the measured one and still count as seen, for VSD (only of
-    /// data sets with depth images); BOP's, but for ITODD 5
+    /// Visibility tolerance of VSD, for data sets with depth images; BOP uses 5 for ITODD
     #[arg(long, value_name = "MM", default_value_t = 15.0, value_parser = not_negative)]
     pub vsd_delta_mm: f64,
 
@@ -122,15 +120,15 @@ pub struct SplitArgs {
     #[arg(long, value_name = "DIR")]
     pub dataset: PathBuf,
 
-    /// Folder of the data set that holds the scenes
+    /// Its folder of scenes
     #[arg(long, value_name = "NAME", default_value = "test")]
     pub split: String,
 
-    /// What is seen together: frames of a `scene`, or the cameras of a `frame`
+    /// Views of a group: frames of a `scene`, or cameras of a `frame`
     #[arg(long, value_name = "WHAT", default_value_t)]
     pub grouping: Grouping,
 
-    /// Camera files whose images are references: CAM of scene_camera_CAM.json [default: the first]
+    /// Reference cameras: CAM of scene_camera_CAM.json [default: the first]
     #[arg(long, value_name = "CAM")]
     pub sensor: Option<String>,
 
@@ -147,7 +145,7 @@ pub struct SplitArgs {
 #[derive(Args)]
 #[command(next_help_heading = "Conditions")]
 pub struct Trial {
-    /// Use only the reference camera and those that follow it, this many [default: all]
+    /// Number of cameras used, from the reference on [default: all]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub views: Option<u32>,
 
@@ -157,27 +155,26 @@ pub struct Trial {
     #[command(flatten)]
     pub refinement: Refinement,
 
-    /// Leave out poses that are right with a lower probability, by their own confidence: fewer are
-    /// wrong, and fewer are found
+    /// Leave out poses of lower confidence
     #[arg(long, value_name = "P", value_parser = probability, conflicts_with = "no_refine")]
     pub min_confidence: Option<f64>,
 
-    /// Use the true boxes instead of detecting objects
+    /// Use the true boxes instead of the detector's
     #[arg(long, conflicts_with = "min_views")]
     pub true_boxes: bool,
 
     #[command(flatten)]
     pub noise: NoiseArgs,
 
-    /// Largest rotation error of a pose that counts as resolved
+    /// Largest rotation error of a resolved pose
     #[arg(long, value_name = "DEG", default_value_t = 15.0, value_parser = not_negative)]
     pub resolved_deg: f64,
 
-    /// Largest rotation error of a pose that counts as right, for precision and recall
+    /// Largest rotation error of a correct pose
     #[arg(long, value_name = "DEG", default_value_t = 5.0, value_parser = not_negative)]
     pub right_deg: f64,
 
-    /// Largest translation error of a pose that counts as right, for precision and recall
+    /// Largest translation error of a correct pose
     #[arg(long, value_name = "MM", default_value_t = 5.0, value_parser = not_negative)]
     pub right_mm: f64,
 

@@ -11,14 +11,13 @@ use crate::options::{NetworkArgs, positive};
 
 #[derive(Subcommand)]
 pub enum Rig {
-    /// Make a rig file from the calibration files of another program
+    /// Make a rig file from another program's calibration
     Import(Import),
-    /// Say where cameras stand and look, and which share a view; with a picture
+    /// Describe a rig: poses, shared views, a picture
     Show(Show),
-    /// The same, and fail where what is seen cannot be meant; with images, where cameras do not stand
-    /// as these show it
+    /// Check a rig for implausible poses and, with images, for cameras that are off
     Check(Check),
-    /// Bring cameras that are off to where images show that they stand
+    /// Correct the poses of cameras by images
     Refine(Refine),
     /// Make a rig file from images of a board, all cameras at once (in the Python wheel)
     Calibrate(Wheel),
@@ -53,7 +52,7 @@ Examples:
   COLMAP, whose model is 0.173 m to the unit:
     mvtop-cli rig import sparse/0 --scale 0.173 -o rig.json")]
 pub struct Import {
-    /// Calibration files of one rig; of COLMAP, the folder will do
+    /// Calibration files of one rig, or COLMAP's folder
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
 
@@ -61,12 +60,12 @@ pub struct Import {
     #[arg(short, long, value_name = "FILE")]
     pub out: PathBuf,
 
-    /// Format of the files: opencv, ros, kalibr, colmap, bop, nerf, callab, halcon, euroc, anipose,
-    /// easymocap or camodocal [default: recognised]
+    /// Format: opencv, ros, kalibr, colmap, bop, nerf, callab, halcon, euroc, anipose, easymocap or
+    /// camodocal [default: recognised]
     #[arg(long, value_name = "FORMAT", value_parser = format)]
     pub from: Option<Format>,
 
-    /// Metres per unit of the file's lengths: the side of a square of OpenCV's board, say
+    /// Metres per unit of length, such as the side of OpenCV's square
     #[arg(long, value_name = "METRES", value_parser = positive, conflicts_with = "unit")]
     pub scale: Option<f64>,
 
@@ -74,21 +73,19 @@ pub struct Import {
     #[arg(long, value_name = "UNIT", value_parser = unit)]
     pub unit: Option<Unit>,
 
-    /// Size of the images, where the file does not say it: of all cameras, or ID=WxH of one
+    /// Image size of all cameras, or ID=WxH of one, if not in the file
     #[arg(long, value_name = "WxH", value_parser = image_size)]
     pub image_size: Vec<ImageSize>,
 
-    /// What poses map to what, where the file does not say it: world_from_cam is the pose of the
-    /// camera, cam_from_world its inverse
+    /// Direction of poses, if not in the file: world_from_cam (the camera's pose) or cam_from_world
     #[arg(long, value_name = "DIRECTION", value_parser = direction)]
     pub direction: Option<Direction>,
 
-    /// Lens, where the file does not name it: pinhole or fisheye
+    /// Lens, if not in the file
     #[arg(long, value_name = "MODEL", value_parser = ["pinhole", "fisheye"])]
     pub model: Option<String>,
 
-    /// Greatest angle from the axis at which a lens images anything or is to be used, degrees: beyond it
-    /// there is no line of sight, and no lens is fitted
+    /// Largest angle from the optical axis at which the lens is used, degrees
     #[arg(long, value_name = "DEG", value_parser = positive)]
     pub max_angle: Option<f64>,
 
@@ -96,15 +93,15 @@ pub struct Import {
     #[arg(long, value_name = "N")]
     pub image: Option<u32>,
 
-    /// ROS: the images are rectified (image_rect) rather than raw
+    /// ROS: images are rectified (image_rect)
     #[arg(long)]
     pub rectified: bool,
 
-    /// The cameras do stand within 2 mm of each other, or up to more than 100 m apart
+    /// Accept cameras within 2 mm of each other, or more than 100 m apart
     #[arg(long)]
     pub trust_unit: bool,
 
-    /// Overwrite a rig file that exists
+    /// Overwrite an existing rig file
     #[arg(long)]
     pub force: bool,
 }
@@ -115,11 +112,11 @@ pub struct Show {
     #[arg(value_name = "RIG")]
     pub rig: PathBuf,
 
-    /// Draw cameras, axes and distances to this file, SVG
+    /// Draw cameras, axes and distances into this SVG
     #[arg(long, value_name = "FILE")]
     pub picture: Option<PathBuf>,
 
-    /// Overwrite a picture that exists
+    /// Overwrite an existing picture
     #[arg(long, requires = "picture")]
     pub force: bool,
 }
@@ -135,8 +132,8 @@ pub struct Check {
     #[command(flatten)]
     pub show: Show,
 
-    /// Images of objects of the model: sets of one for each camera, in the rig's order or named after the
-    /// cameras, one set after the other; or ID=PATH, where an id that comes again begins the next set
+    /// Images of the model's objects: sets of one per camera, in the rig's order or named after the
+    /// cameras; or ID=PATH, where a repeated id begins the next set
     #[arg(value_name = "IMAGE")]
     pub images: Vec<PathBuf>,
 
@@ -147,11 +144,11 @@ pub struct Check {
 /// What images are compared with a rig by.
 #[derive(Args)]
 pub struct Images {
-    /// How far each camera is expected to be turned: standard deviation about each axis, degrees
+    /// Expected rotation error of a camera: standard deviation per axis, degrees
     #[arg(long, value_name = "DEG", value_parser = positive, default_value = "1")]
     pub turn_sd: f64,
 
-    /// How far each camera is expected to be moved: standard deviation along each axis, metres
+    /// Expected translation error of a camera: standard deviation per axis, metres
     #[arg(long, value_name = "METRES", value_parser = positive, default_value = "0.01")]
     pub shift_sd: f64,
 
@@ -171,16 +168,16 @@ pub struct Refine {
     #[arg(value_name = "RIG")]
     pub rig: PathBuf,
 
-    /// Images of objects of the model: sets of one for each camera, in the rig's order or named after the
-    /// cameras, one set after the other; or ID=PATH, where an id that comes again begins the next set
+    /// Images of the model's objects: sets of one per camera, in the rig's order or named after the
+    /// cameras; or ID=PATH, where a repeated id begins the next set
     #[arg(value_name = "IMAGE", required = true)]
     pub images: Vec<PathBuf>,
 
-    /// Rig file to write; never the one that is read
+    /// Rig file to write; not the one that is read
     #[arg(short, long, value_name = "FILE")]
     pub out: PathBuf,
 
-    /// Overwrite a rig file that exists
+    /// Overwrite an existing rig file
     #[arg(long)]
     pub force: bool,
 

@@ -18,8 +18,8 @@ Examples:
   For a robot controller that knows TCP alone, images written to a folder by a camera program:
     mvtop-cli serve --rig rig.json --base base.json --line-port 9000 --line-images shots")]
 pub struct Serve {
-    /// Model bundle, with a name if there are several; the first one is used where a request names
-    /// none; may be repeated [default: as of `infer`]
+    /// Model bundle, repeatable with names; the first is the default of requests [default: as of
+    /// `infer`]
     #[arg(long = "model", value_name = "[NAME=]DIR")]
     pub models: Vec<String>,
 
@@ -31,7 +31,7 @@ pub struct Serve {
     )]
     pub rigs: Vec<String>,
 
-    /// Serve the rig of the example that comes along
+    /// Serve the shipped example's rig
     #[arg(long)]
     pub example: bool,
 
@@ -39,19 +39,19 @@ pub struct Serve {
     #[arg(long, value_name = "FILE")]
     pub base: Option<PathBuf>,
 
-    /// Interface to listen on; 0.0.0.0 for all: then others on the network reach it
+    /// Interface to listen on; 0.0.0.0 opens it to the network
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
     pub host: String,
 
-    /// Port of HTTP; 0 for any that is free
+    /// Port of HTTP; 0: any free one
     #[arg(long, value_name = "N", default_value_t = 8080)]
     pub port: u16,
 
-    /// File with a token that requests must show [default: $MVTOP_TOKEN, else none]
+    /// File with the token that requests must show [default: $MVTOP_TOKEN, else none]
     #[arg(long, value_name = "FILE")]
     pub token_file: Option<PathBuf>,
 
-    /// Exposures that may wait while one is worked on; further ones are refused with a time to retry
+    /// Exposures that may wait; further ones are refused with a time to retry
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(..=1000))]
     pub waiting: u32,
 
@@ -59,39 +59,39 @@ pub struct Serve {
     #[arg(long, value_name = "MIB", default_value_t = 128, value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub max_body_mb: u32,
 
-    /// How long a client may take to send its images
+    /// Longest time to receive a request
     #[arg(long, value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=3600))]
     pub body_seconds: u32,
 
-    /// How long an answer may take, waiting included
+    /// Longest time to answer, with waiting
     #[arg(long, value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=3600))]
     pub request_seconds: u32,
 
-    /// Memory for the images of the last exposures, which the page shows, MiB
+    /// Memory for the page's images, MiB
     #[arg(long, value_name = "MIB", default_value_t = 128, value_parser = clap::value_parser!(u32).range(..=65536))]
     pub history_mb: u32,
 
-    /// Keep exposures that failed, gave nothing or were not certain, in this folder
+    /// Keep exposures that failed, found nothing or are doubtful, in this folder
     #[arg(long, value_name = "DIR")]
     pub record: Option<PathBuf>,
 
-    /// Most exposures that are kept; the oldest make way
+    /// Most exposures kept; the oldest are removed
     #[arg(long, value_name = "N", default_value_t = 1000, requires = "record", value_parser = clap::value_parser!(u32).range(1..))]
     pub record_most: u32,
 
-    /// Most that they may take, MiB
+    /// Most space for them, MiB
     #[arg(long, value_name = "MIB", default_value_t = 2048, requires = "record", value_parser = clap::value_parser!(u32).range(1..))]
     pub record_most_mb: u32,
 
-    /// Keep an exposure with a pose of less confidence, where the request names none
+    /// Keep exposures with a pose of lower confidence, if the request names none
     #[arg(long, value_name = "P", default_value_t = 0.8, requires = "record", value_parser = probability)]
     pub record_below: f64,
 
-    /// Port of the line protocol for robot controllers; 0 for any that is free
+    /// Port of the line protocol for robots; 0: any free one
     #[arg(long, value_name = "N")]
     pub line_port: Option<u16>,
 
-    /// Folder with the images that its FIND looks at, named after cameras
+    /// Folder of its images, named after cameras
     #[arg(long, value_name = "DIR", requires = "line_port")]
     pub line_images: Option<PathBuf>,
 

@@ -77,6 +77,7 @@ pub fn detected(
             class: seen.iter().flatten().next()?.class,
             detections: seen,
             candidates: Vec::new(),
+            excluded: Vec::new(),
         };
         (instance.score() >= threshold).then_some(instance)
     };
@@ -145,6 +146,7 @@ pub fn given(
             class,
             detections: in_views.into_iter().map(detection).collect(),
             candidates: Vec::new(),
+            excluded: Vec::new(),
         });
     }
     Ok(objects)

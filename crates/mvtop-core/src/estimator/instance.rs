@@ -10,6 +10,7 @@ use crate::BBox;
 use crate::bundle::Class;
 use crate::detect::Detection;
 use crate::prediction::{Hypothesis, Refinement, Sigma};
+use crate::request::Prior;
 use crate::scorer::Scored;
 
 /// One object: what the detector saw of it, and the poses that it may have.
@@ -21,6 +22,9 @@ pub struct Instance {
     pub detections: Vec<Option<Detection>>,
     /// The best one first.
     pub candidates: Vec<Candidate>,
+    /// Candidates that priors do not allow, where others are allowed: they are not given, and still
+    /// speak against these.
+    pub excluded: Vec<Candidate>,
 }
 
 /// A pose that an object may have.
@@ -72,12 +76,15 @@ impl Instance {
         self.probabilities().first().copied().unwrap_or(0.0)
     }
 
-    /// Probability of each candidate, in order: `odds / (1 + sum of odds)`.
+    /// Probability of each candidate, in order: `odds / (1 + sum of odds)`. The odds of excluded ones
+    /// count less, by how far priors are believed.
     pub fn probabilities(&self) -> Vec<f64> {
         let log_odds = self.candidates.iter().map(|one| one.scored.log_odds);
-        let most = log_odds.clone().fold(0.0, f64::max);
+        let excluded = self.excluded.iter().map(|one| one.scored.log_odds);
+        let most = log_odds.clone().chain(excluded.clone()).fold(0.0, f64::max);
         let odds: Vec<f64> = log_odds.map(|one| (one - most).exp()).collect();
-        let all = (-most).exp() + odds.iter().sum::<f64>();
+        let excluded = excluded.map(|one| (one - most).exp() / Prior::BELIEVED);
+        let all = (-most).exp() + odds.iter().sum::<f64>() + excluded.sum::<f64>();
         odds.into_iter().map(|one| one / all).collect()
     }
 

@@ -218,7 +218,7 @@ impl<'a> Pipeline<'a> {
         let search = &self.config().search;
         for (instance, mut new) in instances.iter_mut().zip(scored) {
             let class = &self.estimator.bundle.classes[instance.class];
-            self.wanted.narrow(instance, &mut new, class);
+            self.wanted.narrow(instance, &mut new, class, search);
             instance.add(new, class, search.merge_deg, search.max_candidates);
         }
     }

@@ -45,6 +45,7 @@ impl Pipeline<'_> {
                     class,
                     detections: vec![None; self.views.len()],
                     candidates: Vec::new(),
+                    excluded: Vec::new(),
                 });
                 instances.len() - 1
             });

@@ -143,7 +143,8 @@ impl Pipeline<'_> {
         instance: &mut Instance,
         change: impl Fn(&mut PoseEvidence, &mut [ViewEvidence]),
     ) {
-        for one in &mut instance.candidates {
+        let excluded = &mut instance.excluded;
+        for one in instance.candidates.iter_mut().chain(excluded) {
             let Scored {
                 initial_log_odds,
                 mut pose,

@@ -3,8 +3,10 @@
 use nalgebra::Isometry3;
 
 use super::PredictOptions;
+use super::grouping::distinct;
 use super::instance::{Candidate, Instance};
 use crate::bundle::{Bundle, Class};
+use crate::config::SearchConfig;
 use crate::prediction::MissReason;
 use crate::request::{Plane, Prior};
 use crate::{BBox, Error, Result};
@@ -134,17 +136,34 @@ impl Wanted {
         Ok(given)
     }
 
-    /// Leaves out candidates that priors do not allow, where others are allowed. An instance without
-    /// such others keeps its own: it is not given, and still hides and suppresses what it does.
-    pub fn narrow(&self, instance: &mut Instance, new: &mut Vec<Candidate>, class: &Class) {
+    /// Excludes candidates that priors do not allow, where others are allowed. An instance without such
+    /// others keeps its own: it is not given, and still hides and suppresses what it does.
+    pub fn narrow(
+        &self,
+        instance: &mut Instance,
+        new: &mut Vec<Candidate>,
+        class: &Class,
+        search: &SearchConfig,
+    ) {
         let index = instance.class;
         if !self.restricts(index) {
             return;
         }
         let fits = |one: &Candidate| self.fit(index, class, &one.world_from_obj).is_ok();
         if instance.candidates.iter().chain(&*new).any(fits) {
-            instance.candidates.retain(fits);
-            new.retain(fits);
+            let mut excluded = std::mem::take(&mut instance.excluded);
+            excluded.extend(instance.candidates.extract_if(.., |one| !fits(one)));
+            excluded.extend(new.extract_if(.., |one| !fits(one)));
+            excluded.sort_by(|a, b| b.scored.log_odds.total_cmp(&a.scored.log_odds));
+            let pose = |one: &Candidate| one.world_from_obj;
+            instance.excluded = distinct(
+                excluded,
+                pose,
+                &class.symmetry,
+                class.diameter_m,
+                search.merge_deg,
+                search.max_candidates,
+            );
         }
     }
 

@@ -24,8 +24,8 @@ pub fn draw(
 ) {
     let axes = axes(camera, cam_from_obj, LENGTH * diameter_m);
     for (pixels, color) in axes {
-        canvas.polyline(&pixels, 4.5 * unit, DARK, 0.6);
-        canvas.polyline(&pixels, 2.5 * unit, color, 1.0);
+        canvas.polyline(&pixels, 5.2 * unit, DARK, 0.6);
+        canvas.polyline(&pixels, 3.2 * unit, color, 1.0);
     }
 }
 
@@ -39,8 +39,8 @@ pub fn draw_true(
     unit: f64,
 ) {
     for (pixels, color) in axes(camera, cam_from_obj, TRUE_LENGTH * diameter_m) {
-        canvas.polyline(&pixels, 2.5 * unit, DARK, 0.6);
-        canvas.polyline(&pixels, 1.2 * unit, [255; 3], 1.0);
+        canvas.polyline(&pixels, 2.0 * unit, DARK, 0.5);
+        canvas.polyline(&pixels, unit, [255; 3], 1.0);
         if let Some(end) = pixels.last() {
             canvas.dot(*end, 4.0 * unit, [255; 3], 1.0);
             canvas.dot(*end, 2.8 * unit, color, 1.0);

@@ -140,7 +140,8 @@ fn wild_poses_and_tiny_images_do_not_panic() {
                 ..at(z, shape)
             };
             for [width, height] in [[2, 1], [640, 480]] {
-                draw(&RgbImage::new(width, height), &camera(), &[object.clone()]);
+                let image = RgbImage::new(width, height);
+                draw(&image, &camera(), std::slice::from_ref(&object));
             }
         }
     }

@@ -11,7 +11,7 @@ use crate::{Error, Result};
 /// A plane on which objects stand upright.
 ///
 /// Objects are given only where an axis of theirs is along the plane's normal, and their lowest surface
-/// point in the plane. Confidences do not change by it.
+/// point in the plane.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Fields", into = "Fields")]
 pub struct Plane {

@@ -1,4 +1,4 @@
-//! `docs/reference/inference.md` has a row for each setting of the inference, with its default.
+//! `docs/reference/inference.md` has a line for each setting of the inference, with its default.
 
 use mvtop_core::config::InferenceConfig;
 use serde_json::Value;
@@ -25,17 +25,17 @@ fn docs_list_every_setting_with_its_default() {
     leaves("", &serde_json::from_str(&text).unwrap(), &mut settings);
 
     let docs = include_str!("../../../../docs/reference/inference.md");
-    let rows = docs.lines().filter_map(|line| line.strip_prefix("| `"));
+    let rows = docs.lines().filter_map(|line| line.strip_prefix("- `"));
     let rows: Vec<(&str, &str)> = rows
         .map(|row| {
-            let (path, rest) = row.split_once("` | ").unwrap();
-            (path, rest.split_once(" |").unwrap().0)
+            let (path, rest) = row.split_once("` (").unwrap();
+            (path, rest.split_once("): ").unwrap().0)
         })
         .collect();
     for (path, default) in &settings {
         let described = rows.iter().filter(|(row, _)| row == path);
         let described: Vec<&str> = described.map(|(_, default)| *default).collect();
-        assert_eq!(described, [default.as_str()], "row of `{path}`");
+        assert_eq!(described, [default.as_str()], "line of `{path}`");
     }
     for (row, _) in &rows {
         let known = settings.iter().any(|(path, _)| path == row);

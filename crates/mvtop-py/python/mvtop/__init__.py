@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         CameraPose,
         Grasp,
         Hypothesis,
+        NearMiss,
         ObjectClass,
         ObjectPose,
         PredictionWarning,
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
         Undetermined,
     )
     from mvtop._prediction import Prediction
-    from mvtop._request import Request
+    from mvtop._request import Plane, Prior, Request
     from mvtop._shipped import example
     from mvtop._tracker import Tracker
     from mvtop.calibration import Calibration, calibrate
@@ -56,10 +57,13 @@ __all__ = [
     "Grasp",
     "Hypothesis",
     "MvtopWarning",
+    "NearMiss",
     "ObjectClass",
     "ObjectPose",
+    "Plane",
     "Prediction",
     "PredictionWarning",
+    "Prior",
     "RefinedRig",
     "Refinement",
     "Request",
@@ -97,7 +101,10 @@ _HOMES = {
     "CameraPose": "mvtop._objects",
     "Grasp": "mvtop._objects",
     "Hypothesis": "mvtop._objects",
+    "NearMiss": "mvtop._objects",
     "ObjectPose": "mvtop._objects",
+    "Plane": "mvtop._request",
+    "Prior": "mvtop._request",
     "Prediction": "mvtop._prediction",
     "Tracker": "mvtop._tracker",
     "PredictionWarning": "mvtop._objects",

@@ -163,6 +163,27 @@ class Grasp:
 
 
 @dataclass(frozen=True, eq=False)
+class NearMiss:
+    """What came nearest to an object of a class of which none is given."""
+
+    class_name: str
+    reason: str
+    """What it failed at, for programs: docs/reference/json.md lists the reasons."""
+    camera: str | None
+    """Id of the camera that shows it best; None where no detection belongs to it."""
+    box: NDArray[np.float64] | None
+    """(4,), x0 y0 x1 y1 in this camera's image, px."""
+    world_from_obj: NDArray[np.float64] | None
+    """(4, 4), object frame to world frame, metres; None before it has a pose."""
+    value: float | None
+    """What was measured, in the unit of the reason."""
+    threshold: float | None
+    """What it should have reached, or not exceeded."""
+    message: str
+    """One sentence."""
+
+
+@dataclass(frozen=True, eq=False)
 class ObjectPose:
     """One object."""
 

@@ -13,7 +13,14 @@ import numpy as np
 from mvtop import _report
 from mvtop._error import Error, MvtopWarning
 from mvtop._mvtop import BOP_RESULTS_HEADER, bop_results_line
-from mvtop._objects import Grasp, ObjectPose, PredictionWarning, RigConsistency, object_classes
+from mvtop._objects import (
+    Grasp,
+    NearMiss,
+    ObjectPose,
+    PredictionWarning,
+    RigConsistency,
+    object_classes,
+)
 
 if TYPE_CHECKING:
     import pandas
@@ -67,6 +74,8 @@ class Prediction:
     left_out: dict[str, int] | None
     """How many objects were found but not asked for, by what left them out: `classes`, `region`,
     `polygons` or `most`; None where all were asked for."""
+    why: list[NearMiss] | None
+    """What came nearest of each class without an object; None where `Request.why` did not ask."""
     rig: Rig
     _class_names: frozenset[str] = field(repr=False)
     _source: Source | None = field(repr=False)

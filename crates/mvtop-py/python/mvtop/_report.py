@@ -10,6 +10,7 @@ from mvtop._objects import (
     CameraPose,
     Grasp,
     Hypothesis,
+    NearMiss,
     ObjectPose,
     PredictionWarning,
     Refinement,
@@ -30,6 +31,7 @@ def fields(values: Mapping[str, Any]) -> dict[str, Any]:
         "objects": [_object(found) for found in values["objects"]],
         "rig_consistency": None if fit is None else RigConsistency(**fit),
         "warnings": [PredictionWarning(**warning) for warning in values["warnings"]],
+        "why": None if values["why"] is None else [NearMiss(**miss) for miss in values["why"]],
     }
 
 
@@ -62,6 +64,7 @@ def _object(values: Mapping[str, Any]) -> ObjectPose:
 def document(prediction: Prediction) -> dict[str, Any]:
     """The document that docs/reference/json.md describes."""
     fit = prediction.rig_consistency
+    why = None if prediction.why is None else [_missed(miss) for miss in prediction.why]
     return {
         "schema_version": REPORT_SCHEMA_VERSION,
         "reference": prediction.reference,
@@ -70,7 +73,21 @@ def document(prediction: Prediction) -> dict[str, Any]:
         "timings_ms": dict(prediction.timings_ms),
         "provider": prediction.provider,
         "warnings": [dict(warning.__dict__) for warning in prediction.warnings],
-        **_asked(frame=prediction.frame, left_out=prediction.left_out),
+        **_asked(frame=prediction.frame, left_out=prediction.left_out, why=why),
+    }
+
+
+def _missed(miss: NearMiss) -> dict[str, Any]:
+    box, pose = miss.box, miss.world_from_obj
+    return {
+        "class": miss.class_name,
+        "reason": miss.reason,
+        "camera": miss.camera,
+        "box": None if box is None else box.tolist(),
+        "T_world_obj": None if pose is None else pose.tolist(),
+        "value": miss.value,
+        "threshold": miss.threshold,
+        "message": miss.message,
     }
 
 

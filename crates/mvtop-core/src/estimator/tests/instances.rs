@@ -7,8 +7,10 @@ use crate::detect::Detection;
 use crate::estimator::instance::{Candidate, Instance};
 use crate::estimator::pipeline::Pipeline;
 use crate::estimator::view::View;
+use crate::estimator::wanted::Wanted;
 use crate::estimator::{nms, reprojection};
 use crate::prediction::Sigma;
+use crate::request::Prior;
 use crate::scorer::Scored;
 use crate::symmetry::Axis;
 use nalgebra::Unit;
@@ -41,6 +43,7 @@ fn instance(log_odds: &[f64]) -> Instance {
         candidates: each
             .map(|(n, odds)| candidate(turned(30.0 * n as f64), *odds))
             .collect(),
+        excluded: Vec::new(),
     }
 }
 
@@ -221,6 +224,7 @@ impl Scene {
                 .map(detection)
                 .collect(),
             candidates: vec![candidate(Isometry3::from(at), odds)],
+            excluded: Vec::new(),
         }
     }
 
@@ -394,4 +398,40 @@ fn detector_speaks_for_what_it_shows_near_the_middle_of_a_projection() {
     near(&detector([0, 0], 0.0), [0.9, 0.9, 0.0]);
     // Two cells of 8 px on: the ball's box is 21 px of the input wide.
     near(&detector([0, 2], 0.2), [0.9, 0.9, 0.0]);
+}
+
+#[test]
+fn excluded_candidates_speak_against_the_others_by_a_twentieth_of_their_odds() {
+    let mut one = instance(&[2.0_f64.ln()]);
+    assert!((one.confidence() - 2.0 / 3.0).abs() < 1e-12);
+    one.excluded = vec![candidate(turned(180.0), 60.0_f64.ln())];
+    // Odds of 2 against 1 for nothing, and 60 / 20.
+    assert!((one.confidence() - 2.0 / 6.0).abs() < 1e-12);
+}
+
+#[test]
+fn candidates_outside_their_prior_are_excluded_where_others_are_inside() {
+    let mut bundle = bundle();
+    bundle.classes.truncate(1);
+    let prior = Prior::new("ball", &turned(0.0), 0.01, 10.0).unwrap();
+    let options = PredictOptions {
+        priors: vec![prior],
+        ..PredictOptions::default()
+    };
+    let wanted = Wanted::new(&bundle, &options).unwrap();
+    let (class, search) = (&bundle.classes[0], InferenceConfig::default().search);
+    // 90 and 60 degrees from the prior, none inside: they stay.
+    let mut one = instance(&[]);
+    let mut new = vec![candidate(turned(90.0), 3.0), candidate(turned(60.0), 2.0)];
+    wanted.narrow(&mut one, &mut new, class, &search);
+    assert_eq!((new.len(), one.excluded.len()), (2, 0));
+    one.add(new, class, search.merge_deg, search.max_candidates);
+    // One of lower odds that is inside, 20 degrees away, and one beside it that is not.
+    let mut new = vec![candidate(turned(20.0), 1.0), candidate(turned(31.0), 1.5)];
+    wanted.narrow(&mut one, &mut new, class, &search);
+    one.add(new, class, search.merge_deg, search.max_candidates);
+    assert_eq!(angles(&one), [20.0]);
+    // The best first.
+    let odds: Vec<f64> = one.excluded.iter().map(|one| one.scored.log_odds).collect();
+    assert_eq!(odds, [3.0, 2.0, 1.5]);
 }

@@ -44,6 +44,7 @@ fn instance(world_from_obj: Isometry3<f64>, log_odds: f64) -> Instance {
         class: 0,
         detections: vec![None; 3],
         candidates: vec![candidate(world_from_obj, log_odds)],
+        excluded: Vec::new(),
     }
 }
 

@@ -202,6 +202,7 @@ fn rolled_crops_look_at_the_best_pose() {
             .chain([None])
             .collect(),
         candidates: vec![candidate(vec![roi, roi])],
+        excluded: Vec::new(),
     };
     let rolls = &estimator.config.search.rolls_deg;
     let requests = pipeline.rolled(closeups, 0, &instance);
