@@ -100,7 +100,7 @@ pub(super) fn choose(
     };
     let mut near_misses: Vec<NearMiss> = Vec::new();
     // What failed at the last choice came nearest.
-    missed.sort_by(|a, b| b.1.cmp(&a.1));
+    missed.sort_by_key(|missed| std::cmp::Reverse(missed.1));
     for (index, reason) in missed {
         let object = &found.objects[index];
         let told = |miss: &NearMiss| miss.class == object.class;

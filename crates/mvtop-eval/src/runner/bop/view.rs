@@ -58,7 +58,7 @@ impl View<'_> {
             let depth = |pose| {
                 crate::metrics::depth(&model.mesh, pose, intrinsics, size, PixelCenter::Half)
             };
-            poses.iter().map(|pose| Ok(depth(pose)?)).collect()
+            poses.iter().map(depth).collect()
         };
         let options = VsdOptions {
             delta: self.vsd_delta,
