@@ -314,7 +314,7 @@ impl Report {
 
     /// The text of the document, for people to look into as well.
     ///
-    /// Names in it are harmless to a terminal, see [`harmless`](crate::error::harmless).
+    /// Names in it are harmless to a terminal, see [`harmless`].
     ///
     /// # Errors
     /// [`Error::Data`] where it cannot be written.

@@ -2,7 +2,7 @@
 //!
 //! Models and rigs are loaded once. An exposure, one image of each camera, is decoded where it arrives and
 //! waits in a bounded queue for the one thread that predicts: a prediction uses all cores by itself, so two
-//! at once would only delay each other. Start reading at [`run`], then [`service`].
+//! at once would only delay each other. Start reading at [`run`], then `service`.
 
 mod accept;
 mod config;

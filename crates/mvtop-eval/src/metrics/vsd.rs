@@ -38,7 +38,7 @@ pub struct VsdOptions {
 /// measured ("bop19"), and, for the estimated pose, what covers visible pixels of the true one. 1
 /// where nothing is visible.
 ///
-/// - `estimate`, `truth`: depth images of the object, see [`super::Mesh::depth`]
+/// - `estimate`, `truth`: depth images of the object, see [`super::depth`]
 /// - `measured`: depth image of the scene, 0 where nothing was measured
 /// - `intrinsics`: a pinhole; its distortion is not used
 ///
