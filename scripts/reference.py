@@ -84,7 +84,7 @@ def commands(cli: Path, *path: str):
 def groups(text: str) -> list[tuple[str, str]]:
     """Blocks that blank lines separate, each with its name (empty: prose)."""
     blocks = [block for block in re.split(r"\n\n+", text) if block]
-    return [(m[1] if (m := re.match(r"([A-Z]\w*):\n", block)) else "", block) for block in blocks]
+    return [(m[1] if (m := re.match(r"([A-Z][\w ]*):\n", block)) else "", block) for block in blocks]
 
 
 def without_repeats(block: str, title: str, seen: dict[str, str]) -> str:
@@ -103,10 +103,11 @@ def without_repeats(block: str, title: str, seen: dict[str, str]) -> str:
 
 def cli_page(cli: Path) -> str:
     shared: dict[str, str] = {}
+    told: dict[str, str] = {}
     seen: dict[str, str] = {}
     parts = [CLI_HEAD]
     for path, text in commands(cli):
-        if subcommands(text) and path:
+        if subcommands(text):
             continue  # its commands follow, each with its own help
         title = " ".join(["mvtop-cli", *path])
         kept, listed = [], False
@@ -114,14 +115,16 @@ def cli_page(cli: Path) -> str:
             listed |= bool(name)
             if name in EXAMPLES or (listed and not name):
                 continue
-            if name in SHARED and shared.setdefault(name, block) == block:
+            if name in SHARED and told.setdefault(name, block) == block:
+                if name not in shared:
+                    shared[name] = without_repeats(block, f"{name} options", seen)
                 block = f"{name} options: see below"
             elif name:
                 block = without_repeats(block, title, seen)
             kept.append(block)
         parts.append(f"## {title}\n\n```text\n" + "\n\n".join(kept) + "\n```\n")
     for name, block in shared.items():
-        options = without_repeats(block, f"{name} options", seen).split("\n", 1)[1]
+        options = block.split("\n", 1)[1]
         parts.append(f"## {name} options\n\n```text\n{options}\n```\n")
     return "\n".join(parts)
 
