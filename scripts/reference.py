@@ -213,7 +213,7 @@ def meaning(comment: str) -> str:
     """The doc comment; a dagger says that no experiment supports the value."""
     short = NOT_MEASURED.sub("", comment).rstrip()
     short = short.rstrip(".") + "."
-    return short + (" †" if NOT_MEASURED.search(comment) else "")
+    return short + ("†" if NOT_MEASURED.search(comment) else "")
 
 
 def rows(path: str, kind: str, known: dict, given: dict, told: dict | None = None) -> list[str]:
