@@ -36,8 +36,7 @@ NOT_MEASURED = re.compile(r"[.;,]? (?:all of it is )?not measured(?=[.;]|$)", re
 CLI_HEAD = """\
 # Command line
 
-Written by `scripts/reference.py` from `mvtop-cli ... --help`; `make reference` renews it. Examples
-and notes are in `--help` and the how-to pages.
+Written by `make reference` from `mvtop-cli ... --help`, which also has examples and notes.
 
 Exit codes: 0 success, 2 an error (one sentence on stderr), 3 a pose that `infer --min-confidence`
 does not accept. `--force`, which most commands have, overwrites existing files.
@@ -118,7 +117,7 @@ def cli_page(cli: Path) -> str:
             if name in SHARED and told.setdefault(name, block) == block:
                 if name not in shared:
                     shared[name] = without_repeats(block, f"{name} options", seen)
-                block = f"{name} options: see below"
+                block = f"{name}: see below"
             elif name:
                 block = without_repeats(block, title, seen)
             kept.append(block)
