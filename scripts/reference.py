@@ -112,7 +112,7 @@ def cli_page(cli: Path) -> str:
         kept, listed = [], False
         for name, block in groups(text):
             listed |= bool(name)
-            if name in EXAMPLES or (listed and not name):
+            if name in EXAMPLES or (listed and not name) or block == f"Usage: {title} [OPTIONS]":
                 continue
             if name in SHARED and told.setdefault(name, block) == block:
                 if name not in shared:
