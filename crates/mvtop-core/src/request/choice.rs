@@ -1,5 +1,7 @@
 //! Which of the objects that were found are given.
 
+use std::cmp::Reverse;
+
 use nalgebra::{Isometry3, Point2, Point3};
 use serde::{Deserialize, Serialize};
 
@@ -100,7 +102,7 @@ pub(super) fn choose(
     };
     let mut near_misses: Vec<NearMiss> = Vec::new();
     // What failed at the last choice came nearest.
-    missed.sort_by(|a, b| b.1.cmp(&a.1));
+    missed.sort_by_key(|(_, reason)| Reverse(*reason));
     for (index, reason) in missed {
         let object = &found.objects[index];
         let told = |miss: &NearMiss| miss.class == object.class;
