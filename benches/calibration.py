@@ -18,8 +18,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "crates/mvtop-py/tests"))
 
-from mvtop.calibration import Board, calibrate, detect, observe, rigid  # noqa: E402
 from test_calibrate import CHARUCO, LENSES, errors, rig_of_three, scattered  # noqa: E402
+
+from mvtop.calibration import Board, calibrate, detect, observe, rigid  # noqa: E402
 
 EXPOSURES = 20
 NOISE_PX = 0.1

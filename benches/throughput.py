@@ -1,6 +1,7 @@
 """How fast batches are made, and how fast the network takes them: which one bounds a run.
 
-    PYTHONPATH=training python benches/throughput.py --config training/mvtop_train/runs/small-cpu.toml
+    PYTHONPATH=training python benches/throughput.py \\
+        --config training/mvtop_train/runs/small-cpu.toml
 
 Views a second of one loader process (and its processor time per view, which other jobs on the
 machine do not change), of the training step on batches that are there already, and how many loader

@@ -188,7 +188,10 @@ pub struct ReportedGrasp {
     pub t_frame_tool: [[f64; 4]; 4],
     /// Opening of the gripper, metres.
     pub opening_m: f64,
-    /// Indices of the other objects that the gripper would touch; null where its shape is not known.
+    /// Whether the gripper would touch another object that was found, given or not; null where its
+    /// shape is not known.
+    pub collides: Option<bool>,
+    /// Indices of those that are given; null likewise.
     pub collides_with: Option<Vec<usize>>,
 }
 

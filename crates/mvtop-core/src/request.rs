@@ -275,7 +275,11 @@ impl Request {
         grasps: Option<&Grasps>,
         rig: &Rig,
     ) -> Result<Answer> {
-        let (prediction, left_out) = choice::choose(self, found, bundle, rig);
+        let all = match self.grasps {
+            true => found.objects.clone(),
+            false => Vec::new(),
+        };
+        let (prediction, given, left_out) = choice::choose(self, found, bundle, rig);
         let mut report = Report::new(&prediction, rig);
         if let Some(least) = self.min_confidence {
             for (reported, object) in report.objects.iter_mut().zip(&prediction.objects) {
@@ -298,8 +302,8 @@ impl Request {
                 reported.t_frame_obj = Some(report::rows(&pose));
             }
             if let (true, Some(grasps)) = (self.grasps, grasps) {
-                let given = grasps.of_all(&prediction, bundle, &frame_from_world);
-                for (reported, grasps) in report.objects.iter_mut().zip(given) {
+                let of_given = grasps.of_all(&all, &given, bundle, &frame_from_world);
+                for (reported, grasps) in report.objects.iter_mut().zip(of_given) {
                     reported.grasps = Some(grasps);
                 }
             }

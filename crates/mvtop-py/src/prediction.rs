@@ -84,6 +84,7 @@ struct GraspValues {
     name: String,
     frame_from_tool: F64,
     opening_m: f64,
+    collides: Option<bool>,
     collides_with: Option<Vec<usize>>,
 }
 
@@ -262,6 +263,7 @@ impl From<report::ReportedGrasp> for GraspValues {
             name: of.name,
             frame_from_tool: rows(&of.t_frame_tool),
             opening_m: of.opening_m,
+            collides: of.collides,
             collides_with: of.collides_with,
         }
     }

@@ -52,13 +52,13 @@ pub struct LeftOut {
     pub most: usize,
 }
 
-/// The prediction without what was not asked for.
+/// The prediction without what was not asked for, and the indices of what is left of its objects.
 pub(super) fn choose(
     request: &Request,
     mut found: Prediction,
     bundle: &Bundle,
     rig: &Rig,
-) -> (Prediction, LeftOut) {
+) -> (Prediction, Vec<usize>, LeftOut) {
     let mut left_out = LeftOut::default();
     let mut kept: Vec<usize> = Vec::new();
     // Found and wanted, but for this.
@@ -127,7 +127,7 @@ pub(super) fn choose(
         index += 1;
         keep
     });
-    (found, left_out)
+    (found, kept, left_out)
 }
 
 /// An object that was found, and is not given.

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use crate::bundle::Bundle;
 use crate::error::misleads;
-use crate::prediction::Prediction;
+use crate::prediction::ObjectPose;
 use crate::report::{ReportedGrasp, rows};
 use crate::transform::from_matrix;
 use crate::{Error, Result, json};
@@ -171,45 +171,52 @@ impl Grasps {
         Ok(Self { gripper, grasps })
     }
 
-    /// The grasps of each object.
+    /// The grasps of each object that is given; what was found and is not given is in the way as well.
     ///
-    /// - `frame_from_world`: to the frame that they are given in
+    /// - `objects`: all that were found
+    /// - `given`: indices of those that are given
+    /// - `frame_from_world`: to the frame that the grasps are given in
     pub(super) fn of_all(
         &self,
-        prediction: &Prediction,
+        objects: &[ObjectPose],
+        given: &[usize],
         bundle: &Bundle,
         frame_from_world: &Isometry3<f64>,
     ) -> Vec<Vec<ReportedGrasp>> {
-        let objects = &prediction.objects;
+        let place = |object: &usize| given.iter().position(|one| one == object);
         let of_object = |index: usize| {
             let object = &objects[index];
             let own = self
                 .grasps
                 .iter()
                 .filter(|grasp| grasp.class == object.class);
-            let given = own.map(|grasp| {
+            let grasps = own.map(|grasp| {
                 let world_from_tool = object.world_from_obj * grasp.obj_from_tool;
                 let others = (0..objects.len()).filter(|other| *other != index);
-                let touched = others.filter(|other| {
-                    let other = &objects[*other];
-                    let Some(class) = bundle.class_index(&other.class) else {
-                        return false;
-                    };
-                    let tool_from_obj = world_from_tool.inverse() * other.world_from_obj;
-                    let points = &bundle.classes[class].points;
-                    let mut points = points.iter().map(|point| Point3::from(point.position));
-                    points.any(|point| self.fills(&(tool_from_obj * point)))
-                });
+                let touched: Vec<usize> = others
+                    .filter(|other| {
+                        let other = &objects[*other];
+                        let Some(class) = bundle.class_index(&other.class) else {
+                            return false;
+                        };
+                        let tool_from_obj = world_from_tool.inverse() * other.world_from_obj;
+                        let points = &bundle.classes[class].points;
+                        let mut points = points.iter().map(|point| Point3::from(point.position));
+                        points.any(|point| self.fills(&(tool_from_obj * point)))
+                    })
+                    .collect();
+                let known = !self.gripper.is_empty();
                 ReportedGrasp {
                     name: grasp.name.clone(),
                     t_frame_tool: rows(&(frame_from_world * world_from_tool)),
                     opening_m: grasp.opening_m,
-                    collides_with: (!self.gripper.is_empty()).then(|| touched.collect()),
+                    collides: known.then_some(!touched.is_empty()),
+                    collides_with: known.then(|| touched.iter().filter_map(place).collect()),
                 }
             });
-            given.collect()
+            grasps.collect()
         };
-        (0..objects.len()).map(of_object).collect()
+        given.iter().copied().map(of_object).collect()
     }
 
     /// Whether the gripper fills a point of the tool's frame.

@@ -459,7 +459,39 @@ fn grasps_are_given_in_the_frame_and_collisions_are_marked() {
     assert!((of_can[0].t_frame_tool[2][3] - 0.8).abs() < 1e-12);
     assert!((of_can[0].opening_m - 0.07).abs() < 1e-12);
     assert_eq!(of_can[1].collides_with, Some(vec![1]));
+    assert_eq!(
+        [of_can[0].collides, of_can[1].collides],
+        [Some(false), Some(true)]
+    );
     assert_eq!(objects[1].grasps, Some(Vec::new()));
+}
+
+#[test]
+fn what_is_found_and_not_given_is_in_the_way_of_a_gripper() {
+    let (_folder, grasps) = with_grasps(GRASPS);
+    let bundle = bundle();
+    let mut found = found();
+    let [x, y, z] = bundle.classes[bundle.class_index("cracker_box").unwrap()].points[0].position;
+    found.objects[1].world_from_obj = Isometry3::translation(0.3 - x, -y, 1.0 - z);
+    let can = found.objects[0].world_from_obj.translation.vector;
+    let [low, high] = [-0.1, 0.1].map(|d| can.map(|x| x + d));
+    let request = format!(
+        r#"{{"grasps": true, "region": {{"min_m": {:?}, "max_m": {:?}}}}}"#,
+        [low.x, low.y, low.z],
+        [high.x, high.y, high.z]
+    );
+    let request = Request::from_json(&request).unwrap();
+    let answer = request
+        .choose(found, &bundle, grasps.unwrap().as_ref(), &rig())
+        .unwrap();
+    let [object] = &answer.report.objects[..] else {
+        panic!("{:?}", answer.report.objects)
+    };
+    let beside = &object.grasps.as_ref().unwrap()[1];
+    assert_eq!(
+        (beside.collides, &beside.collides_with),
+        (Some(true), &Some(vec![]))
+    );
 }
 
 #[test]

@@ -154,12 +154,11 @@ class Grasp:
     """(4, 4), tool frame to the frame that was asked for, metres; the world's by default."""
     opening_m: float
     """Opening of the gripper, metres."""
-    collides_with: list[int] | None
-    """Indices of the other objects that the gripper would touch; None where its shape is not
-    known."""
     collides: bool | None
-    """Whether there are any, also among objects that were left out since; None where its shape is
-    not known."""
+    """Whether the gripper would touch another object that was found, given or left out; None where
+    its shape is not known."""
+    collides_with: list[int] | None
+    """Indices of those that are given; None likewise."""
 
 
 @dataclass(frozen=True, eq=False)

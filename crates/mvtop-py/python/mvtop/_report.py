@@ -42,10 +42,6 @@ def _object(values: Mapping[str, Any]) -> ObjectPose:
     def hypothesis(one: Mapping[str, Any]) -> Hypothesis:
         return Hypothesis(**{**one, "sigma": Sigma(**one["sigma"])})
 
-    def grasp(one: Mapping[str, Any]) -> Grasp:
-        touched = one["collides_with"]
-        return Grasp(**one, collides=None if touched is None else bool(touched))
-
     refined, symmetry = values["refinement"], values["symmetry"]
     grasps = values["grasps"]
     return ObjectPose(
@@ -56,7 +52,7 @@ def _object(values: Mapping[str, Any]) -> ObjectPose:
             "hypotheses": [hypothesis(one) for one in values["hypotheses"]],
             "symmetry": None if symmetry is None else Undetermined(**symmetry),
             "cameras": {seen["id"]: CameraPose(**seen) for seen in values["cameras"]},
-            "grasps": None if grasps is None else [grasp(one) for one in grasps],
+            "grasps": None if grasps is None else [Grasp(**one) for one in grasps],
         }
     )
 
@@ -128,6 +124,7 @@ def _reported(found: ObjectPose) -> dict[str, Any]:
             "name": one.name,
             "T_frame_tool": one.frame_from_tool.tolist(),
             "opening_m": one.opening_m,
+            "collides": one.collides,
             "collides_with": one.collides_with,
         }
 
