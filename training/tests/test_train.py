@@ -269,13 +269,6 @@ def test_poses_are_learnt_from_closeups_on_a_frozen_backbone(dataset, tmp_path):
     assert (tmp_path / "second" / "features" / "features_0.npy").stat().st_mtime_ns == written
 
 
-def test_a_first_stage_may_leave_the_poses_out(dataset, tmp_path):
-    records = run_of(dataset, tmp_path / "first", "steps=20", "lr=5e-3", "warmup=5", "poses=false")
-    assert {"coordinates", "detection"} <= set(records[-1])
-    assert not {"rotation_deg", "translation_m", "uncertainty"} & set(records[-1])
-    assert records[-1]["coordinates"] < records[0]["coordinates"]
-
-
 def test_features_of_closeups_are_completed_after_a_kill(dataset, tmp_path, monkeypatch):
     obj = objects.ball()
     config = configs.preset("tiny", MVBALL)
