@@ -3,9 +3,10 @@
     python benches/calibration.py --rigs 5
 
 Three cameras (two pinhole, one fisheye) see a ChArUco board in 20 exposures; corners have noise of
-0.1 px. Detection is left out: both solve the same numbers, in turn. OpenCV takes images that show
-the whole board only, so both get these; then mvtop gets all that show a part of it as well. Errors
-are of the cameras against the first one, beside the rig that made the corners.
+0.1 px. Detection is left out: both solve the same numbers, in turn. Both get images that show the
+whole board, as OpenCV does not converge where corners are left out (marked by -1, OpenCV 5.0); then
+mvtop gets images that show a part of it as well. Errors are of the cameras against the first one,
+beside the rig that made the corners.
 """
 
 import argparse
