@@ -123,9 +123,7 @@ impl Proposal {
             return None;
         }
         let (ball, mut cost) = meet(config, &views[first][i], &views[second][j])?;
-        let [least, greatest] = *radii.get(ball.class)?;
-        let factor = 1.0 + config.box_tolerance;
-        if ball.radius * factor < least || ball.radius > greatest * factor {
+        if !is_of_class(config, ball.radius, *radii.get(ball.class)?) {
             return None;
         }
         let mut members = vec![None; views.len()];
@@ -292,31 +290,48 @@ pub fn mismatch(
         let (gap_m, limit_m) = (f64::INFINITY, 0.0);
         return Some(Mismatch::Rays { gap_m, limit_m });
     };
-    let (gap_m, [small, large]) = (nearest.gap(), {
-        let (a, b) = (nearest.radius_a, nearest.radius_b);
-        [a.min(b), a.max(b)]
-    });
-    let limit_m = (small + large) * config.box_tolerance;
-    if gap_m > limit_m {
+    let (gap_m, a, b) = (nearest.gap(), nearest.radius_a, nearest.radius_b);
+    let [miss, size] = shares(config, gap_m, a, b);
+    if miss > 1.0 {
+        let limit_m = greatest_gap(config, a, b);
         return Some(Mismatch::Rays { gap_m, limit_m });
     }
     let factor = 1.0 + config.box_tolerance;
-    if large > small * factor.powi(2) {
-        let (radius_m, limit_m) = (large, small * factor.powi(2));
+    if size > 1.0 {
+        let (radius_m, limit_m) = (a.max(b), a.min(b) * factor.powi(2));
         return Some(Mismatch::Sizes { radius_m, limit_m });
     }
-    let radius_m = (small * large).sqrt();
+    let radius_m = (a * b).sqrt();
     let [least, greatest] = [radii[0] / factor, radii[1] * factor];
     let limit_m = radius_m.clamp(least, greatest.max(least));
-    (radius_m != limit_m).then_some(Mismatch::Sizes { radius_m, limit_m })
+    (!is_of_class(config, radius_m, radii)).then_some(Mismatch::Sizes { radius_m, limit_m })
 }
 
 /// 0 for a perfect match, 2 at both limits, `None` beyond either.
 fn cost(config: &AssociationConfig, miss: f64, radius_a: f64, radius_b: f64) -> Option<f64> {
-    // Both boxes may be off.
-    let miss = miss / ((radius_a + radius_b) * config.box_tolerance);
-    let size = (radius_a / radius_b).ln().abs() / (2.0 * config.box_tolerance.ln_1p());
+    let [miss, size] = shares(config, miss, radius_a, radius_b);
     (miss <= 1.0 && size <= 1.0).then_some(miss + size)
+}
+
+/// Distance of two rays and difference of two radii, each as a share of its limit.
+fn shares(config: &AssociationConfig, miss: f64, radius_a: f64, radius_b: f64) -> [f64; 2] {
+    [
+        miss / greatest_gap(config, radius_a, radius_b),
+        (radius_a / radius_b).ln().abs() / (2.0 * config.box_tolerance.ln_1p()),
+    ]
+}
+
+/// Greatest distance of the rays of two boxes that match, metres; both boxes may be off.
+fn greatest_gap(config: &AssociationConfig, radius_a: f64, radius_b: f64) -> f64 {
+    (radius_a + radius_b) * config.box_tolerance
+}
+
+/// Whether a ball by boxes may be an object of a class.
+///
+/// - `least`, `greatest`: half width of the class, metres
+fn is_of_class(config: &AssociationConfig, radius: f64, [least, greatest]: [f64; 2]) -> bool {
+    let factor = 1.0 + config.box_tolerance;
+    radius * factor >= least && radius <= greatest * factor
 }
 
 #[cfg(test)]
