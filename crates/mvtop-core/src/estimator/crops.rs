@@ -188,40 +188,43 @@ pub fn encoded(
         },
     };
     let list: Vec<Crop> = taken.iter().map(crop).collect();
-    let (side, mean, std) = (closeups.size as usize, bundle.input.mean, bundle.input.std);
-    let (mut memory, mut coordinates) = (Vec::new(), Vec::new());
-    for (taken, list) in taken.chunks(BATCH).zip(list.chunks(BATCH)) {
+    let batches = || taken.chunks(BATCH).zip(list.chunks(BATCH));
+    let tensor = |taken: &[(usize, &View, CloseUp)]| {
+        let (side, mean, std) = (closeups.size as usize, bundle.input.mean, bundle.input.std);
         let mut tensor = Array4::zeros((taken.len(), 3, side, side));
         for ((_, view, closeup), pixels) in taken.iter().zip(tensor.outer_iter_mut()) {
             closeup.fill(pixels, view.camera, view.image, mean, std);
         }
-        match has_coordinates {
-            true => coordinates.push(on_images(network.coordinates(tensor.view())?, taken)?),
-            false => {
-                let encoded = network.encode(tensor.view(), rays(list).view())?;
-                memory.push(checked(encoded, list.len())?);
-            }
-        }
-    }
-    let features = match has_coordinates {
-        true => Features::Coordinates(joined("coordinates", &coordinates)?),
-        false => Features::Memory(joined("memory", &memory)?),
+        tensor
+    };
+    let features = if has_coordinates {
+        let of_batch = |(taken, _)| on_images(network.coordinates(tensor(taken).view())?, taken);
+        Features::Coordinates(joined("coordinates", batches().map(of_batch))?)
+    } else {
+        let of_batch = |(taken, list): (_, &[Crop])| {
+            let encoded = network.encode(tensor(taken).view(), rays(list).view())?;
+            checked(encoded, list.len())
+        };
+        Features::Memory(joined("memory", batches().map(of_batch))?)
     };
     Ok((Crops { list, features }, groups))
 }
 
-/// Parts one after the other; empty without parts.
-fn joined<D: RemoveAxis>(name: &'static str, parts: &[Array<f32, D>]) -> Result<Array<f32, D>> {
-    if parts.is_empty() {
-        return Ok(Array::default(D::zeros(D::NDIM.unwrap_or(1))));
-    }
-    let views: Vec<ArrayView<f32, D>> = parts.iter().map(|part| part.view()).collect();
-    let mismatch = |cause| Error::Shape {
+/// Batches one after the other; empty without batches.
+fn joined<D: RemoveAxis>(
+    name: &'static str,
+    batches: impl Iterator<Item = Result<Array<f32, D>>>,
+) -> Result<Array<f32, D>> {
+    let batches = batches.collect::<Result<Vec<_>>>()?;
+    let Some(first) = batches.first() else {
+        return Ok(Array::default(D::default()));
+    };
+    let views: Vec<ArrayView<f32, D>> = batches.iter().map(|batch| batch.view()).collect();
+    concatenate(Axis(0), &views).map_err(|cause| Error::Shape {
         name,
         expected: format!("the same for all crops ({cause})"),
-        got: parts[0].shape().to_vec(),
-    };
-    concatenate(Axis(0), &views).map_err(mismatch)
+        got: first.shape().to_vec(),
+    })
 }
 
 /// Center of a row's cell `n` of `cells`, px of a picture of `side` px.
