@@ -187,30 +187,22 @@ impl Pipeline<'_> {
             None => peak(self.maps.as_ref()?, &self.views, class)?,
         };
         let id = |view: usize| self.views[view].camera.id();
-        let miss = |reason, value: f64, threshold: f64, message: String| NearMiss {
+        let miss = |reason, numbers: Option<[f64; 2]>, message: String| NearMiss {
             class: name.to_owned(),
             reason,
             camera: Some(self.views[view].index),
             bbox,
             world_from_obj: None,
-            value: Some(value),
-            threshold: Some(threshold),
+            value: numbers.map(|[value, _]| value),
+            threshold: numbers.map(|[_, threshold]| threshold),
             message,
         };
         if score >= threshold {
-            return Some(NearMiss {
-                value: None,
-                threshold: None,
-                ..miss(
-                    MissReason::NoPose,
-                    score,
-                    threshold,
-                    format!(
-                        "`{name}` was detected in camera `{}`, where its box gives no crop",
-                        id(view)
-                    ),
-                )
-            });
+            let message = format!(
+                "`{name}` was detected in camera `{}`, where its box gives no crop",
+                id(view)
+            );
+            return Some(miss(MissReason::NoPose, None, message));
         }
         if let [(a, first), (b, second), ..] = &seen[..] {
             let line = |view: usize, one: &Detection| {
@@ -227,20 +219,16 @@ impl Pipeline<'_> {
             );
             match apart {
                 Some(Mismatch::Rays { gap_m, limit_m }) => {
-                    let told = match gap_m.is_finite() {
-                        true => format!(
-                            "have rays {:.1} mm apart, {:.1} mm are allowed",
-                            gap_m * 1e3,
-                            limit_m * 1e3
-                        ),
-                        false => "have rays that do not meet in front of both".to_owned(),
+                    let numbers = gap_m.is_finite().then_some([gap_m, limit_m]);
+                    let how = match numbers {
+                        Some(numbers) => {
+                            let [gap_mm, limit_mm] = numbers.map(|metres| metres * 1e3);
+                            format!("have rays {gap_mm:.1} mm apart, {limit_mm:.1} mm are allowed")
+                        }
+                        None => "have rays that do not meet in front of both".to_owned(),
                     };
-                    let message = format!("{of} {told}");
-                    return Some(NearMiss {
-                        value: gap_m.is_finite().then_some(gap_m),
-                        threshold: gap_m.is_finite().then_some(limit_m),
-                        ..miss(MissReason::RaysApart, gap_m, limit_m, message)
-                    });
+                    let message = format!("{of} {how}");
+                    return Some(miss(MissReason::RaysApart, numbers, message));
                 }
                 Some(Mismatch::Sizes { radius_m, limit_m }) => {
                     let message = format!(
@@ -248,20 +236,18 @@ impl Pipeline<'_> {
                         radius_m * 1e3,
                         limit_m * 1e3
                     );
-                    return Some(miss(MissReason::SizesDisagree, radius_m, limit_m, message));
+                    let numbers = Some([radius_m, limit_m]);
+                    return Some(miss(MissReason::SizesDisagree, numbers, message));
                 }
                 None => {}
             }
         }
-        Some(miss(
-            MissReason::DetectorScore,
-            score,
-            threshold,
-            format!(
-                "the detector's best score for `{name}` is {score:.2}, in camera `{}`, below {threshold:.2}",
-                id(view)
-            ),
-        ))
+        let message = format!(
+            "the detector's best score for `{name}` is {score:.2}, in camera `{}`, below {threshold:.2}",
+            id(view)
+        );
+        let numbers = Some([score, threshold]);
+        Some(miss(MissReason::DetectorScore, numbers, message))
     }
 }
 
