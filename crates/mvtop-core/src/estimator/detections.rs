@@ -73,12 +73,7 @@ pub fn detected(
         let seen: Vec<Option<Detection>> = seen
             .map(|(index, found)| index.map(|index| found[index]))
             .collect();
-        let instance = Instance {
-            class: seen.iter().flatten().next()?.class,
-            detections: seen,
-            candidates: Vec::new(),
-            excluded: Vec::new(),
-        };
+        let instance = Instance::new(seen.iter().flatten().next()?.class, seen);
         (instance.score() >= threshold).then_some(instance)
     };
     let members = associate(config, &lines_of_sight, radii);
@@ -142,12 +137,8 @@ pub fn given(
             let score = 1.0;
             bbox.map(|bbox| Detection { class, score, bbox })
         };
-        objects.push(Instance {
-            class,
-            detections: in_views.into_iter().map(detection).collect(),
-            candidates: Vec::new(),
-            excluded: Vec::new(),
-        });
+        let detections = in_views.into_iter().map(detection).collect();
+        objects.push(Instance::new(class, detections));
     }
     Ok(objects)
 }

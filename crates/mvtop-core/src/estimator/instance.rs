@@ -49,6 +49,16 @@ pub struct Candidate {
 }
 
 impl Instance {
+    /// - `detections`: by index of the view
+    pub fn new(class: usize, detections: Vec<Option<Detection>>) -> Self {
+        Self {
+            class,
+            detections,
+            candidates: Vec::new(),
+            excluded: Vec::new(),
+        }
+    }
+
     /// Probability that not all views that detected the object are wrong, `1 - Π (1 - s)`.
     pub fn score(&self) -> f64 {
         let wrong = self.detections.iter().flatten().map(|one| 1.0 - one.score);

@@ -41,12 +41,7 @@ impl Pipeline<'_> {
                 continue;
             }
             let index = index.unwrap_or_else(|| {
-                instances.push(Instance {
-                    class,
-                    detections: vec![None; self.views.len()],
-                    candidates: Vec::new(),
-                    excluded: Vec::new(),
-                });
+                instances.push(Instance::new(class, vec![None; self.views.len()]));
                 instances.len() - 1
             });
             self.accept(&mut [&mut instances[index]], vec![proposed]);
