@@ -87,13 +87,13 @@ impl Instance {
     }
 
     /// Probability of each candidate, in order: `odds / (1 + sum of odds)`. The odds of excluded ones
-    /// count less, by how far priors are believed.
+    /// are divided by [`Prior::ODDS`].
     pub fn probabilities(&self) -> Vec<f64> {
         let log_odds = self.candidates.iter().map(|one| one.scored.log_odds);
         let excluded = self.excluded.iter().map(|one| one.scored.log_odds);
         let most = log_odds.clone().chain(excluded.clone()).fold(0.0, f64::max);
         let odds: Vec<f64> = log_odds.map(|one| (one - most).exp()).collect();
-        let excluded = excluded.map(|one| (one - most).exp() / Prior::BELIEVED);
+        let excluded = excluded.map(|one| (one - most).exp() / Prior::ODDS);
         let all = (-most).exp() + odds.iter().sum::<f64>() + excluded.sum::<f64>();
         odds.into_iter().map(|one| one / all).collect()
     }

@@ -37,10 +37,10 @@ impl Prior {
     /// Greatest deviation of an answer from its prior, standard deviations.
     pub const MOST_DEVIATIONS: f64 = 3.0;
 
-    /// How far priors and planes are believed against images, as odds: of two poses that the images
-    /// show equally well, the one that they exclude counts so much less. A prior that the images
-    /// contradict gives a pose of low confidence.
-    pub const BELIEVED: f64 = 20.0;
+    /// Odds of priors and planes: of two poses that the images show equally well, the one that they
+    /// exclude is less probable by this factor. A prior that the images contradict gives a pose of low
+    /// confidence.
+    pub const ODDS: f64 = 20.0;
 
     /// - `class`: name of the object's class
     /// - `world_from_obj`: object frame to world frame, metres
