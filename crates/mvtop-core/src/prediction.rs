@@ -2,10 +2,11 @@
 
 mod near_miss;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3};
 use serde::{Deserialize, Serialize};
 
 use crate::BBox;
+use crate::bundle::Bundle;
 use crate::scorer::Scored;
 use crate::symmetry::Symmetry;
 
@@ -134,6 +135,48 @@ pub struct ObjectPose {
     pub cameras: Vec<CameraPose>,
     /// Number by which a tracker knows the object over time; `None` of single predictions.
     pub track_id: Option<u64>,
+}
+
+impl ObjectPose {
+    /// A pose of which nothing else is known; its expected error is 0.
+    ///
+    /// - `class`, `class_id`: name and number of the class
+    /// - `ref_from_obj`, `world_from_obj`: object frame to the reference camera's and the world frame,
+    ///   metres
+    pub fn new(
+        class: impl Into<String>,
+        class_id: i64,
+        score: f64,
+        ref_from_obj: Isometry3<f64>,
+        world_from_obj: Isometry3<f64>,
+    ) -> Self {
+        Self {
+            class: class.into(),
+            class_id,
+            score,
+            ref_from_obj,
+            world_from_obj,
+            sigma: Sigma::default(),
+            deviation: None,
+            coordinate_inliers: None,
+            refinement: None,
+            confidence: None,
+            evidence: None,
+            hypotheses: Vec::new(),
+            next_view: None,
+            symmetry: Symmetry::default(),
+            cameras: Vec::new(),
+            track_id: None,
+        }
+    }
+
+    /// Middle of the box around its surface points, world frame, metres; its origin where the bundle
+    /// does not know the class.
+    pub(crate) fn middle(&self, bundle: &Bundle) -> Point3<f64> {
+        let class = bundle.class_index(&self.class);
+        let middle = class.map(|class| bundle.classes[class].middle());
+        self.world_from_obj * middle.unwrap_or_else(Point3::origin)
+    }
 }
 
 /// A pose that an object may have.

@@ -68,25 +68,11 @@ pub(crate) mod tests {
     /// An object of that class and its id, at a pose in the world.
     pub fn found(class: &str, class_id: i64, pose: Isometry3<f64>) -> ObjectPose {
         ObjectPose {
-            class: class.into(),
-            class_id,
-            score: 1.0,
-            ref_from_obj: pose,
-            world_from_obj: pose,
             sigma: Sigma {
                 rot_deg: 1.0,
                 t_m: 0.01,
             },
-            deviation: None,
-            coordinate_inliers: None,
-            refinement: None,
-            confidence: None,
-            evidence: None,
-            hypotheses: Vec::new(),
-            next_view: None,
-            symmetry: mvtop_core::symmetry::Symmetry::default(),
-            cameras: Vec::new(),
-            track_id: None,
+            ..ObjectPose::new(class, class_id, 1.0, pose, pose)
         }
     }
 

@@ -3,14 +3,14 @@
 use nalgebra::Point3;
 
 use crate::Prediction;
-use crate::bundle::{Bundle, Class};
+use crate::bundle::Bundle;
 use crate::prediction::ObjectPose;
 
 /// How objects are followed over time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrackOptions {
     /// Farthest that an object moves between two predictions, metres; `None`: half its diameter, by
-    /// which objects that lie still are told apart.
+    /// which objects that lie still are distinguished.
     pub max_motion_m: Option<f64>,
     /// Predictions after which an object that is not found any more is forgotten.
     pub patience: usize,
@@ -62,12 +62,11 @@ impl Tracks {
     /// - `bundle`: that of the prediction
     pub fn follow(&mut self, prediction: &mut Prediction, bundle: &Bundle) {
         let of = |object: &ObjectPose| {
-            let class = bundle.class_index(&object.class);
-            let class = class.map(|class| &bundle.classes[class]);
-            let middle = class.map_or_else(Point3::origin, Class::middle);
-            let reach = self.options.max_motion_m;
-            let reach = reach.or(class.map(|class| class.diameter_m / 2.0));
-            (object.world_from_obj * middle, reach.unwrap_or(0.0))
+            let reach = self.options.max_motion_m.or_else(|| {
+                let class = bundle.class_index(&object.class)?;
+                Some(bundle.classes[class].diameter_m / 2.0)
+            });
+            (object.middle(bundle), reach.unwrap_or(0.0))
         };
         let seen: Vec<(Point3<f64>, f64)> = prediction.objects.iter().map(of).collect();
         let mut pairs = Vec::new();

@@ -178,23 +178,21 @@ impl Pipeline<'_> {
             let views = &best.scored.views;
             views.iter().map(|one| one.coordinates).sum::<f64>() / views.len().max(1) as f64
         });
+        let ref_from_obj = ref_from_world * world_from_obj;
         Some(ObjectPose {
-            class: class.name.clone(),
-            class_id: class.id,
-            score: instance.score(),
-            ref_from_obj: ref_from_world * world_from_obj,
-            world_from_obj,
             sigma: grouping::expected_error(&hypotheses, &class.symmetry, class.diameter_m),
-            deviation: None,
             coordinate_inliers: coordinates,
             refinement: best.refinement,
-            confidence: None,
-            evidence: None,
             hypotheses,
-            next_view: None,
             symmetry: class.symmetry.clone(),
             cameras,
-            track_id: None,
+            ..ObjectPose::new(
+                &class.name,
+                class.id,
+                instance.score(),
+                ref_from_obj,
+                world_from_obj,
+            )
         })
     }
 }

@@ -52,7 +52,7 @@ pub struct LeftOut {
     pub most: usize,
 }
 
-/// The prediction without what was not asked for, and the indices of what is left of its objects.
+/// The objects that were asked for, and their indices among all that were found.
 pub(super) fn choose(
     request: &Request,
     mut found: Prediction,
@@ -65,7 +65,7 @@ pub(super) fn choose(
     let mut missed: Vec<(usize, MissReason)> = Vec::new();
     for (index, object) in found.objects.iter().enumerate() {
         let listed = |classes: &Vec<String>| classes.contains(&object.class);
-        let middle = middle(object, bundle);
+        let middle = object.middle(bundle);
         if !request.classes.as_ref().is_none_or(listed) {
             left_out.classes += 1;
         } else if !request.region.is_none_or(|region| region.contains(&middle)) {
@@ -148,14 +148,6 @@ fn near_miss(object: &ObjectPose, reason: MissReason) -> NearMiss {
         threshold: None,
         message: format!("`{}` was found, {place}", object.class),
     }
-}
-
-/// Middle of the box around the object's surface points, world frame, metres; its origin where the
-/// class is not known.
-fn middle(object: &ObjectPose, bundle: &Bundle) -> Point3<f64> {
-    let class = bundle.class_index(&object.class);
-    let middle = class.map(|class| bundle.classes[class].middle());
-    object.world_from_obj * middle.unwrap_or_else(Point3::origin)
 }
 
 fn is_in_polygons(request: &Request, middle: &Point3<f64>, rig: &Rig) -> bool {

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point2, Translation3, UnitQuaternion, Vector3};
 
 use super::choice::is_inside;
 use super::*;
-use crate::prediction::{MissReason, ObjectPose, Sigma, Timings, Warning, WarningCode};
+use crate::prediction::{MissReason, ObjectPose, Timings, Warning, WarningCode};
 use crate::symmetry::Symmetry;
 use crate::{Camera, Intrinsics, Projection};
 
@@ -26,22 +26,8 @@ fn rig() -> Rig {
 fn object(class: &str, confidence: f64, at: [f64; 3]) -> ObjectPose {
     let pose = Isometry3::from_parts(Translation3::from(at), UnitQuaternion::identity());
     ObjectPose {
-        class: class.into(),
-        class_id: 1,
-        score: 0.5,
-        ref_from_obj: pose,
-        world_from_obj: pose,
-        sigma: Sigma::default(),
-        deviation: None,
-        coordinate_inliers: None,
-        refinement: None,
         confidence: Some(confidence),
-        evidence: None,
-        hypotheses: Vec::new(),
-        next_view: None,
-        symmetry: Symmetry::default(),
-        cameras: Vec::new(),
-        track_id: None,
+        ..ObjectPose::new(class, 1, 0.5, pose, pose)
     }
 }
 

@@ -226,20 +226,9 @@ fn verdict_asks_for_another_view_where_that_could_tell() {
         probability,
     };
     let object = |confidence, first: f64, views: usize| ObjectPose {
-        class: "ball".into(),
-        class_id: 1,
-        score: 0.9,
-        ref_from_obj: Isometry3::identity(),
-        world_from_obj: Isometry3::identity(),
         sigma: SIGMA,
-        deviation: None,
-        coordinate_inliers: None,
-        refinement: None,
         confidence,
-        evidence: None,
         hypotheses: vec![hypothesis(first), hypothesis(1.0 - first)],
-        next_view: None,
-        symmetry: Default::default(),
         cameras: (0..3)
             .map(|camera| crate::prediction::CameraPose {
                 camera,
@@ -247,7 +236,7 @@ fn verdict_asks_for_another_view_where_that_could_tell() {
                 bbox: (camera < views).then_some([0., 0., 9., 9.].into()),
             })
             .collect(),
-        track_id: None,
+        ..ObjectPose::new("ball", 1, 0.9, Isometry3::identity(), Isometry3::identity())
     };
     for (confidence, first, views, least, expected) in [
         (Some(0.8), 0.5, 1, 0.8, Verdict::Accept),

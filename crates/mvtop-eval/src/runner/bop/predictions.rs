@@ -5,8 +5,7 @@ use std::path::Path;
 
 use crate::bop::{Group, ResultRow, doubt_of_unit, load_results};
 use mvtop_core::Prediction;
-use mvtop_core::prediction::{ObjectPose, Sigma, Timings};
-use mvtop_core::symmetry::Symmetry;
+use mvtop_core::prediction::{ObjectPose, Timings};
 
 use super::Options;
 use super::plan::Plan;
@@ -76,28 +75,14 @@ impl Predictions {
                 continue;
             };
             let ref_from_obj = row.estimate.cam_from_obj()?;
-            objects.push(ObjectPose {
-                class: class.clone(),
-                class_id: row.estimate.obj_id.into(),
-                score: row.estimate.score,
+            // Its expected error is not known, see `Source::expects`.
+            objects.push(ObjectPose::new(
+                class,
+                row.estimate.obj_id.into(),
+                row.estimate.score,
                 ref_from_obj,
-                world_from_obj: world_from_ref * ref_from_obj,
-                // Nothing is said of it, see `Source::expects`.
-                sigma: Sigma {
-                    rot_deg: 0.0,
-                    t_m: 0.0,
-                },
-                deviation: None,
-                coordinate_inliers: None,
-                refinement: None,
-                confidence: None,
-                evidence: None,
-                hypotheses: Vec::new(),
-                next_view: None,
-                symmetry: Symmetry::default(),
-                cameras: Vec::new(),
-                track_id: None,
-            });
+                world_from_ref * ref_from_obj,
+            ));
         }
         let time_s = rows.and_then(|rows| rows.first()?.time_s);
         let prediction = Prediction {
