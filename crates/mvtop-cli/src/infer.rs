@@ -30,8 +30,8 @@ pub fn run(args: &Infer) -> Result<bool> {
     let rig = Rig::load(&rig_file)?;
     let files = assign(&rig, &images)?;
     let mut request = args.choice.request(args)?;
-    let why = request.why || request.classes.is_some();
-    // People are told wherever there is nothing else to tell.
+    let why = request.says_why();
+    // Text reports them wherever there is no object.
     request.why |= !args.json;
     let truth = truth_file.as_deref().map(annotations::load_truth);
     let truth = truth.transpose()?;

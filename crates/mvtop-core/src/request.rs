@@ -88,7 +88,7 @@ pub struct Request {
     /// Whether the bundle's grasps are given with each object.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub grasps: bool,
-    /// Whether it is said of each class without an object what came nearest; of [`Request::classes`] it
+    /// Whether what came nearest is reported of each class without an object; of [`Request::classes`] it
     /// always is.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub why: bool,
@@ -158,8 +158,8 @@ impl Request {
         }
     }
 
-    /// Whether near misses are told of.
-    fn says_why(&self) -> bool {
+    /// Whether near misses are reported.
+    pub fn says_why(&self) -> bool {
         self.why || self.classes.is_some()
     }
 
