@@ -11,13 +11,13 @@ import rclpy
 from ibpc_interfaces.msg import PoseEstimate
 from ibpc_interfaces.srv import GetPoseEstimates
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 
 import mvtop
 from mvtop_ros import images, parameters
 from mvtop_ros.finder import BusyError, Finder
 from mvtop_ros.rigs import rig_of
+from mvtop_ros.spinning import spin
 from mvtop_ros.transforms import of_pose, to_pose
 
 METRES = 1e-3
@@ -123,16 +123,7 @@ def main():
         rclpy.logging.get_logger("bpc_pose_estimator").fatal(str(problem))
         rclpy.try_shutdown()
         raise SystemExit(1) from None
-    executor = MultiThreadedExecutor(num_threads=node.threads)
-    executor.add_node(node)
-    try:
-        executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.try_shutdown()
+    spin(node, node.threads)
 
 
 if __name__ == "__main__":

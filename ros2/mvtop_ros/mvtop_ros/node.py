@@ -6,7 +6,6 @@ import warnings
 
 import rclpy
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.time import Time
 from std_msgs.msg import Header
@@ -20,6 +19,7 @@ from mvtop_ros.finder import BusyError, Finder
 from mvtop_ros.frames import Frames
 from mvtop_ros.newest import Newest
 from mvtop_ros.publishers import LASTING, Publishers
+from mvtop_ros.spinning import spin
 
 # The same sentence is not logged more often, seconds.
 _LOG_EVERY_S = 5.0
@@ -176,20 +176,14 @@ def main():
     warnings.simplefilter("ignore", mvtop.MvtopWarning)  # they are logged
     rclpy.init()
     node = PoseNode()
-    # As many as may wait, and some for images.
-    executor = MultiThreadedExecutor(num_threads=node.get_parameter("waiting").value + 6)
-    executor.add_node(node)
-    try:
+
+    def begin():
         if node.get_parameter("autostart").value:
             if node.trigger_configure() == TransitionCallbackReturn.SUCCESS:
                 node.trigger_activate()
-        executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.try_shutdown()
+
+    # As many as may wait, and some for images.
+    spin(node, node.get_parameter("waiting").value + 6, begin)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 
 @dataclass(frozen=True)
 class Parameter:
-    """What is said of one parameter where it is declared."""
+    """A parameter as it is declared."""
 
     default: object
     """A list of texts is never empty, as its type is then not known: `[""]` is one without any."""
