@@ -5,10 +5,10 @@
     mvtop-train run --config small-gpu --minutes 25
 
 Scenes are rendered by all cores while the network already trains on those that are there. The
-training ends when the time is nearly over, its learning rate annealed. Networks with close-ups
-learn their poses in a second stage, in `poses/`. A second call goes on where a killed one was. The
-run folder gets `bundle/`, `evaluation.json` or of your own parts `report/`, and all that `train.py`
-writes. See docs/tutorials/your-own-part.md.
+training ends when the time is nearly over, its learning rate annealed. Networks that decode
+poses from close-ups learn these in a second stage, in `poses/`. A second call goes on where a
+killed one was. The run folder gets `bundle/`, `evaluation.json` or of preset `lite` and of your own
+parts `report/`, and all that `train.py` writes. See docs/tutorials/your-own-part.md.
 """
 
 import math
