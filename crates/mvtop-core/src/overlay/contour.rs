@@ -164,7 +164,7 @@ fn lines_at(values: &[u8], width: usize) -> Vec<Vec<Point2<f64>>> {
     lines
 }
 
-/// A closed line without the points that hardly change it (Douglas-Peucker).
+/// A closed line without points that are within a tolerance of it (Douglas-Peucker).
 fn simplified(line: &[Point2<f64>]) -> Vec<Point2<f64>> {
     let mut kept = vec![false; line.len()];
     let middle = line.len() / 2;

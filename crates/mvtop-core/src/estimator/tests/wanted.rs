@@ -1,4 +1,4 @@
-//! Classes, priors and planes that are asked for, and what is said of classes without an object.
+//! Classes, priors and planes that are asked for, and near misses of classes without an object.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
