@@ -3,6 +3,7 @@
 mod guard;
 mod pages;
 mod predict;
+mod unread;
 mod views;
 
 pub use self::guard::is_token;
@@ -13,7 +14,7 @@ use std::time::Duration;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::http::{StatusCode, header};
-use axum::middleware::from_fn_with_state;
+use axum::middleware::{from_fn_with_state, map_request};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use hyper::server::conn::http1;
@@ -80,6 +81,7 @@ fn router(service: Arc<Service>) -> Router {
             )
         })
         .layer(from_fn_with_state(service.clone(), guard::guard))
+        .layer(map_request(unread::read_rest))
         .with_state(service)
 }
 

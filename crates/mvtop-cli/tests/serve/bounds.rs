@@ -75,6 +75,21 @@ fn what_is_wrong_is_told_in_one_sentence() {
 }
 
 #[test]
+fn refusals_reach_who_still_sends() {
+    let server = Server::start(&["--max-body-mb", "1"]);
+    let image = vec![("cam0", "image/png", vec![0; 8 << 20])];
+    for (query, status) in [("", 413), ("?model=nut", 400)] {
+        let bytes = server.posted(query, &[], &image);
+        let mut stream = server.connect();
+        for piece in bytes.chunks(3 << 20) {
+            stream.write_all(piece).unwrap();
+            thread::sleep(Duration::from_millis(200));
+        }
+        assert_eq!(Answer::read(stream).status, status);
+    }
+}
+
+#[test]
 fn arguments_that_cannot_be_meant_end_it_in_one_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let short = folder.path().join("token");
