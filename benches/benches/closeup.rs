@@ -3,6 +3,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use image::{Rgb, RgbImage};
 use mvtop_core::closeup::CloseUp;
+use mvtop_core::image::Pyramid;
 use mvtop_core::{Camera, Intrinsics, Projection};
 use nalgebra::Isometry3;
 use std::hint::black_box;
@@ -24,6 +25,7 @@ fn closeup(c: &mut Criterion) {
             &[-0.006, 0.016, -0.024, 0.0155],
         ),
     ];
+    let image = Pyramid::new(&image);
     let mut group = c.benchmark_group("closeup");
     for (name, family, params) in lenses {
         let projection = Projection::from_params(family, None, params).expect("a lens");

@@ -3,9 +3,10 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use mvtop_benches::repository;
 use mvtop_core::annotations::load_truth;
+use mvtop_core::image::{self, Pyramid};
 use mvtop_core::prediction::Sigma;
 use mvtop_core::refine::{Refiner, Schedule, View};
-use mvtop_core::{Rig, image, mesh, pose};
+use mvtop_core::{Rig, mesh, pose};
 use nalgebra::{Isometry3, Vector3};
 
 fn refine(c: &mut Criterion) {
@@ -22,6 +23,7 @@ fn refine(c: &mut Criterion) {
             image::load(&file, camera).expect("an image of the example")
         })
         .collect();
+    let images: Vec<_> = images.iter().map(Pyramid::new).collect();
     let views: Vec<View> = rig
         .cameras()
         .iter()

@@ -18,7 +18,7 @@ pub use self::judge::{Correction, Off, PairResidual, Refined};
 use self::adjust::{Adjusted, Object, Scene, Sighting, adjusted};
 use self::alone::Alone;
 use crate::estimator::{Estimator, PredictOptions};
-use crate::image::ViewImage;
+use crate::image::{Pyramid, ViewImage};
 use crate::refine::View;
 use crate::refine::correspondence_lines::CorrespondenceLines;
 use crate::{Error, Result, Rig};
@@ -191,7 +191,7 @@ fn by_rig(
                     continue;
                 };
                 let camera = &start.cameras()[shown.camera];
-                let image = &view.image;
+                let image = &Pyramid::new(&view.image);
                 let lines = CorrespondenceLines::new(
                     refiner,
                     &View { camera, image },

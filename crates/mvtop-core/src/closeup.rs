@@ -8,20 +8,19 @@
 
 mod pixels;
 
-use image::RgbImage;
 use nalgebra::{Isometry3, Point2, Point3, Unit, UnitQuaternion, Vector3};
 use ndarray::{Array2, Array3, ArrayViewMut2, ArrayViewMut3, Axis};
 use rayon::prelude::*;
 
 use crate::BBox;
 use crate::camera::{Camera, Intrinsics, Projection};
-use crate::image::Letterbox;
+use crate::image::{Letterbox, Pyramid};
 use crate::parallel;
 use crate::rays::camera_rays;
 
 /// What the longer side of the box takes of the picture; the rest shows what is around it.
 pub const FILL: f64 = 0.6;
-/// Samples along each axis of a pixel, against aliasing.
+/// Most samples along each axis of a pixel, where an image has no smaller one.
 const MAX_TAPS: u32 = 8;
 
 /// A virtual pinhole camera that looks at a box of a real one's image.
@@ -31,8 +30,8 @@ pub struct CloseUp {
     pub camera: Camera,
     /// The box in its picture.
     pub bbox: BBox,
-    /// Samples along each axis of a pixel.
-    taps: u32,
+    /// Pixels of the real image along each axis of a pixel.
+    step: f64,
     cam_from_close: UnitQuaternion<f64>,
 }
 
@@ -108,7 +107,6 @@ impl CloseUp {
         let reach = (-left).max(right).max(-top).max(bottom);
         let side = f64::from(size);
         let (focal, middle) = (FILL * side / 2.0 / reach, (side - 1.0) / 2.0);
-        let taps = (across_px / (FILL * side)).ceil();
         let cam_from_close = close_from_cam.inverse();
         let intrinsics = Intrinsics::new(focal, focal, middle, middle, Projection::Pinhole).ok()?;
         let world_from_close = camera.world_from_cam()
@@ -116,7 +114,7 @@ impl CloseUp {
         Some(Self {
             camera: Camera::new(camera.id(), [size; 2], intrinsics, world_from_close).ok()?,
             bbox: sides.map(|x| x * focal + middle).into(),
-            taps: (taps as u32).clamp(1, MAX_TAPS),
+            step: across_px / (FILL * side),
             cam_from_close,
         })
     }
@@ -127,16 +125,16 @@ impl CloseUp {
         Letterbox::new(width, height, width, height)
     }
 
-    /// The picture as the network takes it, from the `image` of the real camera.
+    /// The picture as the network takes it, from the image of the real camera.
     ///
-    /// A pixel is the mean of some bilinear samples, then `(x/255 - mean)/std`; 0 where its center is
+    /// A pixel is the mean of some bilinear samples of the image, or of a smaller one, then `(x/255 - mean)/std`; 0 where its center is
     /// off the image.
     ///
     /// - returns: `[3, size, size]`
     pub fn picture(
         &self,
         real: &Camera,
-        image: &RgbImage,
+        image: &Pyramid,
         mean: [f32; 3],
         std: [f32; 3],
     ) -> Array3<f32> {
@@ -153,7 +151,7 @@ impl CloseUp {
         &self,
         mut picture: ArrayViewMut3<f32>,
         real: &Camera,
-        image: &RgbImage,
+        image: &Pyramid,
         mean: [f32; 3],
         std: [f32; 3],
     ) {
@@ -171,10 +169,10 @@ impl CloseUp {
         });
     }
 
-    /// R, G and B, 0 to 255, of its pixels, row by row, from the `image` of the real camera.
+    /// R, G and B, 0 to 255, of its pixels, row by row, from the image of the real camera.
     ///
-    /// A pixel is the mean of some bilinear samples; `None` where its center is off the image.
-    pub fn pixels(&self, real: &Camera, image: &RgbImage) -> Vec<Option<[f32; 3]>> {
+    /// A pixel is the mean of some bilinear samples of the image, or of a smaller one; `None` where its center is off the image.
+    pub fn pixels(&self, real: &Camera, image: &Pyramid) -> Vec<Option<[f32; 3]>> {
         let size = self.camera.width() as usize;
         let job = self.job(real, image);
         let mut pixels = vec![None; size * size];
@@ -183,12 +181,14 @@ impl CloseUp {
         pixels
     }
 
-    fn job<'a>(&self, real: &'a Camera, image: &'a RgbImage) -> pixels::Job<'a> {
+    fn job<'a>(&self, real: &'a Camera, image: &'a Pyramid) -> pixels::Job<'a> {
+        let (image, halved) = image.of_step(self.step);
+        let scale = 0.5_f64.powi(halved as i32);
         pixels::Job {
             directions: self.directions(),
-            taps: self.taps,
+            taps: ((self.step * scale).ceil() as u32).clamp(1, MAX_TAPS),
             real,
-            image: pixels::Between::new(image),
+            image: pixels::Between::new(image, scale),
         }
     }
 

@@ -35,7 +35,7 @@ use self::pipeline::Pipeline;
 use crate::annotations::GivenBoxes;
 use crate::bundle::{Bundle, Class};
 use crate::config::InferenceConfig;
-use crate::image::ViewImage;
+use crate::image::{Pyramid, ViewImage};
 use crate::network::Network;
 #[cfg(feature = "onnx")]
 use crate::network::OnnxNetwork;
@@ -249,10 +249,8 @@ impl Estimator {
         let refiner = class.and_then(|class| self.refiners[class].as_ref());
         let edges = |view: &ViewImage| {
             let camera = rig.cameras().get(view.camera)?;
-            let view = refine::View {
-                camera,
-                image: &view.image,
-            };
+            let image = &Pyramid::new(&view.image);
+            let view = refine::View { camera, image };
             Some(refiner?.edges(&view, &object.world_from_obj))
         };
         let of_view = |view| edges(view).unwrap_or_default();

@@ -3,6 +3,7 @@
 mod gamma;
 mod jpeg;
 mod load;
+mod pyramid;
 mod tiff;
 
 use fast_image_resize as fir;
@@ -11,6 +12,7 @@ use ndarray::{Array3, ArrayViewMut3};
 
 use crate::{BBox, Error, Result};
 pub use load::{decode, load, size};
+pub use pyramid::Pyramid;
 
 /// Images whose values differ by no more than this, of 255, in any channel show nothing.
 const ONE_COLOR: u8 = 8;

@@ -25,7 +25,6 @@ mod texture;
 mod view_quality;
 mod view_state;
 
-use image::RgbImage;
 use nalgebra::{Isometry3, Matrix6, Point3};
 use rayon::prelude::*;
 
@@ -40,6 +39,7 @@ pub use self::view_quality::{Quality, ViewQuality};
 use self::view_state::ViewState;
 use crate::Camera;
 use crate::bundle::SurfacePoint;
+use crate::image::Pyramid;
 use crate::mesh::Mesh;
 use crate::prediction::Sigma;
 use crate::symmetry::Symmetry;
@@ -50,7 +50,7 @@ pub struct View<'a> {
     /// With its true lens.
     pub camera: &'a Camera,
     /// Image of the camera.
-    pub image: &'a RgbImage,
+    pub image: &'a Pyramid<'a>,
 }
 
 /// A contour point of the mesh that a camera should see.

@@ -13,6 +13,7 @@ import torch
 
 from ..data.closeup import FILL, MAX_TAPS
 
+SMALLER = 4  # times that an image is halved at most
 UNTIL = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-15)  # OpenCV stops early
 
 
@@ -75,8 +76,8 @@ def rays_of_box(camera: Camera, box) -> np.ndarray:
     return camera.unproject(np.array([[xc, yc], [x0, yc], [x1, yc], [xc, y0], [xc, y1]]))
 
 
-def closeup_of(real: Camera, box, size: int) -> tuple[Camera, np.ndarray, int]:
-    """The virtual camera of a box [4] px, the box in its picture, and samples per pixel's side."""
+def closeup_of(real: Camera, box, size: int) -> tuple[Camera, np.ndarray, float]:
+    """The virtual camera of a box [4] px, the box in its picture, and px of the image per px of it."""
     rays = rays_of_box(real, box)
     axis = np.cross(rays[0], [0, 0, 1])
     angle = np.arctan2(np.linalg.norm(axis), rays[0, 2])
@@ -87,9 +88,8 @@ def closeup_of(real: Camera, box, size: int) -> tuple[Camera, np.ndarray, int]:
     k = np.array([[focal, 0, middle], [0, focal, middle], [0, 0, 1]])
     pose = real.world_from_cam.copy()
     pose[:3, :3] = pose[:3, :3] @ turn.T
-    taps = np.ceil(max(box[2] - box[0], box[3] - box[1]) / (FILL * size))
-    virtual = Camera(real.id, size, size, k, pose)
-    return virtual, bounds * focal + middle, int(np.clip(taps, 1, MAX_TAPS))
+    step = max(box[2] - box[0], box[3] - box[1]) / (FILL * size)
+    return Camera(real.id, size, size, k, pose), bounds * focal + middle, step
 
 
 def seen_by(real: Camera, virtual: Camera, pixels: np.ndarray) -> np.ndarray:
@@ -98,19 +98,32 @@ def seen_by(real: Camera, virtual: Camera, pixels: np.ndarray) -> np.ndarray:
     return real.project(virtual.unproject(pixels) @ real_from_virtual.T)
 
 
-def picture_of(virtual: Camera, real: Camera, rgb: np.ndarray, taps: int):
-    """What `virtual` would have taken, of what `real` took (`rgb` [H, W, 3]).
+def half(rgb: np.ndarray) -> np.ndarray:
+    """An image [H, W, 3] at half its size, of rounded means; an odd last column or row is left out."""
+    height, width = (length // 2 for length in rgb.shape[:2])
+    fours = rgb[: 2 * height, : 2 * width].reshape(height, 2, width, 2, 3).astype(np.uint16)
+    return ((fours.sum((1, 3)) + 2) // 4).astype(np.uint8)
 
-    A pixel is the mean of `taps` x `taps` bilinear samples; beyond the image its edge goes on.
+
+def picture_of(virtual: Camera, real: Camera, rgb: np.ndarray, step: float):
+    """What `virtual` would have taken, of what `real` took (`rgb` [H, W, 3], uint8).
+
+    A pixel is the mean of some bilinear samples; beyond the image its edge goes on. The image is
+    halved first where a pixel shows `step` >= 2 px of it.
 
     returns  [height, width, 3], as `rgb`; [height, width], whether a pixel's center lies on it
     """
     pixels = np.stack(np.meshgrid(np.arange(virtual.width), np.arange(virtual.height)), -1)
+    scale = 1.0
+    while step * scale >= 2 and scale > 0.5**SMALLER and min(rgb.shape[:2]) >= 2:
+        rgb, scale = half(rgb), scale / 2
+    taps = int(np.clip(np.ceil(step * scale), 1, MAX_TAPS))
     source = torch.from_numpy(np.ascontiguousarray(rgb)).double().movedim(-1, 0)[None]
-    last = np.array([real.width - 1, real.height - 1])
+    last = np.array([rgb.shape[1] - 1, rgb.shape[0] - 1])
     offsets, total = (np.arange(taps) + 0.5) / taps - 0.5, 0
     for offset in np.stack(np.meshgrid(offsets, offsets), -1).reshape(-1, 2):
-        grid = torch.from_numpy(seen_by(real, virtual, pixels + offset) / last * 2 - 1)[None]
+        places = (seen_by(real, virtual, pixels + offset) + 0.5) * scale - 0.5
+        grid = torch.from_numpy(places / last * 2 - 1)[None]
         total = total + torch.nn.functional.grid_sample(
             source, grid, padding_mode="border", align_corners=True
         )

@@ -58,8 +58,8 @@ def whole_image(config, camera: Camera, rgb: np.ndarray, box: np.ndarray) -> Pic
 
 def close_up(config, camera: Camera, rgb: np.ndarray, box: np.ndarray) -> Picture:
     size = config.closeup
-    virtual, bounds, taps = closeup_of(camera, box, size)
-    picture, on_image = picture_of(virtual, camera, rgb, taps)
+    virtual, bounds, step = closeup_of(camera, box, size)
+    picture, on_image = picture_of(virtual, camera, rgb, step)
     pixels = rays.cell_centers(config.decoder_shapes(), config.pose_strides).double().numpy()
     return Picture(
         normalised_picture(config, picture) * on_image,

@@ -7,7 +7,7 @@ use nalgebra::Isometry3;
 use super::Expected;
 use super::adjust::{Object, Scene, Sighting, adjusted};
 use crate::estimator::{Estimator, PredictOptions};
-use crate::image::ViewImage;
+use crate::image::{Pyramid, ViewImage};
 use crate::refine::View;
 use crate::refine::correspondence_lines::CorrespondenceLines;
 use crate::{Error, Result, Rig};
@@ -137,7 +137,7 @@ pub fn sightings(estimator: &Estimator, rig: &Rig, sets: &[Vec<ViewImage>]) -> R
                 let pose = object.world_from_obj;
                 let shown = View {
                     camera: &camera,
-                    image: &view.image,
+                    image: &Pyramid::new(&view.image),
                 };
                 let Some(mut lines) = CorrespondenceLines::new(refiner, &shown, &pose)? else {
                     continue;

@@ -215,7 +215,7 @@ fn cameras_come_back_by_the_edges_of_what_they_see() {
             let cam_from_obj = camera.world_from_cam().inv_mul(&pose);
             let view = View {
                 camera,
-                image: &image,
+                image: &Pyramid::new(&image),
             };
             views.push(Seen {
                 camera: index,

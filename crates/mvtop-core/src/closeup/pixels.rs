@@ -159,10 +159,13 @@ pub(super) struct Between<'a> {
     last_row: usize,
     /// The last column and row.
     last: [f64; 2],
+    /// Its pixels per pixel of the real camera's image.
+    scale: f64,
 }
 
 impl<'a> Between<'a> {
-    pub fn new(image: &'a RgbImage) -> Self {
+    /// - `scale`: pixels of `image` per pixel of the real camera's
+    pub fn new(image: &'a RgbImage, scale: f64) -> Self {
         let mut bytes = Cow::Borrowed(image.as_raw().as_slice());
         let row = 3 * image.width() as usize;
         let last_row = bytes.len() - row;
@@ -174,6 +177,7 @@ impl<'a> Between<'a> {
             row,
             last_row,
             last: [image.width(), image.height()].map(|side| f64::from(side) - 1.0),
+            scale,
         }
     }
 
@@ -183,9 +187,11 @@ impl<'a> Between<'a> {
     fn of(&self, places: &Places) -> [[f32; LANES]; 3] {
         let (mut columns, mut rows) = ([0_u32; LANES], [0_u32; LANES]);
         let (mut right, mut below) = ([0.0; LANES], [0.0; LANES]);
+        let offset = 0.5 * self.scale - 0.5; // centers of pixels are whole numbers in both
         for lane in 0..LANES {
-            let (column, from_column) = split(places.x[lane], self.last[0]);
-            let (row, from_row) = split(places.y[lane], self.last[1]);
+            let [x, y] = [places.x[lane], places.y[lane]].map(|at| at * self.scale + offset);
+            let (column, from_column) = split(x, self.last[0]);
+            let (row, from_row) = split(y, self.last[1]);
             (columns[lane], rows[lane]) = (column, row);
             (right[lane], below[lane]) = (from_column as f32, from_row as f32);
         }
@@ -229,6 +235,7 @@ mod tests {
 
     use super::super::CloseUp;
     use crate::camera::{Camera, Intrinsics, Projection};
+    use crate::image::Pyramid;
 
     /// R, G and B of one sample, from the definition of a bilinear one.
     fn sample(image: &RgbImage, x: f64, y: f64) -> [f64; 3] {
@@ -260,13 +267,17 @@ mod tests {
         let directions = closeup.directions();
         super::super::on_image(real, &directions.of(u, v))?;
         let (mut sum, mut count) = ([0.0; 3], 0.0);
-        let taps = f64::from(closeup.taps);
-        for tap in 0..closeup.taps.pow(2) {
-            let [column, row] = [tap % closeup.taps, tap / closeup.taps]
-                .map(|tap| (f64::from(tap) + 0.5) / taps - 0.5);
+        let pyramid = Pyramid::new(image);
+        let job = closeup.job(real, &pyramid);
+        let (image, halved) = pyramid.of_step(closeup.step);
+        let smaller = |x: f64| (x + 0.5) / 2_f64.powi(halved as i32) - 0.5;
+        let taps = f64::from(job.taps);
+        for tap in 0..job.taps.pow(2) {
+            let [column, row] =
+                [tap % job.taps, tap / job.taps].map(|tap| (f64::from(tap) + 0.5) / taps - 0.5);
             let direction = directions.of(u + column, v + row);
             if let Some(at) = real.intrinsics().project(&direction) {
-                let color = sample(image, at.x, at.y);
+                let color = sample(image, smaller(at.x), smaller(at.y));
                 sum.iter_mut()
                     .zip(color)
                     .for_each(|(sum, color)| *sum += color);
@@ -283,7 +294,7 @@ mod tests {
         let Some(closeup) = CloseUp::new(real, bbox.into(), SIZE) else {
             return 0;
         };
-        let pixels = closeup.pixels(real, image);
+        let pixels = closeup.pixels(real, &Pyramid::new(image));
         let places = (0..SIZE).flat_map(|v| (0..SIZE).map(move |u| (f64::from(u), f64::from(v))));
         for (got, (u, v)) in pixels.iter().zip(places) {
             let place = format!("{real:?} {bbox:?} {u} {v}");

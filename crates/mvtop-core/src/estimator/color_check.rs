@@ -54,7 +54,7 @@ fn by_surfaces(pipeline: &Pipeline, instances: &[Instance], seen: &[Vec<Seen>]) 
         for (known, place) in &seen.points {
             let in_cam = view.camera.world_from_cam().inverse_transform_point(place);
             let pixel = view.camera.intrinsics().project(&in_cam);
-            let image = pixel.and_then(|at| color(view.image, at));
+            let image = pixel.and_then(|at| color(view.image.image(), at));
             pairs.extend(redness(*known).zip(image.and_then(redness)));
         }
     }

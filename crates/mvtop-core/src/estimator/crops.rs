@@ -11,6 +11,7 @@ use crate::camera::Camera;
 use crate::closeup::CloseUp;
 use crate::image::Letterbox;
 use crate::network::Network;
+use crate::parallel;
 use crate::rays::camera_rays;
 use crate::{BBox, Error, Result};
 
@@ -192,9 +193,10 @@ pub fn encoded(
     let tensor = |taken: &[(usize, &View, CloseUp)]| {
         let (side, mean, std) = (closeups.size as usize, bundle.input.mean, bundle.input.std);
         let mut tensor = Array4::zeros((taken.len(), 3, side, side));
-        for ((_, view, closeup), pixels) in taken.iter().zip(tensor.outer_iter_mut()) {
-            closeup.fill(pixels, view.camera, view.image, mean, std);
-        }
+        let pictures = taken.iter().zip(tensor.outer_iter_mut()).collect();
+        parallel::each(pictures, |((_, view, closeup), pixels)| {
+            closeup.fill(pixels, view.camera, &view.image, mean, std);
+        });
         tensor
     };
     let features = if has_coordinates {

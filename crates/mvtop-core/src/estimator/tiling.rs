@@ -140,7 +140,13 @@ fn add(
     let mut tensor = Array4::zeros(shape);
     for (tile, shown) in tiles.iter().zip(tensor.axis_iter_mut(Axis(0))) {
         let Letterbox { width, height, .. } = tile.letterbox;
-        let image = crop_imm(views[tile.view].image, tile.left, tile.top, width, height);
+        let image = crop_imm(
+            views[tile.view].image.image(),
+            tile.left,
+            tile.top,
+            width,
+            height,
+        );
         let image = image.to_image();
         fill(shown, &image, &tile.letterbox, input.mean, input.std)?;
     }

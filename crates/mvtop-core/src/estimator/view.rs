@@ -6,7 +6,7 @@ use ndarray::Array4;
 use crate::bundle::{Bundle, Input};
 use crate::camera::Camera;
 use crate::config::TilingConfig;
-use crate::image::{Letterbox, ViewImage, fill, is_one_color};
+use crate::image::{Letterbox, Pyramid, ViewImage, fill, is_one_color};
 use crate::prediction::{Warning, WarningCode};
 use crate::{BBox, Error, Result, Rig, parallel, refine};
 
@@ -18,7 +18,7 @@ pub struct View<'a> {
     /// Index of the camera in the rig.
     pub index: usize,
     pub camera: &'a Camera,
-    pub image: &'a RgbImage,
+    pub image: Pyramid<'a>,
     /// How the image lies in the detector's input.
     pub letterbox: Letterbox,
 }
@@ -65,7 +65,7 @@ pub fn gather<'a>(
     let view = |(index, camera, image): (usize, &'a Camera, &'a RgbImage)| View {
         index,
         camera,
-        image,
+        image: Pyramid::new(image),
         letterbox: Letterbox::new(camera.width(), camera.height(), width, height),
     };
     let mut views: Vec<View> = found.into_iter().map(view).collect();
@@ -99,7 +99,7 @@ fn detector_input(input: &Input, tiling: &TilingConfig, sizes: &[[u32; 2]]) -> [
 
 /// What is wrong with the images, though poses can be predicted from them.
 pub fn warnings(views: &[View]) -> Vec<Warning> {
-    let dark = views.iter().filter(|view| is_one_color(view.image));
+    let dark = views.iter().filter(|view| is_one_color(view.image.image()));
     dark.map(|view| Warning {
         code: WarningCode::OneColor,
         camera: Some(view.index),
@@ -124,7 +124,7 @@ pub fn tensor(views: &[View], input: &Input) -> Result<Array4<f32>> {
     let mut tensor = Array4::zeros(shape);
     let images = tensor.outer_iter_mut().zip(views).collect();
     let filled = parallel::each(images, |(image, view)| {
-        fill(image, view.image, &view.letterbox, mean, std)
+        fill(image, view.image.image(), &view.letterbox, mean, std)
     });
     filled.into_iter().collect::<Result<()>>()?;
     Ok(tensor)
@@ -135,7 +135,7 @@ impl View<'_> {
     pub fn refined(&self) -> refine::View<'_> {
         refine::View {
             camera: self.camera,
-            image: self.image,
+            image: &self.image,
         }
     }
 

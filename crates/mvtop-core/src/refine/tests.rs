@@ -8,7 +8,7 @@ mod robust_step;
 mod scene;
 mod texture;
 
-use image::Rgb;
+use image::{Rgb, RgbImage};
 use nalgebra::{Point2, Translation3, UnitQuaternion, Vector2, Vector3, Vector6};
 
 pub(crate) use self::scene::*;
@@ -52,7 +52,8 @@ fn errors(mesh: &Mesh, axis: Option<Axis>, draws: usize) -> Vec<[f64; 2]> {
             .iter()
             .map(|camera| seen(mesh, camera, &truth, &mut draw))
             .collect();
-        let views = views_of(&cameras, &images);
+        let pyramids: Vec<Pyramid> = images.iter().map(Pyramid::new).collect();
+        let views = views_of(&cameras, &pyramids);
         let turn = draw.rotation(15_f64.to_radians()) * truth.rotation;
         let shift = truth.translation.vector + draw.direction() * 0.015;
         let start = Isometry3::from_parts(shift.into(), turn);
@@ -175,7 +176,8 @@ fn unobservable_rotation_stays_at_the_prior() {
             .iter()
             .map(|camera| seen(&mesh, camera, &truth, &mut draw))
             .collect();
-        let views = views_of(&cameras, &images);
+        let pyramids: Vec<Pyramid> = images.iter().map(Pyramid::new).collect();
+        let views = views_of(&cameras, &pyramids);
         // Off by a tilt, which is seen, and by a turn about the axis, which is not.
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.2);
         let tilt = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.1);
@@ -214,7 +216,8 @@ fn result_does_not_depend_on_the_number_of_threads() {
     let mut draw = Draw(9);
     let truth = Isometry3::from_parts(Translation3::identity(), draw.rotation(1.0));
     let images = [0, 1, 2].map(|view| seen(&mesh, &cameras[view], &truth, &mut draw));
-    let views = views_of(&cameras, &images);
+    let pyramids = images.each_ref().map(Pyramid::new);
+    let views = views_of(&cameras, &pyramids);
     let start = Isometry3::new(Vector3::new(0.003, 0.0, 0.002), Vector3::zeros()) * truth;
     let sigma = Sigma {
         rot_deg: 5.0,
@@ -241,13 +244,8 @@ fn pose_that_the_images_do_not_show_is_left_alone() {
     let refiner = Refiner::new(&mesh, 0.13);
     let cameras = [0.0, 70.0].map(camera);
     let image = RgbImage::from_pixel(SIDE, SIDE, Rgb([90, 90, 90]));
-    let views: Vec<View> = cameras
-        .iter()
-        .map(|camera| View {
-            camera,
-            image: &image,
-        })
-        .collect();
+    let pyramids = [0, 1].map(|_| Pyramid::new(&image));
+    let views = views_of(&cameras, &pyramids);
     let start = Isometry3::identity();
     let sigma = Sigma {
         rot_deg: 5.0,

@@ -6,6 +6,7 @@ use std::sync::{Arc, LazyLock};
 use ::image::RgbImage;
 use mvtop_core::annotations::{self, TruePose};
 use mvtop_core::calibration::{Expected, observe};
+use mvtop_core::image::Pyramid;
 use mvtop_core::prediction::Sigma;
 use mvtop_core::refine::{Refiner, Schedule, View};
 use mvtop_core::{
@@ -128,9 +129,11 @@ proptest! {
         let Some(mesh) = answered(mesh::load_ply(&path, 1.0)) else { return Ok(()) };
         let refiner = Refiner::new(&mesh, 0.131);
         let Example { rig, images, known, .. } = &*EXAMPLE;
+        let pyramids: Vec<Pyramid> = images.iter().map(|view| Pyramid::new(&view.image)).collect();
         let views: Vec<View> = images
             .iter()
-            .map(|view| View { camera: &rig.cameras()[view.camera], image: &view.image })
+            .zip(&pyramids)
+            .map(|(view, image)| View { camera: &rig.cameras()[view.camera], image })
             .collect();
         let start = known[0].world_from_obj * Isometry3::new(Vector3::from(off.1), Vector3::from(off.0));
         for start in [&known[0].world_from_obj, &start] {

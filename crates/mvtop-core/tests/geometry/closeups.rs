@@ -1,5 +1,6 @@
 use image::{Rgb, RgbImage};
 use mvtop_core::closeup::{CloseUp, FILL};
+use mvtop_core::image::Pyramid;
 use mvtop_core::rays::BoxRays;
 use mvtop_core::{BBox, Camera};
 use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector3};
@@ -17,7 +18,7 @@ fn close(a: f64, b: f64, tolerance: f64) {
 
 /// A picture as the mean and std leave it: 0 to 1.
 fn picture(closeup: &CloseUp, real: &Camera, image: &RgbImage) -> ndarray::Array3<f32> {
-    closeup.picture(real, image, [0.0; 3], [1.0; 3])
+    closeup.picture(real, &Pyramid::new(image), [0.0; 3], [1.0; 3])
 }
 
 #[test]

@@ -4,6 +4,7 @@
 use crate::fixtures::{Fixture, gap, rigid};
 use image::RgbImage;
 use mvtop_core::closeup::CloseUp;
+use mvtop_core::image::Pyramid;
 use mvtop_core::rays::{self, BoxRays, LosEncoding};
 use mvtop_core::sampling::{Dims, Gradients, LevelShapes, Sampling, deformable_sampling};
 use mvtop_core::{Camera, Intrinsics, Projection, pose};
@@ -194,7 +195,7 @@ fn closeups_through_every_kind_of_lens(#[case] name: &str, #[case] family: &str)
             let theirs = of("close_from_cam")[[i, row, column]];
             assert!((rotation[(row, column)] - theirs).abs() < 1e-12);
         }
-        let ours = closeup.picture(&real, &image, [0.0; 3], [1.0; 3]);
+        let ours = closeup.picture(&real, &Pyramid::new(&image), [0.0; 3], [1.0; 3]);
         for ((channel, v, u), &ours) in ours.indexed_iter() {
             let theirs = pictures[[i, v, u, channel]] / 255.0 * on_image[[i, v, u]];
             assert!((f64::from(ours) - theirs).abs() < 1e-6, "{i}: {u} {v}"); // float32

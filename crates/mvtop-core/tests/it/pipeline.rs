@@ -3,7 +3,7 @@
 
 use crate::fixtures::{Fixture, fixture_path, gap, sample_boxes, sample_image, sample_rig};
 use mvtop_core::closeup::CloseUp;
-use mvtop_core::image::{Letterbox, to_tensor};
+use mvtop_core::image::{Letterbox, Pyramid, to_tensor};
 use mvtop_core::onnx::{Runtime, Session, SessionOptions, Tensor};
 use mvtop_core::rays::{BoxRays, LosEncoding, camera_rays, encode};
 use mvtop_core::{BBox, Camera, Rig};
@@ -65,7 +65,7 @@ impl Shown {
         Self {
             bbox: closeup.bbox,
             camera_rays: closeup.camera_rays(real, &[16, 32]),
-            picture: Some(closeup.picture(real, &sample_image(real), MEAN, STD)),
+            picture: Some(closeup.picture(real, &Pyramid::new(&sample_image(real)), MEAN, STD)),
             camera: closeup.camera,
         }
     }

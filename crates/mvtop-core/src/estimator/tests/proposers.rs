@@ -9,6 +9,7 @@ use crate::detect::Detection;
 use crate::estimator::instance::{Candidate, Instance};
 use crate::estimator::pipeline::Pipeline;
 use crate::estimator::proposals::turned;
+use crate::image::Pyramid;
 use crate::pose::rotation_error_deg;
 use crate::prediction::Sigma;
 use crate::refine::tests::{Draw, camera, cuboid, seen, views_of};
@@ -259,7 +260,8 @@ fn turned_poses_reach_what_refinement_alone_does_not() {
         let degrees = [40_f64, 50.0, 60.0][draws % 3];
         let truth = Isometry3::from_parts(Translation3::identity(), draw.rotation(3.0));
         let images = [0, 1].map(|view| seen(&mesh, &cameras[view], &truth, &mut draw));
-        let views = views_of(&cameras, &images);
+        let pyramids = images.each_ref().map(Pyramid::new);
+        let views = views_of(&cameras, &pyramids);
         let start = truth * draw.rotation(degrees.to_radians());
         let right = |start: &Isometry3<f64>| {
             let sigma = Sigma {

@@ -27,7 +27,7 @@ fn apart(claimed_of: impl Fn(usize, &Camera) -> Isometry3<f64>) -> Vec<Differenc
         let camera = &Camera::new(true_camera.id(), size, pinhole, claimed).unwrap();
         let view = View {
             camera,
-            image: &image,
+            image: &Pyramid::new(&image),
         };
         Alone::of(
             &crate::config::RigConfig::default(),

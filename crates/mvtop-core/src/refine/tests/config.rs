@@ -29,7 +29,7 @@ fn configured_numbers_are_used() {
     let image = seen(&mesh, &camera, &truth, &mut draw);
     let view = View {
         camera: &camera,
-        image: &image,
+        image: &Pyramid::new(&image),
     };
     let inliers = |inlier_px: f64, contour_points: f64| {
         let config = RefineConfig {

@@ -44,7 +44,7 @@ fn evidence(at: [f64; 3], column: u32) -> ViewQuality {
     }
     let view = View {
         camera: &camera,
-        image: &image,
+        image: &Pyramid::new(&image),
     };
     let pose = Isometry3::translation(at[0], at[1], at[2]);
     refiner.quality(&[view], &pose).unwrap().views[0]

@@ -14,9 +14,8 @@ fn mutual_information_is_largest_at_the_correct_pose() {
             let images = cameras
                 .each_ref()
                 .map(|camera| seen(&mesh, camera, &truth, &mut draw));
-            let views: Vec<View> = (cameras.iter().zip(&images))
-                .map(|(camera, image)| View { camera, image })
-                .collect();
+            let pyramids = images.each_ref().map(Pyramid::new);
+            let views = views_of(&cameras, &pyramids);
             let right = refiner
                 .quality(&views, &truth)
                 .unwrap()
@@ -61,7 +60,8 @@ fn mutual_information_is_largest_also_under_occlusion() {
                     }
                 }
             }
-            let views = views_of(&cameras, &images);
+            let pyramids = images.each_ref().map(Pyramid::new);
+            let views = views_of(&cameras, &pyramids);
             let explained = |degrees: f64| {
                 let turn = UnitQuaternion::from_axis_angle(&axis, degrees.to_radians());
                 let pose = Isometry3::from_parts(truth.translation, turn * truth.rotation);
@@ -88,7 +88,7 @@ fn edges_are_inliers_at_the_true_pose() {
         Refiner::new(&mesh, 0.13),
         View {
             camera: &camera,
-            image: &image,
+            image: &Pyramid::new(&image),
         },
     );
     let share = |pose: &Isometry3<f64>| {
@@ -121,7 +121,8 @@ fn quality_is_worst_in_the_view_without_the_object() {
     let truth = Isometry3::from_parts(Translation3::identity(), draw.rotation(1.0));
     let mut images = [0, 1, 2].map(|view| seen(&mesh, &cameras[view], &truth, &mut draw));
     images[2] = background(&mut draw);
-    let views = views_of(&cameras, &images);
+    let pyramids = images.each_ref().map(Pyramid::new);
+    let views = views_of(&cameras, &pyramids);
     let quality = refiner.quality(&views, &truth).unwrap();
     let [first, second, hidden] = quality.views[..] else {
         panic!("{quality:?}")

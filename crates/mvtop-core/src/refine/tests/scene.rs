@@ -4,6 +4,7 @@ use image::{Rgb, RgbImage};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::camera::Intrinsics;
+use crate::image::Pyramid;
 use crate::mesh::Mesh;
 use crate::refine::mesh_model::MeshModel;
 use crate::refine::raster::Raster;
@@ -213,7 +214,7 @@ pub(crate) fn seen_before(
 }
 
 /// Each camera with its image.
-pub(crate) fn views_of<'a>(cameras: &'a [Camera], images: &'a [RgbImage]) -> Vec<View<'a>> {
+pub(crate) fn views_of<'a>(cameras: &'a [Camera], images: &'a [Pyramid]) -> Vec<View<'a>> {
     let pairs = cameras.iter().zip(images);
     pairs
         .map(|(camera, image)| View { camera, image })

@@ -46,10 +46,8 @@ fn texture_aligns_a_round_part() {
     for _ in 0..40 {
         let truth = Isometry3::from_parts(Translation3::identity(), draw.rotation(3.0));
         let images = [0, 1].map(|view| seen(&mesh, &cameras[view], &truth, &mut draw));
-        let views = [0, 1].map(|view| View {
-            camera: &cameras[view],
-            image: &images[view],
-        });
+        let pyramids = images.each_ref().map(Pyramid::new);
+        let views = views_of(&cameras, &pyramids);
         let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
         let off = about(Vector3::z_axis(), 0.2) * about(Vector3::x_axis(), 0.08);
         let sigma = Sigma {
@@ -95,10 +93,8 @@ fn texture_correlates_with_its_own_object_alone() {
         let truth = Isometry3::from_parts(Translation3::identity(), draw.rotation(3.0));
         let mut alike = |mesh: &Mesh| {
             let images = [0, 1].map(|view| seen(mesh, &cameras[view], &truth, &mut draw));
-            let views = [0, 1].map(|view| View {
-                camera: &cameras[view],
-                image: &images[view],
-            });
+            let pyramids = images.each_ref().map(Pyramid::new);
+            let views = views_of(&cameras, &pyramids);
             refiner
                 .quality(&views, &truth)
                 .unwrap()
