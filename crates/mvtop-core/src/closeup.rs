@@ -20,8 +20,13 @@ use crate::rays::camera_rays;
 
 /// What the longer side of the box takes of the picture; the rest shows what is around it.
 pub const FILL: f64 = 0.6;
-/// Most samples along each axis of a pixel, where an image has no smaller one.
+/// Most samples along each axis of a pixel.
 const MAX_TAPS: u32 = 8;
+/// Px of the image per pixel of a network's picture, from which on a halved one is read. Networks
+/// are trained on means of this many samples.
+const SMOOTH: f64 = 4.0;
+/// The same for the refinement, which reads halved images by one sample per pixel.
+const SHARP: f64 = 1.5;
 
 /// A virtual pinhole camera that looks at a box of a real one's image.
 #[derive(Debug, Clone)]
@@ -127,7 +132,7 @@ impl CloseUp {
 
     /// The picture as the network takes it, from the image of the real camera.
     ///
-    /// A pixel is the mean of some bilinear samples of the image, or of a smaller one, then `(x/255 - mean)/std`; 0 where its center is
+    /// A pixel is the mean of some bilinear samples of the image, halved where it is large; then `(x/255 - mean)/std`; 0 where its center is
     /// off the image.
     ///
     /// - returns: `[3, size, size]`
@@ -155,7 +160,7 @@ impl CloseUp {
         mean: [f32; 3],
         std: [f32; 3],
     ) {
-        let job = self.job(real, image);
+        let job = self.job(real, image, SMOOTH);
         let size = self.camera.width() as usize;
         let rows = picture.axis_iter_mut(Axis(1)).enumerate().collect();
         parallel::each(rows, |(v, mut row): (usize, ArrayViewMut2<f32>)| {
@@ -171,22 +176,27 @@ impl CloseUp {
 
     /// R, G and B, 0 to 255, of its pixels, row by row, from the image of the real camera.
     ///
-    /// A pixel is the mean of some bilinear samples of the image, or of a smaller one; `None` where its center is off the image.
+    /// A pixel is the mean of some bilinear samples, or one sample of a halved image; `None` where its center is off the image.
     pub fn pixels(&self, real: &Camera, image: &Pyramid) -> Vec<Option<[f32; 3]>> {
         let size = self.camera.width() as usize;
-        let job = self.job(real, image);
+        let job = self.job(real, image, SHARP);
         let mut pixels = vec![None; size * size];
         let rows = pixels.par_chunks_mut(size).enumerate();
         rows.for_each(|(v, row)| pixels::row(&job, v, row));
         pixels
     }
 
-    fn job<'a>(&self, real: &'a Camera, image: &'a Pyramid) -> pixels::Job<'a> {
-        let (image, halved) = image.of_step(self.step);
+    /// - `most`: px of the image that is read per pixel: a larger one is halved until it has fewer
+    fn job<'a>(&self, real: &'a Camera, image: &'a Pyramid, most: f64) -> pixels::Job<'a> {
+        let (image, halved) = image.of_step(self.step, most);
         let scale = 0.5_f64.powi(halved as i32);
+        let taps = match halved > 0 && most <= SHARP {
+            true => 1,
+            false => ((self.step * scale).ceil() as u32).clamp(1, MAX_TAPS),
+        };
         pixels::Job {
             directions: self.directions(),
-            taps: ((self.step * scale).ceil() as u32).clamp(1, MAX_TAPS),
+            taps,
             real,
             image: pixels::Between::new(image, scale),
         }

@@ -124,7 +124,13 @@ pub fn to_tensor(
 ) -> Result<Array3<f32>> {
     let [rows, columns] = [letterbox.net_height, letterbox.net_width].map(|n| n as usize);
     let mut tensor = Array3::zeros((3, rows, columns));
-    fill(tensor.view_mut(), image, letterbox, mean, std)?;
+    fill(
+        tensor.view_mut(),
+        &Pyramid::new(image),
+        letterbox,
+        mean,
+        std,
+    )?;
     Ok(tensor)
 }
 
@@ -133,7 +139,7 @@ pub fn to_tensor(
 /// - `tensor`: `[3, net_height, net_width]`
 pub(crate) fn fill(
     mut tensor: ArrayViewMut3<f32>,
-    image: &RgbImage,
+    image: &Pyramid,
     letterbox: &Letterbox,
     mean: [f32; 3],
     std: [f32; 3],
@@ -142,7 +148,10 @@ pub(crate) fn fill(
     let resized = resize(image, letterbox).map_err(|()| Error::Shape {
         name: "image",
         expected: format!("{width}x{height} px, the letterbox's"),
-        got: vec![image.width() as usize, image.height() as usize],
+        got: vec![
+            image.image().width() as usize,
+            image.image().height() as usize,
+        ],
     })?;
     let width = letterbox.resized_width as usize;
     for (channel, mut plane) in tensor.outer_iter_mut().enumerate() {
@@ -158,11 +167,12 @@ pub(crate) fn fill(
 }
 
 /// RGB bytes of the image at its size within the letterbox.
-fn resize(image: &RgbImage, letterbox: &Letterbox) -> Result<Vec<u8>, ()> {
-    if image.dimensions() != (letterbox.width, letterbox.height) {
+fn resize(image: &Pyramid, letterbox: &Letterbox) -> Result<Vec<u8>, ()> {
+    if image.image().dimensions() != (letterbox.width, letterbox.height) {
         return Err(());
     }
-    resized(image, [letterbox.resized_width, letterbox.resized_height])
+    let size = [letterbox.resized_width, letterbox.resized_height];
+    resized(image.of_size(size), size)
 }
 
 /// RGB bytes of the image at another size, without aliasing; unchanged where that is its own size.

@@ -13,7 +13,8 @@ import torch
 
 from ..data.closeup import FILL, MAX_TAPS
 
-SMALLER = 4  # times that an image is halved at most
+SMOOTH = 4  # px of an image per pixel of a picture, from which on it is halved
+SMALLER = 5  # times that an image is halved at most
 UNTIL = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-15)  # OpenCV stops early
 
 
@@ -109,13 +110,13 @@ def picture_of(virtual: Camera, real: Camera, rgb: np.ndarray, step: float):
     """What `virtual` would have taken, of what `real` took (`rgb` [H, W, 3], uint8).
 
     A pixel is the mean of some bilinear samples; beyond the image its edge goes on. The image is
-    halved first where a pixel shows `step` >= 2 px of it.
+    halved while a pixel shows `SMOOTH` px of it or more (`step` at first).
 
     returns  [height, width, 3], as `rgb`; [height, width], whether a pixel's center lies on it
     """
     pixels = np.stack(np.meshgrid(np.arange(virtual.width), np.arange(virtual.height)), -1)
     scale = 1.0
-    while step * scale >= 2 and scale > 0.5**SMALLER and min(rgb.shape[:2]) >= 2:
+    while step * scale >= SMOOTH and scale > 0.5**SMALLER and min(rgb.shape[:2]) >= 2:
         rgb, scale = half(rgb), scale / 2
     taps = int(np.clip(np.ceil(step * scale), 1, MAX_TAPS))
     source = torch.from_numpy(np.ascontiguousarray(rgb)).double().movedim(-1, 0)[None]

@@ -233,7 +233,7 @@ mod tests {
     use image::{Rgb, RgbImage};
     use nalgebra::Isometry3;
 
-    use super::super::CloseUp;
+    use super::super::{CloseUp, SHARP};
     use crate::camera::{Camera, Intrinsics, Projection};
     use crate::image::Pyramid;
 
@@ -268,8 +268,8 @@ mod tests {
         super::super::on_image(real, &directions.of(u, v))?;
         let (mut sum, mut count) = ([0.0; 3], 0.0);
         let pyramid = Pyramid::new(image);
-        let job = closeup.job(real, &pyramid);
-        let (image, halved) = pyramid.of_step(closeup.step);
+        let job = closeup.job(real, &pyramid, SHARP);
+        let (image, halved) = pyramid.of_step(closeup.step, SHARP);
         let smaller = |x: f64| (x + 0.5) / 2_f64.powi(halved as i32) - 0.5;
         let taps = f64::from(job.taps);
         for tap in 0..job.taps.pow(2) {

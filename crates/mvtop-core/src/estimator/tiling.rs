@@ -16,7 +16,7 @@ use super::{Estimator, detections};
 use crate::associate::LineOfSight;
 use crate::bundle::{Bundle, Input};
 use crate::detect::{Detection, merged};
-use crate::image::{Letterbox, fill};
+use crate::image::{Letterbox, Pyramid, fill};
 use crate::network::Network;
 use crate::{BBox, Result};
 
@@ -148,7 +148,13 @@ fn add(
             height,
         );
         let image = image.to_image();
-        fill(shown, &image, &tile.letterbox, input.mean, input.std)?;
+        fill(
+            shown,
+            &Pyramid::new(&image),
+            &tile.letterbox,
+            input.mean,
+            input.std,
+        )?;
     }
     let maps = network.detect(tensor.view())?;
     maps.check(

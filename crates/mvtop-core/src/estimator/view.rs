@@ -124,7 +124,7 @@ pub fn tensor(views: &[View], input: &Input) -> Result<Array4<f32>> {
     let mut tensor = Array4::zeros(shape);
     let images = tensor.outer_iter_mut().zip(views).collect();
     let filled = parallel::each(images, |(image, view)| {
-        fill(image, view.image.image(), &view.letterbox, mean, std)
+        fill(image, &view.image, &view.letterbox, mean, std)
     });
     filled.into_iter().collect::<Result<()>>()?;
     Ok(tensor)

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use image::RgbImage;
 
 /// Smaller images, each half as large as the one before.
-const SMALLER: usize = 4;
+const SMALLER: usize = 5;
 
 /// An image and smaller ones of it, each made when it is first read.
 ///
@@ -31,20 +31,34 @@ impl<'a> Pyramid<'a> {
         self.image
     }
 
-    /// The smallest image that still shows `step` px of the full one by at least one of its own, and
-    /// how often it is halved.
-    pub(crate) fn of_step(&self, step: f64) -> (&RgbImage, u32) {
-        let (mut image, mut halved) = (self.image, 0);
-        for (smaller, level) in self.smaller.iter().zip(1..) {
-            let is_enough = step < f64::from(1_u32 << level);
-            if is_enough || image.width().min(image.height()) < 2 {
-                break;
-            }
+    /// The image, `halved` times.
+    fn level(&self, halved: usize) -> &RgbImage {
+        match halved.checked_sub(1) {
+            None => self.image,
             // Without threads: it runs within a lock, in which no other task may begin.
-            image = smaller.get_or_init(|| half(image));
-            halved = level;
+            Some(before) => self.smaller[before].get_or_init(|| half(self.level(before))),
         }
-        (image, halved)
+    }
+
+    /// The largest image in which fewer than `most` px lie where the full one has `step`, and how often
+    /// it is halved; the smallest one where there is none.
+    pub(crate) fn of_step(&self, step: f64, most: f64) -> (&RgbImage, usize) {
+        let shorter = self.image.width().min(self.image.height());
+        let smallest = SMALLER.min(shorter.checked_ilog2().unwrap_or(0) as usize);
+        let is_small = |halved: &usize| step < most * f64::from(1_u32 << halved);
+        let halved = (0..smallest).find(is_small).unwrap_or(smallest);
+        (self.level(halved), halved)
+    }
+
+    /// The smallest of the images that is twice as large as `size` or larger, and shows all that the
+    /// full one does.
+    pub(crate) fn of_size(&self, size: [u32; 2]) -> &RgbImage {
+        let shows = |halved: &usize| {
+            let sides: [u32; 2] = self.image.dimensions().into();
+            let mut axes = sides.into_iter().zip(size);
+            axes.all(|(side, size)| side % (1 << halved) == 0 && side >> halved >= 2 * size)
+        };
+        self.level((1..=SMALLER).take_while(shows).last().unwrap_or(0))
     }
 }
 
@@ -79,9 +93,9 @@ mod tests {
     fn smaller_pixels_are_means_of_four() {
         let image = RgbImage::from_fn(11, 7, |u, v| Rgb([u * 20, v * 30, u ^ v].map(|x| x as u8)));
         let pyramid = Pyramid::new(&image);
-        let (same, halved) = pyramid.of_step(1.99);
+        let (same, halved) = pyramid.of_step(1.99, 2.0);
         assert_eq!((same.dimensions(), halved), ((11, 7), 0));
-        let (smaller, halved) = pyramid.of_step(2.0);
+        let (smaller, halved) = pyramid.of_step(2.0, 2.0);
         assert_eq!((smaller.dimensions(), halved), ((5, 3), 1));
         for (u, v, got) in smaller.enumerate_pixels() {
             let four = [(0, 0), (1, 0), (0, 1), (1, 1)];
@@ -91,7 +105,12 @@ mod tests {
                 assert!((f64::from(got[channel]) - mean).abs() <= 0.5, "{u} {v}");
             }
         }
-        let (smallest, halved) = pyramid.of_step(1e9);
+        let (smallest, halved) = pyramid.of_step(1e9, 2.0);
         assert_eq!((smallest.dimensions(), halved), ((2, 1), 2));
+        assert_eq!(pyramid.of_size([2, 2]).dimensions(), (11, 7));
+        let even = RgbImage::new(48, 24);
+        let even = Pyramid::new(&even);
+        let chosen = [[6, 3], [7, 3], [12, 6], [13, 6]].map(|size| even.of_size(size).width());
+        assert_eq!(chosen, [12, 24, 24, 48]);
     }
 }
