@@ -1,0 +1,167 @@
+"""Whole predictions: how time and memory grow with pixels, cameras, objects and classes.
+
+    make bench-predict
+
+Images of parts of a shipped bundle on a table are predicted as `infer` does it: detection, poses,
+refinement, scores and the check of the rig; only decoding of image files is not counted. One thing
+changes at a time, see `AXES`. Each case is a process of its own, so that its memory is its own as
+well. Writes predict.json and predict.png.
+"""
+
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from mvtop_train.errors import argument_parser, command
+from predict_scene import Table, rig, ring, smaller
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+ROOT = Path(__file__).resolve().parents[1]
+WORKER = Path(__file__).with_name("predict_worker.py")
+LARGEST = (4000, 3000)  # px: images are rendered so, or at SIZE, and made smaller
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is predicted."""
+
+    width: int = 1280  # of images of 4:3
+    cameras: int = 4
+    objects: int = 6
+    classes: int = 4
+
+    @property
+    def size(self) -> tuple[int, int]:
+        return self.width, self.width * 3 // 4
+
+    @property
+    def megapixels(self) -> float:
+        return self.size[0] * self.size[1] / 1e6
+
+
+AXES = {
+    "megapixels": [replace(Case(), width=width) for width in (640, 1600, 2560, 4000)],
+    "cameras": [replace(Case(), cameras=count) for count in (1, 2, 4, 8)],
+    "objects": [replace(Case(), objects=count) for count in (1, 3, 10, 30)],
+    "classes": [replace(Case(), objects=12, classes=count) for count in (1, 2, 4)],
+}
+
+
+class Scenes:
+    """Images of scenes, rendered once."""
+
+    def __init__(self, bundle: Path, work: Path):
+        self.bundle, self.work, self.table = bundle, work, None
+
+    def of(self, case: Case, seed: int) -> Path:
+        """The folder of a scene: `rig.json`, and `images.npz` by camera id."""
+        folder = self.work / f"{case.width}-{case.cameras}-{case.objects}-{seed}"
+        if (folder / "images.npz").is_file():
+            return folder
+        folder.mkdir(parents=True, exist_ok=True)
+        self.table = self.table or Table(self.bundle)
+        rendered = LARGEST if case.width > Case().width else Case().size
+        images = self.table.render(seed, case.objects, rendered, case.cameras)
+        cameras = ring(*case.size)[: case.cameras]
+        (folder / "rig.json").write_text(json.dumps(rig(cameras, *case.size)))
+        images = {camera.id: smaller(x, case.size) for camera, x in zip(cameras, images, strict=True)}
+        np.savez(folder / "part.npz", **images)
+        (folder / "part.npz").rename(folder / "images.npz")
+        return folder
+
+
+def measure(bundle: Path, case: Case, folders: list[Path], rounds: int, threads: int) -> dict:
+    """Times in ms, objects found and peak memory of one case."""
+    asked = [str(bundle), str(case.classes), str(rounds), str(threads), *map(str, folders)]
+    run = subprocess.run(
+        [sys.executable, str(WORKER), *asked], check=True, capture_output=True, text=True
+    )
+    found = json.loads(run.stdout.splitlines()[-1])
+    total = sorted(row["total"] for row in found["rows"])
+    stages = [name for name in found["rows"][0] if name != "total"]
+    return {
+        "case": asdict(case) | {"megapixels": round(case.megapixels, 2)},
+        "median_ms": statistics.median(total),
+        "p95_ms": float(np.percentile(total, 95)),
+        "stages_ms": {name: statistics.median(r[name] for r in found["rows"]) for name in stages},
+        "found": found["found"],
+        "shown": case.objects * len(folders),
+        "peak_mb": found["peak_mb"],
+    }
+
+
+def exponent(axis: str, rows: list[dict]) -> float:
+    """Of the power of the axis that fits the medians best: 1 where cost is proportional to it."""
+    x = [row["case"][axis] for row in rows]
+    return float(np.polyfit(np.log(x), np.log([row["median_ms"] for row in rows]), 1)[0])
+
+
+def plot(axes: dict, path: Path) -> None:
+    """Stages over each axis, stacked."""
+    figure = plt.figure(figsize=(3.2 * len(axes), 3.2), layout="constrained")
+    panels = figure.subplots(1, len(axes), squeeze=False)[0]
+    for panel, (axis, found) in zip(panels, axes.items(), strict=True):
+        rows = found["rows"]
+        names = [f"{row['case'][axis]:g}" for row in rows]
+        bottom = np.zeros(len(rows))
+        for stage in rows[0]["stages_ms"]:
+            heights = np.array([row["stages_ms"][stage] for row in rows])
+            panel.bar(names, heights, bottom=bottom, label=stage)
+            bottom += heights
+        panel.set_xlabel(axis)
+        panel.set_title(f"exponent {found['exponent']:.2f}", fontsize=10)
+        panel.spines[["top", "right"]].set_visible(False)
+    panels[0].set_ylabel("ms")
+    panels[0].legend(frameon=False, fontsize=8)
+    figure.savefig(path, dpi=150)
+
+
+def table(axes: dict) -> str:
+    """Markdown."""
+    lines = ["| axis | value | median, 95 % (ms) | found | peak MB |", "|---|---|---|---|---|"]
+    for axis, found in axes.items():
+        for row in found["rows"]:
+            times = f"{row['median_ms']:.0f}, {row['p95_ms']:.0f}"
+            seen = f"{row['found']}/{row['shown']}"
+            value = f"{row['case'][axis]:g}"
+            lines.append(f"| {axis} | {value} | {times} | {seen} | {row['peak_mb']:.0f} |")
+        lines.append(f"| {axis} | exponent | {found['exponent']:.2f} | | |")
+    return "\n".join(lines)
+
+
+@command
+def main():
+    parser = argument_parser(__doc__)
+    parser.add_argument("--model", type=Path, default=ROOT / "models/ycbv4")
+    parser.add_argument("--out", type=Path, default=ROOT / "out/predict")
+    parser.add_argument("--scenes", type=int, default=3, help="of each case")
+    parser.add_argument("--rounds", type=int, default=5, help="predictions of each scene")
+    parser.add_argument("--threads", type=int, default=os.cpu_count(), help="of the network")
+    parser.add_argument("--axis", choices=AXES, action="append", help="only this one; repeatable")
+    args = parser.parse_args()
+    scenes = Scenes(args.model, args.out / "scenes")
+    axes = {}
+    for axis in args.axis or AXES:
+        rows = []
+        for case in AXES[axis]:
+            folders = [scenes.of(case, seed) for seed in range(args.scenes)]
+            rows.append(measure(args.model, case, folders, args.rounds, args.threads))
+            print(f"{axis} {rows[-1]['case'][axis]:g}: {rows[-1]['median_ms']:.0f} ms", flush=True)
+        axes[axis] = {"exponent": exponent(axis, rows), "rows": rows}
+    result = {"machine": platform.processor(), "threads": args.threads, "axes": axes}
+    (args.out / "predict.json").write_text(json.dumps(result, indent=1))
+    plot(axes, args.out / "predict.png")
+    print(table(axes))
+
+
+if __name__ == "__main__":
+    main()
