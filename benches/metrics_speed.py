@@ -21,6 +21,7 @@ for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[threads] = "1"
 
 import numpy as np  # noqa: E402 (after the threads)
+import result_file  # noqa: E402
 from mvtop_train.errors import UserError, command  # noqa: E402
 from mvtop_train.export.fixtures.metrics import Rendered, parts, pose, rotation  # noqa: E402
 from safetensors.numpy import save_file  # noqa: E402
@@ -95,6 +96,7 @@ def toolkit(pts, truth, estimate, lens, depth_truth, depth_estimate):
 @command
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", type=Path, help="write a result for benches/results")
     parser.add_argument("--points", type=int, default=5000)
     parser.add_argument("--rounds", type=int, default=20)
     parser.add_argument("--program", default="target/release/metrics_speed")
@@ -123,6 +125,10 @@ def main():
                 theirs[name][i] = min(theirs[name][i], 1e6 * (time.perf_counter() - begin))
                 if abs(value - line["value"]) > 1e-6:
                     raise UserError(f"{name} {i}: theirs {value}, ours {line['value']}")
+    if args.json:
+        columns = ["µs per pose", "bop_toolkit", "mvtop"]
+        rows = [[n, f"{theirs[n].mean():.0f}", f"{ours[n].mean():.1f}"] for n in functions]
+        result_file.write(args.json, "Metrics", SEED, columns, rows)
     print(f"{args.points} points, {POSES} poses, least of {args.rounds} rounds, us per pose")
     print("| error | bop_toolkit | mvtop | times as fast (pose by pose) |\n|---|---|---|---|")
     for name in functions:

@@ -8,6 +8,7 @@
 cli.md holds what `mvtop-cli ... --help` prints, without examples and closing notes; groups of options
 that several commands share, and options that an earlier one has, are given once. The lists of inference.md are
 made of the doc comments and defaults in crates/mvtop-core/src/config.rs and refine/config.rs.
+docs/benchmarks.md is made of benches/results, by benchmarks_page.py.
 """
 
 import argparse
@@ -18,6 +19,8 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+
+import benchmarks_page
 
 ROOT = Path(__file__).resolve().parent.parent
 CLI_PAGE = "docs/reference/cli.md"
@@ -269,7 +272,12 @@ def main():
     if args.cli is None:
         parser.error("no mvtop-cli beside this Python or on PATH; fix: make wheel, or --cli")
     drifted = False
-    for name, text in ((SETTINGS_PAGE, settings_page()), (CLI_PAGE, cli_page(args.cli))):
+    pages = (
+        (SETTINGS_PAGE, settings_page()),
+        (CLI_PAGE, cli_page(args.cli)),
+        (benchmarks_page.PAGE, benchmarks_page.page()),
+    )
+    for name, text in pages:
         page = ROOT / name
         same = page.is_file() and page.read_text() == text
         drifted |= not same

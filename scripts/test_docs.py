@@ -1,12 +1,15 @@
 """Links of the documentation lead somewhere, and its generated pages are those of the code."""
 
 import importlib.util
+import json
 import re
 import sys
 import unicodedata
 from pathlib import Path
 
 import pytest
+
+import benchmarks_page
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
@@ -117,6 +120,30 @@ def test_the_command_line_page_is_what_help_prints():
     if not cli.is_file():
         pytest.skip("mvtop's wheel is not installed")
     assert module.cli_page(cli) == (ROOT / module.CLI_PAGE).read_text(), "make reference"
+
+
+def test_the_benchmark_page_is_made_from_the_results():
+    assert benchmarks_page.page() == (ROOT / benchmarks_page.PAGE).read_text(), "make reference"
+
+
+def test_a_result_without_its_machine_is_refused(tmp_path):
+    run = {"command": "make bench", "seed": 1, "machine": None, "date": None, "commit": None}
+    result = {"title": "Speed", "level": 2, "runs": [run], "body": ["Text."]}
+    (tmp_path / "a.json").write_text(json.dumps(result))
+    assert benchmarks_page.page(tmp_path) == "## Speed\n\n- `make bench`; 1; ?; ?\n\nText.\n"
+    del run["machine"]
+    (tmp_path / "a.json").write_text(json.dumps(result))
+    with pytest.raises(ValueError, match="a.json: a run needs"):
+        benchmarks_page.page(tmp_path)
+
+
+def test_a_benchmark_writes_what_the_page_reads(tmp_path):
+    spec = importlib.util.spec_from_file_location("result_file", ROOT / "benches/result_file.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.write(tmp_path / "a.json", "Speed", 5, ["what", "ms"], [["reading", "3"]])
+    page = benchmarks_page.page(tmp_path)
+    assert "; 5; " in page and page.endswith("| what | ms |\n|---|---|\n| reading | 3 |\n")
 
 
 def json_keys(path: str, structs: str) -> set[str]:
