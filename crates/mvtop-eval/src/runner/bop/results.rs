@@ -45,7 +45,7 @@ pub const COLUMNS: [Column; 19] = [
     main("true", |s| s.objects.to_string()),
     main("found", |s| s.found.to_string()),
     main("rotation, median °", |s| number(s.rot_median_deg, 1.0)),
-    main("translation, median mm", |s| number(s.trans_median_m, 1e3)),
+    main("translation, mm", |s| number(s.trans_median_m, 1e3)),
     other("ADD recall", |s| percent(s.add.recall_01d)),
     other("ADD-S recall", |s| percent(s.add_s.recall_01d)),
     main("ADD-(S) recall", |s| percent(s.add_or_add_s.recall_01d)),
