@@ -17,8 +17,8 @@ mod vsd;
 pub use depth::{DepthImage, PixelCenter, depth};
 pub(crate) use kernel::Affine;
 pub use recall::{
-    MSPD_THRESHOLDS_PX, MSSD_THRESHOLDS, VSD_THRESHOLDS, auc_exact, auc_poet, auc_posecnn,
-    average_recall, recall,
+    MSPD_THRESHOLDS_PX, MSSD_THRESHOLDS, MSSD_THRESHOLDS_MM, VSD_THRESHOLDS, auc_exact, auc_poet,
+    auc_posecnn, average_precision, average_recall, recall,
 };
 pub use rotation::{rotation_error_deg, translation_error};
 pub use surface::Surface;

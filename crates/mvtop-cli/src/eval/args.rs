@@ -70,8 +70,8 @@ Examples:
   BOP's test targets, four views; results for programs only:
     mvtop-cli eval bop --dataset ycbv --views 4 --targets ycbv/test_targets_bop19.json \\
       --out out/ycbv
-  All cameras of a frame:
-    mvtop-cli eval bop --dataset ipd --split val --grouping frame --report out/ipd
+  All cameras of a frame, as BOP-Industrial lists them:
+    mvtop-cli eval bop --dataset ipd --targets ipd/test_targets_multiview_bop25.json --out out/ipd
   Results of any program in BOP's format; no network is needed:
     mvtop-cli eval bop --dataset ycbv --targets ycbv/test_targets_bop19.json \\
       --predictions cosypose_ycbv-test.csv gdrnpp_ycbv-test.csv")]
@@ -124,11 +124,11 @@ pub struct SplitArgs {
     #[arg(long, value_name = "NAME", default_value = "test")]
     pub split: String,
 
-    /// Views of a group: frames of a `scene`, or cameras of a `frame`
-    #[arg(long, value_name = "WHAT", default_value_t)]
-    pub grouping: Grouping,
+    /// Views of a group: frames of a `scene`, or cameras of a `frame` [default: by number of cameras]
+    #[arg(long, value_name = "WHAT")]
+    pub grouping: Option<Grouping>,
 
-    /// Reference cameras: CAM of scene_camera_CAM.json [default: the first]
+    /// Reference cameras: CAM of scene_camera_CAM.json [default: BOP's, or the first]
     #[arg(long, value_name = "CAM")]
     pub sensor: Option<String>,
 

@@ -8,10 +8,9 @@ use super::targets::Target;
 use crate::{Error, Result};
 
 /// What a set of views consists of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Grouping {
     /// Frames of one scene, taken by one camera that moves: YCB-V, T-LESS, MV-ball.
-    #[default]
     Scene,
     /// Cameras that took an image at one time, each with its own files: IPD, XYZ-IBD, ITODD-MV.
     Frame,
@@ -38,14 +37,26 @@ impl fmt::Display for Grouping {
     }
 }
 
+impl Grouping {
+    /// What suits a scene: frames of one with a single camera, else the cameras of a frame.
+    pub fn of(scene: &Scene) -> Self {
+        let mut sensors = scene.frames.keys().map(|id| &id.sensor);
+        let first = sensors.next();
+        match sensors.all(|sensor| Some(sensor) == first) {
+            true => Self::Scene,
+            false => Self::Frame,
+        }
+    }
+}
+
 /// Views to predict from together, and the objects asked for.
 pub type Group = Target;
 
 /// The groups of one scene.
 ///
 /// - `views`: images per group at most, the reference included; all there are without it
-/// - `sensor`: of the reference image, where a target or the lack of targets leaves it open; the
-///   first one by default
+/// - `sensor`: of the reference image, also of listed views if it is among them; by default the
+///   first in the list, or the first there is
 /// - `targets`: of this scene; every image is a reference without them
 ///
 /// With [`Grouping::Scene`] the others are spread evenly over the frames of the same sensor that
@@ -61,6 +72,7 @@ pub fn groups(
     sensor: Option<&str>,
     targets: Option<Vec<Target>>,
 ) -> Result<Vec<Group>> {
+    let asked = sensor;
     let first = scene.frames.keys().next().map_or("", |id| &id.sensor);
     let sensor = sensor.unwrap_or(first);
     let alone = |id: &FrameId| Group {
@@ -90,6 +102,10 @@ pub fn groups(
                     scene.folder.display()
                 )));
             }
+        }
+        let of_asked = |id: &FrameId| asked.is_some_and(|asked| id.sensor == asked);
+        if let Some(reference) = group.views.iter().position(of_asked) {
+            group.views[..=reference].rotate_right(1);
         }
         if let (false, [reference]) = (group.listed, &group.views[..]) {
             let others = candidates(scene, grouping, reference);

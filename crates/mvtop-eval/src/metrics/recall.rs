@@ -8,6 +8,8 @@
 
 /// BOP's thresholds for MSSD, as shares of the object's diameter.
 pub const MSSD_THRESHOLDS: [f64; 10] = [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5];
+/// BOP's thresholds for MSSD in its industrial tasks, mm.
+pub const MSSD_THRESHOLDS_MM: [f64; 10] = [2., 4., 6., 8., 10., 12., 14., 16., 18., 20.];
 /// BOP's thresholds for VSD.
 pub const VSD_THRESHOLDS: [f64; 10] = [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5];
 /// BOP's thresholds for MSPD, px of an image 640 px wide; others in proportion to their width.
@@ -24,6 +26,34 @@ pub fn average_recall(errors: &[f64], thresholds: &[f64]) -> Option<f64> {
     let recalls: Option<Vec<f64>> = thresholds.iter().map(|&t| recall(errors, t)).collect();
     let recalls = recalls.filter(|recalls| !recalls.is_empty())?;
     Some(recalls.iter().sum::<f64>() / recalls.len() as f64)
+}
+
+/// BOP's average precision at one threshold: the mean, over the recalls 0, 0.01, ..., 1, of the
+/// greatest precision at that recall or a greater one.
+///
+/// - `right`: whether each estimate is right, surest first
+/// - `targets`: how many there are to find; `None` for none
+///
+/// Source: `calc_ap` of bop_toolkit, which has it from COCO.
+pub fn average_precision(right: &[bool], targets: usize) -> Option<f64> {
+    let mut curve = Vec::with_capacity(right.len());
+    let mut count = 0;
+    for (i, &right) in right.iter().enumerate() {
+        count += usize::from(right);
+        let precision = count as f64 / (i + 1) as f64;
+        curve.push((count as f64 / targets as f64, precision));
+    }
+    // From the greatest recall down, so that each point has the best precision from there on.
+    let mut best: f64 = 0.0;
+    for (_, precision) in curve.iter_mut().rev() {
+        best = best.max(*precision);
+        *precision = best;
+    }
+    let at = |step: u32| {
+        let reached = curve.partition_point(|&(recall, _)| recall < f64::from(step) * 0.01);
+        curve.get(reached).map_or(0.0, |&(_, precision)| precision)
+    };
+    (targets > 0).then(|| (0..=100).map(at).sum::<f64>() / 101.0)
 }
 
 /// Exact area under the recall curve from 0 to `max`, over `max`: the mean of `1 - error / max`,
@@ -108,6 +138,17 @@ mod tests {
         assert_abs_diff_eq!(exact, 0.591, epsilon = 1e-9);
         assert_abs_diff_eq!(auc_posecnn(&errors, 0.1).unwrap(), 0.59302, epsilon = 1e-9);
         assert_abs_diff_eq!(auc_poet(&errors, 0.1).unwrap(), exact, epsilon = 2e-3);
+    }
+
+    #[test]
+    fn average_precision_is_the_one_worked_by_hand() {
+        // Precisions 1/1, 1/2, 2/3 at recalls 1/4, 1/4, 2/4, so 1 up to 0.25 and 2/3 up to 0.5.
+        let expected = (26.0 + 25.0 * 2.0 / 3.0) / 101.0;
+        let of = |right: &[bool]| average_precision(right, 4).unwrap();
+        assert_abs_diff_eq!(of(&[true, false, true]), expected, epsilon = 1e-12);
+        assert_abs_diff_eq!(of(&[true; 4]), 1.0, epsilon = 1e-12);
+        assert_eq!((of(&[false; 3]), of(&[])), (0.0, 0.0));
+        assert_eq!(average_precision(&[false], 0), None);
     }
 
     #[test]

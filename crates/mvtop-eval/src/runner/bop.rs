@@ -1,6 +1,7 @@
 //! Evaluates a split of a data set in BOP's layout: of a network, or of results in BOP's format.
 //! `docs/how-to/evaluate-on-bop.md` says what is written.
 
+mod detection;
 mod journal;
 mod loading;
 mod options;
@@ -23,6 +24,7 @@ use mvtop_core::{Estimator, Prediction};
 use nalgebra::Isometry3;
 use serde_json::Value;
 
+pub use self::detection::Detections;
 use self::journal::Journal;
 pub use self::journal::Line;
 pub use self::options::{Options, Split};
@@ -35,7 +37,7 @@ pub use self::score::{Areas, Scored, Scores};
 pub use self::tally::Tally;
 use self::view::View;
 use super::{Observer, Outcome, Sample, observer};
-use crate::bop::{Estimate, FrameId, Group, RESULTS_HEADER, load_depth};
+use crate::bop::{Estimate, FrameId, Group, Instance, Model, RESULTS_HEADER, Rules, load_depth};
 use crate::matching::{matches, unmatched};
 use crate::{Error, Result, files};
 
@@ -197,14 +199,14 @@ enum Source<'a> {
     File(&'a Predictions),
 }
 
-/// File name of the poses, as BOP has it.
+/// File name of the poses, as BOP has it: no `_` in the name of the split.
 fn poses_name(split: &Split) -> String {
     let parts = Path::new(&split.split).components();
     let names = parts.filter_map(|part| match part {
         Component::Normal(name) => Some(name.to_string_lossy()),
         _ => None,
     });
-    let split_name = names.collect::<Vec<_>>().join("-");
+    let split_name = names.collect::<Vec<_>>().join("-").replace('_', "-");
     format!("mvtop_{}-{split_name}.csv", folder_name(&split.dataset))
 }
 
@@ -256,7 +258,7 @@ fn evaluate_group(
         let obj_id = plan.object(&found.class)?;
         Some(Estimate::new(obj_id, found.score, &found.ref_from_obj))
     };
-    let estimates = prediction.objects.iter().filter_map(estimate).collect();
+    let estimates: Vec<Estimate> = prediction.objects.iter().filter_map(estimate).collect();
     // Nor are poses beyond the number of instances that a target asks for.
     let object = |found: &ObjectPose| plan.object(&found.class).unwrap_or_default();
     prediction.objects = plan.first(group, prediction.objects, object, |found| found.score);
@@ -296,6 +298,7 @@ fn evaluate_group(
         time_s,
         extra: extra.len(),
         extra_confidences: extra.iter().map(|found| found.confidence).collect(),
+        detections: detections(plan, group, &estimates, &view, options).map_err(of_sample)?,
         estimates,
         tallies: tallies(plan, &sample, &prediction, &view).map_err(of_sample)?,
         objects: known
@@ -326,6 +329,30 @@ fn tallies(
         any.then(|| Tally::new(&truth, &found, &plan.models[id], view))
     };
     plan.classes.iter().filter_map(tally).collect()
+}
+
+/// Of each object that the reference image shows, visible enough or not.
+///
+/// - `estimates`: in the reference image
+fn detections(
+    plan: &Plan,
+    group: &Group,
+    estimates: &[Estimate],
+    view: &View,
+    options: &Options,
+) -> Result<Vec<Detections>> {
+    let mut surest: Vec<&Estimate> = estimates.iter().collect();
+    surest.sort_by(|a, b| b.score.total_cmp(&a.score));
+    surest.truncate(Rules::of(&folder_name(&options.split.dataset)).most_estimates);
+    let annotated = &plan.scenes[&group.scene].frames[&group.views[0]].objects;
+    let of_object = |(&id, model): (&u32, &Model)| {
+        let truth = annotated.iter().filter(|object| object.object == id);
+        let truth: Vec<&Instance> = truth.filter(|_| plan.wanted(group, id)).collect();
+        let found = surest.iter().filter(|estimate| estimate.obj_id == id);
+        let found: Vec<&Estimate> = found.copied().collect();
+        (!truth.is_empty()).then(|| Detections::new(&truth, &found, model, view))
+    };
+    plan.models.iter().filter_map(of_object).collect()
 }
 
 /// Results in BOP's format, for the reference images.

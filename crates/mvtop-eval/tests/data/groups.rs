@@ -65,6 +65,31 @@ fn cameras_of_a_frame_have_the_same_number() {
 }
 
 #[test]
+fn listed_views_have_the_sensor_asked_for_as_reference() {
+    let dir = TempDir::new().unwrap();
+    for sensor in ["cam1", "photoneo"] {
+        write_sensor(&dir.path().join("000048"), sensor, "rgb", 2);
+    }
+    let scene = Scene::load(dir.path(), 48).unwrap();
+    assert_eq!(Grouping::of(&scene), Grouping::Frame);
+    let target = Target {
+        scene: 48,
+        views: vec![id("cam1", 0), id("photoneo", 0)],
+        listed: true,
+        objects: None,
+    };
+    let of = |views, sensor| {
+        let targets = Some(vec![target.clone()]);
+        shown(&groups(&scene, Grouping::Frame, views, sensor, targets).unwrap())
+    };
+    assert_eq!(of(None, None), ["cam1/000000 photoneo/000000"]);
+    let turned = of(None, Some("photoneo"));
+    assert_eq!(turned, ["photoneo/000000 cam1/000000"]);
+    assert_eq!(of(Some(1), Some("photoneo")), ["photoneo/000000"]);
+    assert_eq!(of(Some(1), Some("cam2")), ["cam1/000000"]);
+}
+
+#[test]
 fn every_kind_of_targets_is_read() {
     let dir = TempDir::new().unwrap();
     let load = |content: Value| {

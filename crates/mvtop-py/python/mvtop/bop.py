@@ -52,7 +52,7 @@ def evaluate(
     targets
         A file of BOP's test targets; every image by default.
     sensor
-        CAM of scene_camera_CAM.json, where there are several.
+        CAM of scene_camera_CAM.json, where there are several; the one that BOP scores by default.
     objects
         Ids of those to evaluate; all by default.
     names

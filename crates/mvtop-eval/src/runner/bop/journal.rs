@@ -11,6 +11,7 @@ use mvtop_core::{file, json};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::detection::Detections;
 use super::score::Scored;
 use super::tally::Tally;
 use crate::{Error, Result, files};
@@ -34,8 +35,10 @@ pub struct Line {
     pub extra_confidences: Vec<Option<f64>>,
     /// In the reference image.
     pub estimates: Vec<Estimate>,
-    /// What BOP's evaluation counts, by object.
+    /// What BOP's average recalls count, by object.
     pub tallies: Vec<Tally>,
+    /// What its average precisions count, by object.
+    pub detections: Vec<Detections>,
     /// Of each target.
     pub objects: Vec<Scored>,
 }

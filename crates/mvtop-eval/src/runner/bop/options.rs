@@ -33,9 +33,10 @@ pub struct Split {
     pub dataset: PathBuf,
     /// Folder of the data set that holds the scenes.
     pub split: String,
-    /// What is seen together.
-    pub grouping: Grouping,
-    /// Camera files whose images are references: CAM of scene_camera_CAM.json; the first by default.
+    /// What is seen together; by default what suits the number of sensors.
+    pub grouping: Option<Grouping>,
+    /// Camera files whose images are references: CAM of scene_camera_CAM.json; by default the one that
+    /// BOP scores, or the first.
     pub sensor: Option<String>,
     /// File of BOP's test targets, a multi-view list, or pairs.json; every image by default.
     pub targets: Option<PathBuf>,
@@ -50,7 +51,7 @@ impl Options {
             split: Split {
                 dataset,
                 split: "test".into(),
-                grouping: Grouping::default(),
+                grouping: None,
                 sensor: None,
                 targets: None,
                 objects: None,

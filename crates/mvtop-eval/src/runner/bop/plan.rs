@@ -3,11 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use crate::bop::{Doubts, FrameId, Group, Model, Scene, Target};
+use crate::bop::{Doubts, FrameId, Group, Grouping, Model, Rules, Scene, Target};
 use crate::bop::{groups, load_models, load_targets, scene_ids};
 use mvtop_core::bundle::Class;
 
 use super::Options;
+use super::provenance::folder_name;
 use crate::{Error, Result};
 
 /// What is evaluated.
@@ -41,6 +42,7 @@ impl Plan {
     pub fn new(options: &Options, known: Option<&[Class]>) -> Result<Self> {
         let split = &options.split;
         let root: &Path = &split.dataset;
+        let rules = Rules::of(&folder_name(root));
         let asked = |id: &u32| split.objects.as_ref().is_none_or(|ids| ids.contains(id));
         let (models, classes) = match known {
             Some(known) => of_network(options, known, asked)?,
@@ -91,8 +93,10 @@ impl Plan {
                 Some(_) => options.conditions.views.map(|views| views as usize),
                 None => Some(1),
             };
-            let sensor = split.sensor.as_deref();
-            let mut found = groups(&scene, split.grouping, views, sensor, of_scene)?;
+            let grouping = split.grouping.unwrap_or_else(|| Grouping::of(&scene));
+            let there = |sensor: &&str| scene.frames.keys().any(|id| id.sensor == *sensor);
+            let sensor = split.sensor.as_deref().or(rules.sensor.filter(there));
+            let mut found = groups(&scene, grouping, views, sensor, of_scene)?;
             found.retain(|group| plan.asks(&scene, group));
             plan.groups.extend(found);
             plan.scenes.insert(id, scene);
@@ -176,6 +180,7 @@ impl Plan {
                  of a single camera"
             ));
         }
+        sentences.extend(self.doubts_of_references(&folder_name(&options.split.dataset)));
         if let Some(views) = views.filter(|_| network) {
             let (fewer, first) = count(&|count| count > 1 && count < views as usize);
             if fewer > 0 {
@@ -200,6 +205,35 @@ impl Plan {
                  none there, so nothing is found; add the file, or leave out --true-boxes",
                 without.len(),
                 first.folder.display()
+            ));
+        }
+        sentences
+    }
+
+    /// Why results of the references can't be submitted, or not as they are.
+    fn doubts_of_references(&self, dataset: &str) -> Vec<String> {
+        let mut sentences = Vec::new();
+        if let Some(scored) = Rules::of(dataset).sensor {
+            // Rendered images for training come without sensors.
+            let another = |id: &FrameId| !id.sensor.is_empty() && id.sensor != scored;
+            let others = self.groups.iter().filter(|group| another(&group.views[0]));
+            if let Some(first) = others.clone().next() {
+                sentences.push(format!(
+                    "BOP scores {dataset} in images of {scored}, and {} of {} groups have another \
+                     reference, the first is {}: unpack that sensor's images and give no other --sensor",
+                    others.count(),
+                    self.groups.len(),
+                    name(first)
+                ));
+            }
+        }
+        let mut seen = BTreeSet::new();
+        let again = |group: &&Group| !seen.insert((group.scene, group.views[0].image));
+        if let Some(first) = self.groups.iter().find(again) {
+            sentences.push(format!(
+                "several groups have a reference of one scene and number, as {}: results do not tell \
+                 them apart, so their poses can't be submitted together",
+                name(first)
             ));
         }
         sentences

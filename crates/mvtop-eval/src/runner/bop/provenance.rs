@@ -27,7 +27,7 @@ pub fn about(options: &Options, sources: &[(&str, PathBuf)], plan: &Plan) -> Res
         "tool": concat!("mvtop-cli ", env!("CARGO_PKG_VERSION")),
         "dataset": folder_name(&split.dataset),
         "split": split.split,
-        "grouping": split.grouping.to_string(),
+        "grouping": split.grouping.map(|grouping| grouping.to_string()),
         "sensor": split.sensor,
         "views": conditions.views,
         "objects": split.objects,

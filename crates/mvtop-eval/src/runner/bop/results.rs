@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use crate::statistics::mean;
 use serde::Serialize;
 
+use super::detection::Detections;
 use super::journal::Line;
 use super::score::{Scored, Scores};
 use super::tally::Tally;
@@ -40,11 +41,11 @@ pub struct Column {
 }
 
 /// All columns.
-pub const COLUMNS: [Column; 16] = [
+pub const COLUMNS: [Column; 19] = [
     main("true", |s| s.objects.to_string()),
     main("found", |s| s.found.to_string()),
     main("rotation, median °", |s| number(s.rot_median_deg, 1.0)),
-    main("translation, median mm", |s| number(s.trans_median_m, 1e3)),
+    main("translation, mm", |s| number(s.trans_median_m, 1e3)),
     other("ADD recall", |s| percent(s.add.recall_01d)),
     other("ADD-S recall", |s| percent(s.add_s.recall_01d)),
     main("ADD-(S) recall", |s| percent(s.add_or_add_s.recall_01d)),
@@ -55,6 +56,9 @@ pub const COLUMNS: [Column; 16] = [
     other("AR MSPD", |s| percent(s.ar_mspd)),
     other("AR VSD", |s| percent(s.ar_vsd)),
     main("AR", average_recall),
+    other("AP MSSD", |s| percent(s.ap_mssd)),
+    other("AP MSPD", |s| percent(s.ap_mspd)),
+    main("AP-mm", |s| percent(s.ap_mm)),
     other("precision", |s| percent(s.right.precision)),
     main("recall", |s| percent(s.right.recall)),
 ];
@@ -97,28 +101,27 @@ impl Results {
     pub fn new(lines: &[Line], bounds: Bounds, measured: bool) -> Self {
         let scored: Vec<&Scored> = lines.iter().flat_map(|line| &line.objects).collect();
         let tallies: Vec<&Tally> = lines.iter().flat_map(|line| &line.tallies).collect();
+        let detections: Vec<&Detections> = lines.iter().flat_map(|line| &line.detections).collect();
         let outcomes: Vec<Outcome> = scored.iter().map(|s| s.outcome.clone()).collect();
         let views = outcomes.iter().map(|outcome| outcome.views).max();
         let extra = lines.iter().flat_map(|line| &line.extra_confidences);
         let extra: Vec<Option<f64>> = extra.copied().collect();
-        let mut by_object: BTreeMap<u32, (Vec<&Scored>, Vec<&Tally>)> = BTreeMap::new();
+        let mut by_object: BTreeMap<u32, Vec<&Scored>> = BTreeMap::new();
         for &scored in &scored {
-            by_object.entry(scored.obj_id).or_default().0.push(scored);
+            by_object.entry(scored.obj_id).or_default().push(scored);
         }
-        for &tally in &tallies {
-            // Objects that are nowhere have no row.
-            if let Some((_, of_object)) = by_object.get_mut(&tally.obj_id) {
-                of_object.push(tally);
-            }
-        }
-        let scores = |(id, (scored, tallies)): (u32, (Vec<&Scored>, Vec<&Tally>))| {
-            (id, Scores::new(&scored, &tallies, &bounds))
+        // Objects that are nowhere have no row.
+        let scores = |(id, scored): (u32, Vec<&Scored>)| {
+            let tallies: Vec<&Tally> = tallies.iter().copied().filter(|t| t.obj_id == id).collect();
+            let detections = detections.iter().copied().filter(|d| d.obj_id == id);
+            let detections: Vec<&Detections> = detections.collect();
+            (id, Scores::new(&scored, &tallies, &detections, &bounds))
         };
         let with_poses = lines.iter().filter(|line| !line.estimates.is_empty());
         let times: Option<Vec<f64>> = with_poses.map(|line| line.time_s).collect();
         Self {
             summary: Summary::new(views.unwrap_or(0), lines.len(), &extra, &outcomes, bounds),
-            all: Scores::new(&scored, &tallies, &bounds),
+            all: Scores::new(&scored, &tallies, &detections, &bounds),
             objects: by_object.into_iter().map(scores).collect(),
             time_mean_s: times.filter(|_| !measured).and_then(|times| mean(&times)),
         }

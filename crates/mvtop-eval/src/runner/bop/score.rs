@@ -9,6 +9,7 @@ use mvtop_core::prediction::ObjectPose;
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
+use super::detection::{Detections, Precisions};
 use super::tally::{Recalls, Tally};
 use super::view::View;
 use crate::Result;
@@ -86,6 +87,14 @@ pub struct Scores {
     pub ar_vsd: Option<f64>,
     /// BOP's average recall: the mean of the three, where there is VSD of all objects.
     pub ar: Option<f64>,
+    /// Average precision of BOP's detection tasks, at the thresholds of `ar_mssd`.
+    pub ap_mssd: Option<f64>,
+    /// The same at those of `ar_mspd`.
+    pub ap_mspd: Option<f64>,
+    /// The mean of the two: AP of BOP 2024.
+    pub ap: Option<f64>,
+    /// Average precision of MSSD below 2, 4, ..., 20 mm: AP-mm of BOP-Industrial.
+    pub ap_mm: Option<f64>,
     /// How many are right.
     #[serde(flatten)]
     pub right: Right,
@@ -178,8 +187,13 @@ impl Scored {
 impl Scores {
     /// The scores of some objects.
     ///
-    /// - `tallies`: of the same objects
-    pub fn new(scored: &[&Scored], tallies: &[&Tally], bounds: &Bounds) -> Self {
+    /// - `tallies`, `detections`: of the same objects
+    pub fn new(
+        scored: &[&Scored],
+        tallies: &[&Tally],
+        detections: &[&Detections],
+        bounds: &Bounds,
+    ) -> Self {
         let in_diameters = |error: &dyn Fn(&Scored) -> Option<f64>| -> Vec<f64> {
             let share = |s: &&Scored| error(s).unwrap_or(f64::INFINITY) / s.diameter_m;
             scored.iter().map(share).collect()
@@ -199,6 +213,8 @@ impl Scores {
             median(&scored.iter().filter_map(|s| error(s)).collect::<Vec<_>>())
         };
         let recalls = Recalls::new(tallies);
+        let precisions = Precisions::new(detections);
+        let both = precisions.mssd.zip(precisions.mspd);
         let predicted = tallies.iter().map(|tally| tally.estimates).sum();
         Self {
             objects: scored.len(),
@@ -212,13 +228,17 @@ impl Scores {
             ar_mspd: recalls.mspd,
             ar_vsd: recalls.vsd,
             ar: recalls.all,
+            ap_mssd: precisions.mssd,
+            ap_mspd: precisions.mspd,
+            ap: both.map(|(mssd, mspd)| (mssd + mspd) / 2.0),
+            ap_mm: precisions.mssd_mm,
             right: Right::new(scored.iter().map(|s| s.outcome.errors()), predicted, bounds),
         }
     }
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::matching::tests::found;
     use crate::metrics::{BOP_MAX_STEP, ContinuousSymmetry, DepthImage, Surface, Symmetries};
@@ -231,7 +251,7 @@ mod tests {
     use std::f64::consts::PI;
 
     /// A square plate of 0.2 m that faces the camera 1 m before it: 100 px wide.
-    fn plate() -> Model {
+    pub fn plate() -> Model {
         let corner = |x: f64, y: f64| Point3::new(0.1 * x, 0.1 * y, 0.0);
         let corners = [(-1., -1.), (1., -1.), (1., 1.), (-1., 1.)].map(|(x, y)| corner(x, y));
         let mesh = Mesh::new(corners.to_vec(), vec![], vec![[0, 1, 2], [0, 2, 3]]).unwrap();
@@ -255,7 +275,7 @@ mod tests {
         }
     }
 
-    fn camera() -> Camera {
+    pub fn camera() -> Camera {
         Camera::new(
             "cam",
             [320, 240],
@@ -315,7 +335,7 @@ mod tests {
     fn scores(of: &[&(Scored, Tally)]) -> Scores {
         let scored: Vec<&Scored> = of.iter().map(|(scored, _)| scored).collect();
         let tallies: Vec<&Tally> = of.iter().map(|(_, tally)| tally).collect();
-        Scores::new(&scored, &tallies, &bounds())
+        Scores::new(&scored, &tallies, &[], &bounds())
     }
 
     #[test]
