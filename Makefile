@@ -50,7 +50,7 @@ MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
 .PHONY: help demo test built-tests test-rust test-python lint fuzz soak miri fixtures eval accuracy test-accuracy accuracy-baseline detector \
-  lies tables pictures bench bench-peers bench-serve wheel release-wheel test-wheel stubs reference site licences test-ray \
+  lies tables pictures bench bench-peers bench-predict bench-serve wheel release-wheel test-wheel stubs reference site licences test-ray \
   test-page test-ros
 
 help:  ## this list
@@ -202,6 +202,9 @@ bench: .venv/run.done  ## criterion benches
 
 bench-peers: .venv/test.done $(MVTOP)  ## beside other runtimes on the same network, times and memory: docs/benchmarks.md
 	$(PY) benches/peers.py --out out/peers
+
+bench-predict: .venv/test.done  ## whole predictions over pixels, cameras, objects and classes: out/predict
+	$(PY) benches/predict.py
 
 bench-serve: .venv/run.done $(CLI)  ## the service under load of 1, 2, 4 and 8 clients: LOAD_SECONDS=n of each
 	$(RUNTIME) $(PY) scripts/bench-serve.py --cli $(CLI) --seconds $(LOAD_SECONDS)

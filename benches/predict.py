@@ -73,7 +73,9 @@ class Scenes:
         images = self.table.render(seed, case.objects, rendered, case.cameras)
         cameras = ring(*case.size)[: case.cameras]
         (folder / "rig.json").write_text(json.dumps(rig(cameras, *case.size)))
-        images = {camera.id: smaller(x, case.size) for camera, x in zip(cameras, images, strict=True)}
+        images = {
+            camera.id: smaller(x, case.size) for camera, x in zip(cameras, images, strict=True)
+        }
         np.savez(folder / "part.npz", **images)
         (folder / "part.npz").rename(folder / "images.npz")
         return folder

@@ -10,8 +10,9 @@ import re
 import sys
 from pathlib import Path
 
-import mvtop
 import numpy as np
+
+import mvtop
 
 
 def main():

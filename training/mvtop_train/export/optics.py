@@ -78,7 +78,7 @@ def rays_of_box(camera: Camera, box) -> np.ndarray:
 
 
 def closeup_of(real: Camera, box, size: int) -> tuple[Camera, np.ndarray, float]:
-    """The virtual camera of a box [4] px, the box in its picture, and px of the image per px of it."""
+    """The virtual camera of a box [4] px, the box in its picture, and px of the image per pixel."""
     rays = rays_of_box(real, box)
     axis = np.cross(rays[0], [0, 0, 1])
     angle = np.arctan2(np.linalg.norm(axis), rays[0, 2])
@@ -100,7 +100,7 @@ def seen_by(real: Camera, virtual: Camera, pixels: np.ndarray) -> np.ndarray:
 
 
 def half(rgb: np.ndarray) -> np.ndarray:
-    """An image [H, W, 3] at half its size, of rounded means; an odd last column or row is left out."""
+    """An image [H, W, 3] at half its size, of rounded means, without an odd last column or row."""
     height, width = (length // 2 for length in rgb.shape[:2])
     fours = rgb[: 2 * height, : 2 * width].reshape(height, 2, width, 2, 3).astype(np.uint16)
     return ((fours.sum((1, 3)) + 2) // 4).astype(np.uint8)
