@@ -24,6 +24,7 @@ VIEWS ?= 2
 CASES ?= 100000
 PREDICTIONS ?= 10000
 KILLED ?= 20
+REQUESTS ?= 20000
 LOAD_SECONDS ?= 60
 MIRI = six_locations_worked_by_hand gradients_worked_by_hand locations_that_are_not_finite_contribute_nothing \
   a_tap_of_weight_zero_does_not_read arrays_that_do_not_belong_together_are_refused empty_axes_give_empty_or_zero_results
@@ -49,7 +50,7 @@ MOST_hard = 8
 MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
-.PHONY: help demo test built-tests test-rust test-python lint fuzz soak miri fixtures eval accuracy test-accuracy accuracy-baseline detector \
+.PHONY: help demo test built-tests test-rust test-python lint fuzz soak soak-serve miri fixtures eval accuracy test-accuracy accuracy-baseline detector \
   lies tables pictures bench bench-peers bench-predict bench-serve wheel release-wheel test-wheel stubs reference site licences test-ray \
   test-page test-ros
 
@@ -147,6 +148,9 @@ fuzz: .venv/run.done  ## readers of every kind of file, rigs, meshes, trackers, 
 
 soak: $(MVTOP)  ## many predictions, reloads, kills and resumes: PREDICTIONS=n KILLED=n
 	$(PY) scripts/soak.py --predictions $(PREDICTIONS) --killed $(KILLED)
+
+soak-serve: .venv/run.done $(CLI)  ## many requests to the service, some broken, some clients gone: REQUESTS=n
+	$(RUNTIME) $(PY) scripts/soak_serve.py --cli $(CLI) --requests $(REQUESTS)
 
 # Tree Borrows: what rayon builds on breaks the stricter rules. The library never ends its threads.
 miri:  ## index arithmetic of the sampling kernel under Miri; needs a nightly toolchain with miri and rust-src
