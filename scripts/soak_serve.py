@@ -141,7 +141,12 @@ class Soak:
         while (number := self.next()) is not None:
             try:
                 kind = self.one(connection, number, draw)
-            except Exception as error:  # a thread's own is lost
+            except (
+                OSError,
+                RuntimeError,
+                ValueError,
+                http.client.HTTPException,
+            ) as error:
                 self.problem = f"request {number}: {error!r}"
                 return
             with self.lock:
