@@ -29,6 +29,7 @@ class Pose:
     - verdict: accept, reject or need_another_view; None where no confidence was asked for
     - place: x, y, z of its origin in the frame and unit that were asked for
     - turn: w, x, y, z of a unit quaternion, or as `rotation` was asked for
+    - id: number of the object over time; None where no `stream` was named
     """
 
     name: str
@@ -36,6 +37,7 @@ class Pose:
     verdict: str | None
     place: tuple[float, ...]
     turn: tuple[float, ...]
+    id: int | None = None
 
 
 class Robot:
@@ -71,10 +73,12 @@ class Robot:
         for words in (answer.split(" ") for answer in self.ask(line)):
             if words[0] != "POSE":
                 continue
+            known = words.pop().removeprefix("id=") if words[-1].startswith("id=") else None
             numbers = tuple(float(word) for word in words[5:])
             confidence = None if words[3] == "-" else float(words[3])
             verdict = None if words[4] == "-" else words[4]
-            found.append(Pose(words[2], confidence, verdict, numbers[:3], numbers[3:]))
+            number = None if known is None else int(known)
+            found.append(Pose(words[2], confidence, verdict, numbers[:3], numbers[3:], number))
         return found
 
     def close(self):

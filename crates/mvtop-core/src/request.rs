@@ -27,6 +27,7 @@ pub use self::text::SETTINGS;
 
 use crate::annotations::GivenBoxes;
 use crate::bundle::Bundle;
+use crate::estimator::Tracks;
 use crate::image::ViewImage;
 use crate::prediction::Prediction;
 use crate::report::{self, Report};
@@ -258,9 +259,29 @@ impl Request {
         rig: &Rig,
         images: &[ViewImage],
     ) -> Result<Answer> {
+        self.answer_tracked(estimator, grasps, rig, images, None)
+    }
+
+    /// As [`Request::answer`]; objects have the numbers by which `tracks` knows them over time.
+    ///
+    /// Objects that are left out have numbers too, and keep them.
+    ///
+    /// # Errors
+    /// Those of [`Request::answer`]; nothing is then followed.
+    pub fn answer_tracked(
+        &self,
+        estimator: &Estimator,
+        grasps: Option<&Grasps>,
+        rig: &Rig,
+        images: &[ViewImage],
+        tracks: Option<&mut Tracks>,
+    ) -> Result<Answer> {
         let bundle = estimator.bundle();
         self.check(bundle, rig, grasps.is_some())?;
-        let found = estimator.predict(rig, images, &self.options())?;
+        let mut found = estimator.predict(rig, images, &self.options())?;
+        if let Some(tracks) = tracks {
+            tracks.follow(&mut found, bundle);
+        }
         self.choose(found, bundle, grasps, rig)
     }
 

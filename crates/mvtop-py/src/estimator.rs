@@ -9,7 +9,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use mvtop_core::bundle::Class;
 use mvtop_core::calibration::{Expected, observe};
 use mvtop_core::config::InferenceConfig;
-use mvtop_core::estimator::TrackOptions;
 use mvtop_core::onnx::SessionOptions;
 use mvtop_core::request::Grasps;
 use mvtop_core::{Estimator, Options, Tracker, ViewImage, image, overlay};
@@ -22,6 +21,7 @@ use crate::prediction::NativePrediction;
 use crate::process::{compute, in_pool, interruptible, let_forks_exit};
 use crate::request::{Boxes, asked};
 use crate::rig::Rig;
+use crate::tracks::{self, Tracks};
 
 /// A network that is loaded in this process.
 #[pyclass(frozen, module = "mvtop._mvtop")]
@@ -103,7 +103,7 @@ impl NativeEstimator {
     }
 
     /// Images are given by the index of their camera, the request as JSON; what is given beside it
-    /// replaces what it says.
+    /// replaces what it says. `tracks` numbers the objects.
     #[allow(clippy::too_many_arguments)] // Python's keywords
     fn predict<'py>(
         &self,
@@ -115,13 +115,19 @@ impl NativeEstimator {
         boxes: Option<Vec<Boxes>>,
         min_views: Option<usize>,
         refine: Option<bool>,
+        tracks: Option<Bound<'py, Tracks>>,
     ) -> PyResult<NativePrediction> {
         let rig = rig.core().clone();
         let request = asked(request, reference, boxes, min_views, refine)?;
         let images = load(py, &rig, images)?;
-        let grasps = self.grasps.as_deref();
-        let answer = || in_pool(|| request.answer(&self.estimator, grasps, &rig, &images));
-        let answer = interruptible(py, || answer()?.map_err(python))?;
+        let (estimator, grasps): (&Estimator, _) = (&self.estimator, self.grasps.as_deref());
+        let tracks = tracks.as_ref().map(Bound::get);
+        let answer = interruptible(py, || {
+            let mut locked = tracks.map(Tracks::lock);
+            let tracks = locked.as_deref_mut();
+            in_pool(|| request.answer_tracked(estimator, grasps, &rig, &images, tracks))?
+                .map_err(python)
+        })?;
         Ok(NativePrediction::new(answer, rig))
     }
 
@@ -208,17 +214,10 @@ impl NativeTracker {
         max_motion_m: Option<f64>,
         patience: usize,
     ) -> PyResult<Self> {
-        if let Some(reach) = max_motion_m.filter(|reach| !(reach.is_finite() && *reach >= 0.0)) {
-            return Err(value(format!(
-                "max_motion_m: expected metres, 0 or more, got {reach}"
-            )));
-        }
+        let options = tracks::options(max_motion_m, patience)?;
         let rig = rig.core().clone();
         let tracker = Tracker::new((*estimator.estimator).clone(), rig.clone());
-        let tracker = tracker.with_tracks(TrackOptions {
-            max_motion_m,
-            patience,
-        });
+        let tracker = tracker.with_tracks(options);
         Ok(Self {
             tracker: ManuallyDrop::new(Mutex::new(tracker)),
             estimator: estimator.estimator.clone(),

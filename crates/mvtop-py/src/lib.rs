@@ -16,6 +16,7 @@ mod rig;
 mod rotations;
 mod sampling;
 mod statistics;
+mod tracks;
 
 use pyo3::prelude::*;
 
@@ -70,4 +71,6 @@ mod _mvtop {
     };
     #[pymodule_export]
     use super::statistics::{auroc, calibration, correlation, roc_curve};
+    #[pymodule_export]
+    use super::tracks::Tracks;
 }

@@ -374,6 +374,23 @@ def test_a_tracker_s_objects_keep_their_numbers(estimator, rig, arrays, truth):
         mvtop.Tracker(estimator, rig, max_motion_m=-1)
 
 
+def test_objects_of_single_predictions_are_followed_by_tracks(estimator, rig, arrays, truth):
+    tracks = mvtop.Tracks(patience=0)
+    groups = estimator.predict([arrays, arrays], rig, boxes=[truth, truth], tracks=tracks)
+    assert [found.track_id for group in groups for found in group] == [1, 1]
+    # What is not wanted is followed all the same.
+    nowhere = mvtop.Request(region=[[50, 50, 50], [51, 51, 51]])
+    assert not len(estimator.predict(arrays, rig, boxes=truth, request=nowhere, tracks=tracks))
+    (again,) = estimator.predict(arrays, rig, boxes=truth, tracks=tracks)
+    assert again.track_id == 1
+    still = mvtop.Tracks(max_motion_m=0)
+    for number, images in enumerate((arrays, [np.zeros_like(image) for image in arrays]), 1):
+        (found,) = estimator.predict(images, rig, boxes=truth, tracks=still)
+        assert found.track_id == number
+    with pytest.raises(ValueError, match="max_motion_m: expected metres"):
+        mvtop.Tracks(max_motion_m=float("inf"))
+
+
 def test_a_tracker_s_prediction_is_drawn_onto_the_images_that_it_was_made_from(
     estimator, rig, arrays, truth
 ):

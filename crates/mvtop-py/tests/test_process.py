@@ -72,6 +72,23 @@ assert all(p == poses[0] for p in poses)
     in_new_process(script)
 
 
+def test_threads_share_tracks(in_new_process):
+    script = (
+        HEAD
+        + """
+from concurrent.futures import ThreadPoolExecutor
+mvtop.set_num_threads(2)
+estimator, tracks = mvtop.Estimator.load("fixtures/tiny", threads=1), mvtop.Tracks()
+def number(_):
+    (found,) = estimator.predict(images, rig, boxes=f"{sample}/truth.json", tracks=tracks)
+    return found.track_id
+with ThreadPoolExecutor(4) as threads:
+    assert set(threads.map(number, range(12))) == {1}
+"""
+    )
+    in_new_process(script)
+
+
 def test_threads_share_a_tracker_in_a_pool_of_its_own(in_new_process):
     # Of the compiled part, to which the tracker's own lock lets one thread at a time. The second
     # call comes at any moment of the first, so that a thread of the pool that waits takes it up.
@@ -115,7 +132,7 @@ threading.Thread(target=note, daemon=True).start()
 within = 0
 for _ in range(200):
     start = time.perf_counter()
-    estimator._native.predict(rig, list(enumerate(images)), None, None, None, 1, None)
+    estimator._native.predict(rig, list(enumerate(images)), None, None, None, 1, None, None)
     end = time.perf_counter()
     margin = (end - start) / 4
     within += sum(start + margin < t < end - margin for t in list(noted))

@@ -115,6 +115,8 @@ pub struct Exposure {
     pub model: usize,
     /// Index of the rig.
     pub rig: usize,
+    /// Name of the stream that it belongs to, if any.
+    pub stream: Option<String>,
     pub request: Request,
     /// From its arrival to the answer, milliseconds.
     pub took_ms: f64,
@@ -128,6 +130,8 @@ pub struct Found {
     /// The document, as `infer --json` prints it.
     pub json: String,
     pub accepted: bool,
+    /// Exposures of the stream so far, with this one.
+    pub stream_exposures: Option<u64>,
 }
 
 impl Found {
@@ -171,6 +175,7 @@ impl Exposure {
             time: SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(number),
             model: 0,
             rig: 0,
+            stream: None,
             request: Request::default(),
             took_ms: 1.0,
             outcome: Err("a sentence".into()),

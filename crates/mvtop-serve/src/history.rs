@@ -68,8 +68,11 @@ impl History {
             .cloned()
     }
 
-    pub fn last(&self) -> Option<Entry> {
-        self.entries.back().cloned()
+    /// The newest exposure, of a stream if one is named.
+    pub fn last_of(&self, stream: Option<&str>) -> Option<Entry> {
+        let of_stream =
+            |entry: &&Entry| stream.is_none() || entry.exposure.stream.as_deref() == stream;
+        self.entries().find(of_stream).cloned()
     }
 }
 
@@ -94,7 +97,7 @@ mod tests {
             add(&mut history, number, 100);
         }
         assert_eq!(history.entries().count(), MOST);
-        assert_eq!(history.last().unwrap().exposure.number, 200);
+        assert_eq!(history.last_of(None).unwrap().exposure.number, 200);
         assert!(history.get(100).is_none() && history.get(101).is_some());
         let with_images = history.entries().filter(|entry| entry.uploads.is_some());
         assert_eq!(with_images.count(), 10);

@@ -18,6 +18,7 @@ mod queue;
 mod record;
 mod service;
 mod station;
+mod streams;
 
 use std::net::SocketAddr;
 use std::sync::Arc;

@@ -127,6 +127,7 @@ async fn said(service: &Arc<Service>, text: &str, known: &mut bool) -> Result<St
 struct Order {
     model: Option<String>,
     rig: Option<String>,
+    stream: Option<String>,
     /// Oldest exposure that is wanted, seconds.
     most_age_s: Option<f64>,
     format: Format,
@@ -144,6 +145,10 @@ impl Order {
             match name {
                 "model" => order.model = Some(value.to_owned()),
                 "rig" => order.rig = Some(value.to_owned()),
+                "stream" => {
+                    order.stream = Some(value.to_owned());
+                    order.format.ids = true;
+                }
                 "max_age_s" => {
                     let age = value.parse().ok().filter(|age: &f64| *age >= 0.0);
                     let wrong =
@@ -182,6 +187,7 @@ async fn find(service: &Arc<Service>, order: Order) -> Result<String, Problem> {
         id: service.next_id(),
         model,
         rig,
+        stream: order.stream,
         request: order.request,
         began,
     };
@@ -256,13 +262,17 @@ fn last(service: &Arc<Service>, mut order: Order) -> Result<String, Problem> {
             "LAST: `{name}` was settled with the exposure; ask for FIND"
         )));
     }
+    let of_stream = order.stream.as_deref();
     let nothing = || {
-        Problem::new(
-            Kind::NotFound,
-            "LAST: no exposure yet; send images to /v1/predict first",
-        )
+        let message = match of_stream {
+            None => "LAST: no exposure yet; send images to /v1/predict first".to_owned(),
+            Some(name) => {
+                format!("LAST: no exposure of stream `{name}` among the last hundred; ask for FIND")
+            }
+        };
+        Problem::new(Kind::NotFound, message)
     };
-    let entry = service.history().last().ok_or_else(nothing)?;
+    let entry = service.history().last_of(of_stream).ok_or_else(nothing)?;
     let exposure: &Exposure = &entry.exposure;
     let age_s = exposure.time.elapsed().map_or(0.0, |age| age.as_secs_f64());
     if let Some(most) = order.most_age_s.filter(|most| age_s > *most) {

@@ -33,6 +33,7 @@ pub struct Metrics {
     warnings: Counters,
     recorded: Counters,
     queue: Gauge<f64, AtomicU64>,
+    streams: Gauge<f64, AtomicU64>,
     ready: Gauge<f64, AtomicU64>,
 }
 
@@ -60,7 +61,7 @@ impl Metrics {
             Counters::default(),
             Counters::default(),
         );
-        let (queue, ready) = (Gauge::default(), Gauge::default());
+        let (queue, streams, ready) = (Gauge::default(), Gauge::default(), Gauge::default());
         let sort = "Requests for poses by outcome: ok or the code of an error";
         registry.register("requests", sort, requests.clone());
         let sort = "Times of the stages of predictions";
@@ -75,6 +76,7 @@ impl Metrics {
         registry.register("recorded", sort, recorded.clone());
         let sort = "Exposures that are worked on or wait";
         registry.register("queue_length", sort, queue.clone());
+        registry.register("streams", "Streams that are remembered", streams.clone());
         registry.register(
             "ready",
             "1 once models are loaded and tested",
@@ -90,6 +92,7 @@ impl Metrics {
             warnings,
             recorded,
             queue,
+            streams,
             ready,
         }
     }
@@ -146,8 +149,9 @@ impl Metrics {
     }
 
     /// The text that Prometheus reads.
-    pub fn text(&self, queue_length: usize, ready: bool) -> String {
+    pub fn text(&self, queue_length: usize, streams: usize, ready: bool) -> String {
         self.queue.set(queue_length as f64);
+        self.streams.set(streams as f64);
         self.ready.set(f64::from(u8::from(ready)));
         let mut text = String::new();
         // Writing to a text does not fail.

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use mvtop_core::{Request, ViewImage};
-use tokio::sync::{Semaphore, oneshot};
+use tokio::sync::{OwnedMutexGuard, Semaphore, oneshot};
 
 use crate::config::Config;
 use crate::exposure::{Exposure, Found, Upload, decode_all};
@@ -17,6 +17,7 @@ use crate::problem::{Kind, Problem};
 use crate::queue::{Place, Queue};
 use crate::record::Recorder;
 use crate::station::{self, Model, NamedRig};
+use crate::streams::{self, Stream, Streams};
 
 /// Clients that may send images at once: each of them may fill memory up to the largest body.
 pub const MOST_UPLOADS: usize = 16;
@@ -34,6 +35,7 @@ pub struct Service {
     history: Mutex<History>,
     recorder: Option<Recorder>,
     queue: Queue,
+    streams: Streams,
     /// Places of clients that send images.
     pub uploads: Arc<Semaphore>,
     stopping: AtomicBool,
@@ -50,6 +52,8 @@ pub struct Asked {
     pub model: usize,
     /// Index of the rig.
     pub rig: usize,
+    /// Name of the stream that the exposure belongs to, if any.
+    pub stream: Option<String>,
     pub request: Request,
     pub began: Instant,
 }
@@ -68,6 +72,7 @@ impl Service {
             history: Mutex::new(History::new(config.history_bytes)),
             recorder,
             queue: Queue::new(config.waiting)?,
+            streams: Streams::default(),
             uploads: Arc::new(Semaphore::new(MOST_UPLOADS)),
             stopping: AtomicBool::new(false),
             exposures: AtomicU64::new(0),
@@ -129,6 +134,11 @@ impl Service {
         self.queue.length()
     }
 
+    /// How many streams are remembered.
+    pub fn streams(&self) -> usize {
+        self.streams.count(Instant::now())
+    }
+
     /// An id for a request that brought none: no other of this service or the next has it.
     pub fn next_id(&self) -> String {
         let number = self.requests.fetch_add(1, Ordering::Relaxed);
@@ -153,7 +163,8 @@ impl Service {
         self.queue.enter()
     }
 
-    /// Decodes the images, waits for the thread that predicts, and answers.
+    /// Decodes the images, waits for the thread that predicts, and answers. Those of a stream come one
+    /// after the other.
     ///
     /// Nothing is done for a client that has gone: the future is then dropped.
     pub async fn expose(
@@ -175,9 +186,51 @@ impl Service {
                 "boxes: expected {MOST_BOXES} objects at most, got {boxes}; send them in several requests"
             )));
         }
+        let stream = match &asked.stream {
+            Some(name) => {
+                streams::check_name(name)?;
+                let key = (asked.model, asked.rig, name.clone());
+                Some(self.streams.open(key, Instant::now())?)
+            }
+            None => None,
+        };
+        let request_time = self.config.request_time;
+        let answered = async {
+            let turn = match stream {
+                Some(stream) => Some(stream.lock_owned().await),
+                None => None,
+            };
+            self.submit(place, asked, uploads, turn).await
+        };
+        match tokio::time::timeout(request_time, answered).await {
+            Ok(Ok(answer)) => answer,
+            Ok(Err(_)) => {
+                let message = "the service is stopping; send this again later";
+                Err(Problem::new(Kind::NotReady, message))
+            }
+            Err(_) => Err(Problem::new(
+                Kind::TimedOut,
+                format!(
+                    "expected an answer within {} s, it takes longer; raise --request-seconds, or send fewer at once",
+                    request_time.as_secs()
+                ),
+            )),
+        }
+    }
+
+    /// Decodes the images in another thread, and then gives them to the one that predicts.
+    ///
+    /// - `turn`: the stream that they belong to, until they are answered
+    fn submit(
+        self: &Arc<Self>,
+        place: Place,
+        asked: Asked,
+        uploads: Vec<Upload>,
+        mut turn: Option<OwnedMutexGuard<Stream>>,
+    ) -> oneshot::Receiver<Result<Arc<Exposure>, Problem>> {
         let uploads = Arc::new(uploads);
         let (reply, answer) = oneshot::channel();
-        let (service, request_time) = (self.clone(), self.config.request_time);
+        let service = self.clone();
         tokio::task::spawn_blocking(move || {
             let rig = &service.rigs[asked.rig].rig;
             let images = match decode_all(&uploads, rig) {
@@ -195,7 +248,7 @@ impl Service {
                 if reply.is_closed() {
                     return;
                 }
-                let done = service.predict(&asked, &images);
+                let done = service.predict(&asked, &images, turn.as_deref_mut());
                 let _ = reply.send(match done {
                     Ok(found) => Ok(service.note(asked, uploads, Ok(found))),
                     Err(problem) => {
@@ -207,24 +260,16 @@ impl Service {
             // Else the reply is dropped, which says so.
             let _ = queue.queue.submit(place, Box::new(task));
         });
-        match tokio::time::timeout(request_time, answer).await {
-            Ok(Ok(answer)) => answer,
-            Ok(Err(_)) => {
-                let message = "the service is stopping; send this again later";
-                Err(Problem::new(Kind::NotReady, message))
-            }
-            Err(_) => Err(Problem::new(
-                Kind::TimedOut,
-                format!(
-                    "expected an answer within {} s, it takes longer; raise --request-seconds, or send fewer at once",
-                    request_time.as_secs()
-                ),
-            )),
-        }
+        answer
     }
 
     /// One prediction, whatever happens in it.
-    fn predict(&self, asked: &Asked, images: &[ViewImage]) -> Result<Found, Problem> {
+    fn predict(
+        &self,
+        asked: &Asked,
+        images: &[ViewImage],
+        mut stream: Option<&mut Stream>,
+    ) -> Result<Found, Problem> {
         let predict = || -> Result<Found, Problem> {
             let models = self.models.get().map(Vec::as_slice).unwrap_or_default();
             let Some(model) = models.get(asked.model) else {
@@ -232,13 +277,19 @@ impl Service {
             };
             let rig = &self.rigs[asked.rig].rig;
             let (estimator, grasps) = (&model.estimator, model.grasps.as_ref());
-            let answer = asked.request.answer(estimator, grasps, rig, images)?;
+            let tracks = stream.as_mut().map(|stream| &mut stream.tracks);
+            let request = &asked.request;
+            let answer = request.answer_tracked(estimator, grasps, rig, images, tracks)?;
             let mut json = answer.report.to_json()?;
             json.push('\n');
             Ok(Found {
                 json,
-                accepted: answer.is_accepted(&asked.request),
+                accepted: answer.is_accepted(request),
                 prediction: answer.prediction,
+                stream_exposures: stream.map(|stream| {
+                    stream.exposures += 1;
+                    stream.exposures
+                }),
             })
         };
         catch_unwind(AssertUnwindSafe(predict)).unwrap_or_else(|_| {
@@ -263,6 +314,7 @@ impl Service {
             time: SystemTime::now(),
             model: asked.model,
             rig: asked.rig,
+            stream: asked.stream,
             request: asked.request,
             took_ms: asked.began.elapsed().as_secs_f64() * 1e3,
             outcome,

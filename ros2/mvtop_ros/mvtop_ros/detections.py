@@ -1,6 +1,7 @@
 """From predictions to the messages that are published."""
 
 import math
+from collections import Counter
 
 import numpy as np
 from geometry_msgs.msg import TransformStamped
@@ -33,7 +34,7 @@ def detections_of(prediction, header, classes):
     """
     message = Detection3DArray(header=header)
     for found in prediction:
-        one = Detection3D(header=header)
+        one = Detection3D(header=header, id=id_of(found))
         sure = found.score if found.confidence is None else found.confidence
         for hypothesis in found.hypotheses:
             result = ObjectHypothesisWithPose()
@@ -51,12 +52,17 @@ def detections_of(prediction, header, classes):
     return message
 
 
+def id_of(found):
+    """What names an object over time; empty where none is followed."""
+    return "" if found.track_id is None else f"{found.class_name}_{found.track_id}"
+
+
 def frame_names(prediction):
-    """The frame of each object: its class and a number, most probable first."""
-    counts, names = {}, [""] * len(prediction)
+    """The frame of each object: its id, else its class and a number, most probable first."""
+    counts, names = Counter(), [""] * len(prediction)
     for at in sorted(range(len(prediction)), key=lambda at: -(prediction[at].confidence or 0.0)):
         name = prediction[at].class_name
-        names[at] = f"{name}_{counts.setdefault(name, 0)}"
+        names[at] = id_of(prediction[at]) or f"{name}_{counts[name]}"
         counts[name] += 1
     return names
 

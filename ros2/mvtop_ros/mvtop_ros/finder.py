@@ -17,14 +17,17 @@ class Finder:
         self._places = threading.BoundedSemaphore(1 + waiting)
         self._turn = threading.Lock()
 
-    def find(self, images, rig, request):
-        """The prediction of RGB images by camera id; raises `BusyError` where too many wait."""
+    def find(self, images, rig, request, tracks=None):
+        """The prediction of RGB images by camera id; raises `BusyError` where too many wait.
+
+        - tracks: the `mvtop.Tracks` that numbers the objects over time, if any
+        """
         if not self._places.acquire(blocking=False):
             raise BusyError(
                 f"expected {self._waiting} waiting requests at most, got one more; ask again later"
             )
         try:
             with self._turn:
-                return self.estimator.predict(images, rig, request=request)
+                return self.estimator.predict(images, rig, request=request, tracks=tracks)
         finally:
             self._places.release()

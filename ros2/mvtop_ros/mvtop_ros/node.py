@@ -35,7 +35,7 @@ class PoseNode(LifecycleNode):
         self._said = {}
         self._newest = Newest()
         self._frames = self._answers = self._topics = None
-        self._cameras = self._worker = None
+        self._cameras = self._worker = self._tracks = None
         self._images = MutuallyExclusiveCallbackGroup()
 
     # Transitions.
@@ -49,6 +49,8 @@ class PoseNode(LifecycleNode):
             self._finder = Finder(estimator, values["waiting"])
             self.classes = {known.name: known for known in estimator.classes}
             self._wanted = mvtop.Request(classes=values["classes"] or None)
+            reach = values["max_motion_m"] or None
+            self._tracks = mvtop.Tracks(max_motion_m=reach) if values["track"] else None
             parameters.check_classes(values, self.classes)
         except PROBLEMS as problem:
             self.get_logger().error(str(problem))
@@ -89,7 +91,7 @@ class PoseNode(LifecycleNode):
             self._topics.close()
             for listener in self._listeners:
                 self.destroy_subscription(listener)
-            self._answers = self._topics = self._finder = None
+            self._answers = self._topics = self._finder = self._tracks = None
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state):
@@ -117,9 +119,9 @@ class PoseNode(LifecycleNode):
 
     def find(self, exposure, request):
         """The prediction of an exposure."""
-        cameras, finder = self.refuse_inactive(), self._finder
+        cameras, finder, tracks = self.refuse_inactive(), self._finder, self._tracks
         images, rig = cameras.images_and_rig(exposure)
-        prediction = finder.find(images, rig, request)
+        prediction = finder.find(images, rig, request, tracks)
         for warning in prediction.warnings:
             self.warn_sometimes(warning.message)
         return prediction

@@ -55,6 +55,10 @@ NODE = {
     "min_confidence": Parameter(
         0.0, "Poses of less confidence are not published without a request.", 0, 1
     ),
+    "track": Parameter(True, "Whether objects keep their id and frame over time."),
+    "max_motion_m": Parameter(
+        0.0, "Farthest that an object moves between exposures, m; 0 for half its diameter.", 0, 100
+    ),
     "publish_tf": Parameter(True, "Whether found objects are published on /tf."),
     "publish_rig": Parameter(True, "Whether cameras of a rig file are published on /tf_static."),
     "publish_markers": Parameter(True, "Whether markers are published."),

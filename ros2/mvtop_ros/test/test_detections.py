@@ -34,7 +34,7 @@ HEADER = Header(frame_id="world")
 def test_detections_have_poses_scores_and_covariances(prediction, classes, ball):
     (one,) = detections.detections_of(prediction, HEADER, classes).detections
     (found,) = prediction
-    assert len(one.results) == len(found.hypotheses)
+    assert len(one.results) == len(found.hypotheses) and one.id == ""
     first = one.results[0]
     assert first.hypothesis.class_id == "mvball"
     assert first.hypothesis.score == pytest.approx(found.confidence)
@@ -76,6 +76,15 @@ def test_frames_and_markers_follow_the_objects(prediction, classes):
     assert others[1].text.startswith("mvball 9")
     nothing = detections.markers_of(prediction[:0], HEADER, classes).markers
     assert [marker.action for marker in nothing] == [Marker.DELETEALL]
+
+
+def test_followed_objects_are_named_by_their_number(estimator, classes, ball):
+    tracks = mvtop.Tracks()
+    for _ in range(2):
+        prediction = estimator.predict(ball.images, ball.rig, tracks=tracks)
+        (one,) = detections.detections_of(prediction, HEADER, classes).detections
+        (transform,) = detections.transforms_of(prediction, HEADER).transforms
+        assert one.id == transform.child_frame_id == "mvball_1"
 
 
 def test_cameras_of_a_rig_file_are_frames(ball):

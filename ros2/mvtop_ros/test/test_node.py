@@ -3,6 +3,7 @@
 import json
 import time
 
+import numpy as np
 import pytest
 from conftest import error_of
 from geometry_msgs.msg import TransformStamped
@@ -28,7 +29,7 @@ class Played:
     def __init__(self, client, example, compressed=False):
         self._client, self._example, self._compressed = client, example, compressed
         kind, end = (CompressedImage, "/compressed") if compressed else (Image, "")
-        self.stopped, self.lying = set(), set()
+        self.stopped, self.lying, self.moved = set(), set(), 0
         make = client.node.create_publisher
         ids = [camera.id for camera in example.rig.cameras]
         self._images = {name: make(kind, f"/{name}/image_raw{end}", 5) for name in ids}
@@ -64,7 +65,7 @@ class Played:
     def _message(self, name):
         if self._compressed:
             return CompressedImage(format="png", data=self._example.files[name].read_bytes())
-        array = self._example.images[name]
+        array = np.roll(self._example.images[name], self.moved, axis=1)
         height, width = array.shape[:2]
         claimed = height * 4 if name in self.lying else height
         return Image(
@@ -138,7 +139,7 @@ def test_detections_frames_and_markers_are_published(service, client, played, ba
     assert found[-1].header.frame_id == "world" and found[-1].header.stamp.sec > 0
     assert_right(found[-1], ball)
     transform = tf[-1].transforms[0]
-    assert transform.child_frame_id == "mvball_0"
+    assert transform.child_frame_id in {one.id for all in found for one in all.detections}
     assert error_of(of_transform(transform.transform), ball.truth["mvball"])[1] < 0.005
     assert [one.child_frame_id for one in static[0].transforms] == ["cam0", "cam1"]
 
@@ -148,6 +149,7 @@ def test_service_answers_what_is_asked(service, client, played, ball):
     until_views(client, service, 2)
     answer = client.call(service, asked)
     assert answer.success and answer.accepted and not answer.message
+    assert answer.detections.detections[0].id.startswith("mvball_")
     assert_right(answer.detections, ball)
     report = json.loads(answer.report)
     assert report["frame"] == "cam1" and report["objects"][0]["verdict"] == "accept"
@@ -226,13 +228,40 @@ def test_action_says_how_far_it_is_and_can_be_cancelled(service, client, played)
     action.destroy()
 
 
-def test_inactive_node_says_so_and_can_be_activated_again(service, client, played):
+@pytest.fixture
+def go(node, client):
+    """Changes the node's state."""
     change = client.service(ChangeState, "/mvtop/change_state")
 
-    def go(transition):
+    def transit(transition):
         request = ChangeState.Request(transition=Transition(id=transition))
         return client.call(change, request).success
 
+    return transit
+
+
+def test_ids_are_an_object_s_own_until_cleanup(service, client, played, go):
+    def id_of_one_view():
+        (one,) = until_views(client, service, 1).detections.detections
+        return one.id
+
+    played.stopped.add("cam1")
+    first = id_of_one_view()
+    assert id_of_one_view() == first
+    # Farther than half its diameter; an image of before may still be on its way.
+    played.moved = 100
+    client.turn(2.0)
+    second = id_of_one_view()
+    assert second != first
+    assert go(Transition.TRANSITION_DEACTIVATE) and go(Transition.TRANSITION_ACTIVATE)
+    assert id_of_one_view() == second
+    assert go(Transition.TRANSITION_DEACTIVATE) and go(Transition.TRANSITION_CLEANUP)
+    assert go(Transition.TRANSITION_CONFIGURE) and go(Transition.TRANSITION_ACTIVATE)
+    service = client.service(FindPoses, "/mvtop/find_poses")
+    assert id_of_one_view() == "mvball_1" != second
+
+
+def test_inactive_node_says_so_and_can_be_activated_again(service, client, played, go):
     assert go(Transition.TRANSITION_DEACTIVATE)
     answer = client.call(service, NEW)
     assert not answer.success and "activate it" in answer.message

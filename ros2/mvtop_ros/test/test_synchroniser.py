@@ -88,7 +88,7 @@ def test_one_more_than_may_wait_is_turned_away():
     began, go_on = threading.Event(), threading.Event()
 
     class Slow:
-        def predict(self, images, rig, *, request):
+        def predict(self, images, rig, *, request, tracks):
             began.set()
             assert go_on.wait(10)
             return images

@@ -7,6 +7,7 @@ mod bounds;
 mod client;
 mod lines;
 mod records;
+mod streams;
 
 use client::{Server, cli, images, timeless};
 

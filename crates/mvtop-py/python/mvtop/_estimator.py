@@ -13,7 +13,7 @@ from mvtop._inputs import (
     images_by_camera,
     refuse_no_rig,
 )
-from mvtop._mvtop import NativeEstimator, Rig, RigCheck
+from mvtop._mvtop import NativeEstimator, Rig, RigCheck, Tracks
 from mvtop._objects import ObjectClass, object_classes
 from mvtop._prediction import Prediction, Source
 from mvtop._request import json_of
@@ -126,6 +126,7 @@ class Estimator:
         min_views: int | None = None,
         refine: bool | None = None,
         request: Request | None = None,
+        tracks: Tracks | None = None,
     ) -> Prediction: ...
     @overload
     def predict(
@@ -138,6 +139,7 @@ class Estimator:
         min_views: int | None = None,
         refine: bool | None = None,
         request: Request | None = None,
+        tracks: Tracks | None = None,
     ) -> list[Prediction]: ...
     def predict(
         self,
@@ -149,6 +151,7 @@ class Estimator:
         min_views: int | None = None,
         refine: bool | None = None,
         request: Request | None = None,
+        tracks: Tracks | None = None,
     ) -> Prediction | list[Prediction]:
         """Finds the objects that the network knows, and their poses.
 
@@ -178,6 +181,8 @@ class Estimator:
             True refuses a bundle without any.
         request
             Which objects are wanted, and in which frame; the arguments above replace what it says.
+        tracks
+            What numbers the objects over time (`track_id`), also of groups, one after the other.
 
         Returns
         -------
@@ -190,7 +195,7 @@ class Estimator:
             Where images, reference, boxes, min_views or request do not fit the rig or the network.
         """
         refuse_no_rig(rig)
-        options = (json_of(request), reference, min_views, refine)
+        options = (json_of(request), reference, min_views, refine, tracks)
         groups = groups_of(images)
         if groups is None:
             given: Any = images
@@ -213,10 +218,13 @@ class Estimator:
         reference: str | None,
         min_views: int | None,
         refine: bool | None,
+        tracks: Tracks | None,
     ) -> Prediction:
         native = self._here()
         given = boxes_by_camera(boxes)
-        prediction = native.predict(rig, images, request, reference, given, min_views, refine)
+        prediction = native.predict(
+            rig, images, request, reference, given, min_views, refine, tracks
+        )
         return Prediction.of(rig, Source(native, prediction, images))
 
     def check_rig(

@@ -5,7 +5,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Final, SupportsFloat, SupportsIndex, final
 
-__all__ = ["BOP_RESULTS_HEADER", "PIPELINE_VERSION", "REPORT_SCHEMA_VERSION", "__version__", "Camera", "Image", "Instance", "Mesh", "ModelInfo", "NativeEstimator", "NativePrediction", "NativeTracker", "RefinedRig", "Rig", "RigCheck", "RigCorrection", "Surface", "Symmetries", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "check_request", "correlation", "default_inference", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "read_models_info", "read_scene", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "score_results", "set_num_threads", "translation_error", "vsd"]
+__all__ = ["BOP_RESULTS_HEADER", "PIPELINE_VERSION", "REPORT_SCHEMA_VERSION", "__version__", "Camera", "Image", "Instance", "Mesh", "ModelInfo", "NativeEstimator", "NativePrediction", "NativeTracker", "RefinedRig", "Rig", "RigCheck", "RigCorrection", "Surface", "Symmetries", "Tracks", "auc_exact", "auc_poet", "auc_posecnn", "auroc", "average_recall", "bop_results_line", "box_rays", "calibration", "camera_rays", "check_request", "correlation", "default_inference", "deformable_sampling", "deformable_sampling_backward", "deformable_sampling_forward", "encode_rays", "read_models_info", "read_scene", "recall", "roc_curve", "rotation_error_deg", "rotation_from_6d", "run_cli", "score_results", "set_num_threads", "translation_error", "vsd"]
 
 BOP_RESULTS_HEADER: Final[str]
 PIPELINE_VERSION: Final[int]
@@ -308,10 +308,10 @@ class NativeEstimator:
         """
         (P, 3), points on the surface of a class, metres.
         """
-    def predict(self, /, rig: Rig, images: SupportsGetItem[int, tuple[SupportsIndex, Any]], request: str | None, reference: str | None, boxes: SupportsGetItem[int, tuple[str, dict[str, SupportsLenAndGetItem[SupportsFloat | SupportsIndex]]]] | None, min_views: SupportsIndex | None, refine: bool | None) -> NativePrediction:
+    def predict(self, /, rig: Rig, images: SupportsGetItem[int, tuple[SupportsIndex, Any]], request: str | None, reference: str | None, boxes: SupportsGetItem[int, tuple[str, dict[str, SupportsLenAndGetItem[SupportsFloat | SupportsIndex]]]] | None, min_views: SupportsIndex | None, refine: bool | None, tracks: Tracks | None) -> NativePrediction:
         """
         Images are given by the index of their camera, the request as JSON; what is given beside it
-        replaces what it says.
+        replaces what it says. `tracks` numbers the objects.
         """
 
 @final
@@ -733,6 +733,32 @@ class Symmetries:
             Axis and a point on it, (3,) each.
         """
     def __repr__(self, /) -> str: ...
+
+@final
+class Tracks:
+    """
+    Gives objects numbers that stay theirs over time: `Estimator.predict(..., tracks=tracks)`.
+
+    An object is the same as the nearest one of its class in earlier predictions, if it moved by less
+    than the bound; numbers start at 1, and none is given twice. The cameras may move, and be others.
+    Threads may share it: their predictions then run one after the other.
+    """
+    def __new__(cls, /, *, max_motion_m: SupportsFloat | SupportsIndex | None = None, patience: SupportsIndex = 30) -> Tracks:
+        """
+        Without any objects yet.
+
+        Parameters
+        ----------
+        max_motion_m
+            Farthest that an object moves between two predictions, metres; None: half its diameter.
+        patience
+            Predictions after which an object that is not found any more is forgotten.
+
+        Raises
+        ------
+        ValueError
+            Where `max_motion_m` is below 0 or not finite.
+        """
 
 def auc_exact(errors: ArrayLike, max: SupportsFloat | SupportsIndex) -> float | None:
     """

@@ -224,7 +224,7 @@ class ObjectPose:
     grasps: list[Grasp] | None = None
     """How to grasp it; None where that was not asked."""
     track_id: int | None = None
-    """Number by which a `Tracker` knows the object over time; None of single predictions."""
+    """Number by which a `Tracker` or `Tracks` knows the object over time; else None."""
 
     @property
     def quat_xyzw(self) -> NDArray[np.float64]:

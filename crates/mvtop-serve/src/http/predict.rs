@@ -7,7 +7,7 @@ use axum::extract::multipart::{Field, Multipart, MultipartError, MultipartReject
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Extension, Query, State};
 use axum::http::header;
-use axum::response::{IntoResponse, Response};
+use axum::response::{AppendHeaders, IntoResponse, Response};
 use mvtop_core::{Request, Rig};
 
 use super::guard::RequestId;
@@ -66,17 +66,19 @@ impl Drop for Counted<'_> {
 }
 
 fn told(exposure: &Exposure) -> Response {
-    let (json, accepted) = match &exposure.outcome {
-        Ok(found) => (found.json.clone(), found.accepted),
+    let found = match &exposure.outcome {
+        Ok(found) => found,
         // Not one that is answered.
         Err(problem) => return Problem::new(Kind::Internal, problem).into_response(),
     };
     let headers = [
         (header::CONTENT_TYPE.as_str(), "application/json".to_owned()),
         ("x-mvtop-exposure", exposure.number.to_string()),
-        ("x-mvtop-accepted", accepted.to_string()),
+        ("x-mvtop-accepted", found.accepted.to_string()),
     ];
-    (headers, json).into_response()
+    let count = found.stream_exposures;
+    let of_stream = count.map(|count| ("x-mvtop-stream-exposures", count.to_string()));
+    (headers, AppendHeaders(of_stream), found.json.clone()).into_response()
 }
 
 async fn answer(
@@ -117,17 +119,17 @@ async fn answer(
     })?;
     let (mut request, uploads) = read?;
     drop(upload);
-    for (name, value) in settings
-        .iter()
-        .filter(|(name, _)| name != "model" && name != "rig")
-    {
-        request.set(name, value)?;
+    for (name, value) in &settings {
+        if !["model", "rig", "stream"].contains(&name.as_str()) {
+            request.set(name, value)?;
+        }
     }
     let place = service.enter()?;
     let asked = Asked {
         id,
         model,
         rig,
+        stream: named("stream").map(str::to_owned),
         request,
         began,
     };

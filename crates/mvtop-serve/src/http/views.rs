@@ -32,9 +32,10 @@ pub async fn readyz(State(service): Served) -> Result<&'static str, Problem> {
 }
 
 pub async fn metrics(State(service): Served) -> Response {
+    let (queue, streams) = (service.queue_length(), service.streams());
     let text = service
         .metrics
-        .text(service.queue_length(), service.models().is_ok());
+        .text(queue, streams, service.models().is_ok());
     let kind = "application/openmetrics-text; version=1.0.0; charset=utf-8";
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
@@ -142,6 +143,7 @@ fn summary(service: &Service, entry: &Entry) -> Value {
         time,
         model,
         rig,
+        stream,
         took_ms,
         outcome,
         ..
@@ -158,6 +160,7 @@ fn summary(service: &Service, entry: &Entry) -> Value {
         "unix_ms": time.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as u64),
         "model": service.config().models[*model].0,
         "rig": rig.name,
+        "stream": stream,
         "took_ms": took_ms,
         "objects": found.map_or(0, |found| found.prediction.objects.len()),
         "least_confidence": found.and_then(|found| found.least_confidence()),

@@ -14,6 +14,8 @@ use crate::problem::Problem;
 pub struct Format {
     unit: Unit,
     rotation: Rotation,
+    /// Whether each pose ends with the object's number over time.
+    pub ids: bool,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -37,6 +39,7 @@ impl Default for Format {
         Self {
             unit: Unit::Metre,
             rotation: Rotation::Quaternion,
+            ids: false,
         }
     }
 }
@@ -91,9 +94,11 @@ impl Format {
                     Verdict::Reject => "reject",
                     Verdict::NeedAnotherView => "need_another_view",
                 });
+            let id = object.track_id.filter(|_| self.ids);
+            let id = id.map_or(String::new(), |id| format!(" id={id}"));
             let confidence = object.confidence.map_or("-".into(), |p| format!("{p:.4}"));
             lines.push_str(&format!(
-                "POSE {index} {} {confidence} {} {}\n",
+                "POSE {index} {} {confidence} {} {}{id}\n",
                 word(&object.class),
                 verdict.unwrap_or("-"),
                 self.numbers(&(frame_from_world * object.world_from_obj))
