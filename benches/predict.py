@@ -19,6 +19,7 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+import result_file
 from mvtop_train.errors import argument_parser, command
 from predict_scene import Table, rig, ring, smaller
 
@@ -140,6 +141,21 @@ def table(axes: dict) -> str:
     return "\n".join(lines)
 
 
+def result(axes: dict) -> list[list[str]]:
+    """Rows of docs/benchmarks.md: each axis with all its values."""
+
+    def row(axis: str, found: dict) -> list[str]:
+        def each(of) -> str:
+            return ", ".join(f"{of(row):g}" for row in found["rows"])
+
+        values, times = each(lambda r: r["case"][axis]), each(lambda r: round(r["median_ms"]))
+        seen = ", ".join(f"{r['found']}/{r['shown']}" for r in found["rows"])
+        peak = each(lambda r: round(r["peak_mb"]))
+        return [f"{axis}: {values}", times, seen, peak, f"{found['exponent']:.2f}"]
+
+    return [row(axis, found) for axis, found in axes.items()]
+
+
 @command
 def main():
     parser = argument_parser(__doc__)
@@ -148,6 +164,7 @@ def main():
     parser.add_argument("--scenes", type=int, default=3, help="of each case")
     parser.add_argument("--rounds", type=int, default=5, help="predictions of each scene")
     parser.add_argument("--threads", type=int, default=os.cpu_count(), help="of the network")
+    parser.add_argument("--json", type=Path, help="a section of docs/benchmarks.md")
     parser.add_argument("--axis", choices=AXES, action="append", help="only this one; repeatable")
     args = parser.parse_args()
     scenes = Scenes(args.model, args.out / "scenes")
@@ -159,8 +176,11 @@ def main():
             rows.append(measure(args.model, case, folders, args.rounds, args.threads))
             print(f"{axis} {rows[-1]['case'][axis]:g}: {rows[-1]['median_ms']:.0f} ms", flush=True)
         axes[axis] = {"exponent": exponent(axis, rows), "rows": rows}
-    result = {"machine": platform.processor(), "threads": args.threads, "axes": axes}
-    (args.out / "predict.json").write_text(json.dumps(result, indent=1))
+    figures = {"machine": platform.processor(), "threads": args.threads, "axes": axes}
+    (args.out / "predict.json").write_text(json.dumps(figures, indent=1))
+    if args.json:
+        columns = ["axis", "median, ms", "found", "peak MB", "exponent"]
+        result_file.write(args.json, "Whole predictions", 0, columns, result(axes))
     plot(axes, args.out / "predict.png")
     print(table(axes))
 
