@@ -112,7 +112,7 @@ def test_pictures_of_a_data_set_s_meshes_lie_beside_them_too(tmp_path):
 def test_coordinates_that_are_none_are_no_matter_of_units(tmp_path, number):
     path = wavefront(tmp_path, None)
     path.write_text(path.read_text().replace("v 20.0 ", f"v {number} "))
-    with pytest.raises(UserError, match="box.obj: expected finite coordinates, got others; fix"):
+    with pytest.raises(UserError, match="box.obj: expected three finite coordinates of each"):
         objects.load_mesh(path, "mm")
 
 

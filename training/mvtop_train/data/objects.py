@@ -172,14 +172,20 @@ def load_mesh(path: Path, unit: str) -> trimesh.Trimesh:
             f"mesh {path}: expected the picture {beside.unread[0]} of a material, got none "
             "that can be read; fix: put it there, or take its line out of the material"
         )
-    if not np.isfinite(mesh.vertices).all():
+    corners = np.asarray(mesh.faces)
+    if corners.min() < 0 or corners.max() >= len(mesh.vertices):
         raise UserError(
-            f"mesh {path}: expected finite coordinates, got others; fix: export the part again"
+            f"mesh {path}: expected triangles of its {len(mesh.vertices)} vertices, got one of "
+            "others; fix: export the part again"
+        )
+    if mesh.vertices.shape[1:] != (3,) or not np.isfinite(mesh.vertices).all():
+        raise UserError(
+            f"mesh {path}: expected three finite coordinates of each vertex, got others; "
+            "fix: export the part again"
         )
     _keep_given_colors(mesh)
     mesh.remove_unreferenced_vertices()
     mesh.apply_scale(UNITS[unit])
-    _turn_outwards(mesh)
     mesh.metadata["beside"] = beside.digest.hexdigest()
     size = diameter(outermost(np.asarray(mesh.vertices)))
     if not 0.002 <= size <= 5:
@@ -193,6 +199,7 @@ def load_mesh(path: Path, unit: str) -> trimesh.Trimesh:
             f"mesh {path}: expected its origin in the part or near it, got one {off:.3g} m off the "
             f"middle of a part of {size:.3g} m; fix: move the origin into the part, export it again"
         )
+    _turn_outwards(mesh)
     return mesh
 
 
