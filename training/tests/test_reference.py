@@ -33,12 +33,12 @@ def test_the_training_s_closeups_are_the_reference_s(seed):
     picture, on_image = warp(rgb, close.view_from_image(K), (96, 96), close.taps)
 
     real = optics.Camera("real", 640, 480, K, np.eye(4))
-    virtual, bounds, taps = optics.closeup_of(real, box, 96)
-    assert taps == close.taps
+    virtual, bounds, step = optics.closeup_of(real, box, 96)
+    assert np.ceil(step) == close.taps
     np.testing.assert_allclose(close.k, virtual.k, rtol=1e-10)
     np.testing.assert_allclose(close.box, bounds, atol=1e-9)
     np.testing.assert_allclose(close.view_from_cam, virtual.world_from_cam[:3, :3].T, atol=1e-12)
-    expected, shown = optics.picture_of(virtual, real, rgb, taps)
+    expected, shown = optics.picture_of(virtual, real, rgb, step)
     np.testing.assert_array_equal(on_image, shown)
     # OpenCV's bilinear weights are multiples of 1/32, and it rounds.
     np.testing.assert_allclose(picture[shown], expected[shown], atol=3)
