@@ -9,7 +9,6 @@ mod eval;
 mod failure;
 mod infer;
 mod model_dir;
-mod old_spelling;
 mod options;
 mod plot;
 mod progress;
@@ -70,12 +69,6 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
     let cli = match Cli::try_parse_from(&args) {
         Ok(cli) => cli,
         Err(answer) => {
-            if let Some(today) = old_spelling::today(&args).filter(|_| answer.use_stderr()) {
-                write::complain(&format!(
-                    "error: this was an earlier spelling; today, type: {today}"
-                ));
-                return 2;
-            }
             // Help and version come here as well. There is nowhere left to say that printing failed.
             let _ = answer.print();
             return if answer.use_stderr() { 2 } else { 0 };
