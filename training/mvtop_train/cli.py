@@ -36,6 +36,7 @@ COMMANDS = {
     "detector": Command("evaluation.detector", "measure the boxes of single images"),
     "dataset-report": Command("evaluation.dataset_report", "draw a contact sheet of scenes"),
     "reliability": Command("evaluation.reliability", "how often confident poses are right"),
+    "accuracy": Command("evaluation.accuracy", "measure, show and compare accuracy on fixed sets"),
     "lies": Command("evaluation.lies", "measure how many wrong rigs and images are noticed"),
 }
 LIST = "list"  # of what is shipped

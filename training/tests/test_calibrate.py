@@ -223,7 +223,7 @@ def test_what_is_written_is_what_the_core_loads(tiny):
     about["detector"] |= {"support_threshold": 0.1, "most_deviation": 4.0, "print_threshold": 0.2}
     about["confidence"] = {"bias": 1.0}
     description.write(tiny, about)
-    with pytest.raises(mvtop.Error, match="mvtop_train.calibrate"):  # of an earlier pipeline
+    with pytest.raises(mvtop.Error, match="mvtop-train calibrate"):  # of an earlier pipeline
         mvtop.Estimator.load(tiny)
     rig = own_limits() | {"max_box_deviation": 3.5}
     fitted = calibrate.fit(poses(300))

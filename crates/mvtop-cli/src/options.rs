@@ -134,7 +134,7 @@ pub fn knows_confidence(bundle: &Bundle) -> Result<()> {
         Some(_) => Ok(()),
         None => Err(Failure(format!(
             "--min-confidence: expected a model bundle that says how sure it is, got {} without; \
-             add it with `python -m mvtop_train.calibrate`",
+             add it with `mvtop-train calibrate`",
             bundle.dir.display()
         ))),
     }

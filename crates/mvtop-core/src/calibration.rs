@@ -115,7 +115,7 @@ pub fn observe(
     if refiners.iter().all(Option::is_none) {
         return Err(Error::Input(format!(
             "model: expected a bundle whose classes have meshes, which say how large objects are; {} has \
-             none; add them with `python -m mvtop_train.export.mesh`",
+             none; add them with `mvtop-train mesh`",
             estimator.bundle().dir.display()
         )));
     }

@@ -156,8 +156,8 @@ impl Estimator {
             return Ok(());
         }
         Err(Error::Input(format!(
-            "{role}: expected a model bundle with a mesh, got {} without; add it with `python -m \
-             mvtop_train.export.mesh`, or {without}",
+            "{role}: expected a model bundle with a mesh, got {} without; add it with \
+             `mvtop-train mesh`, or {without}",
             self.bundle.dir.display()
         )))
     }

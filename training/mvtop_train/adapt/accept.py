@@ -63,7 +63,7 @@ class Judge:
         if "scorer" not in about:
             raise UserError(
                 f"{bundle}: expected a calibrated bundle, whose confidences can be trusted, got "
-                "one that is not; fix: python -m mvtop_train.calibrate"
+                "one that is not; fix: mvtop-train calibrate"
             )
         with asking_mvtop("--model BUNDLE"):
             import mvtop  # loads its compiled part

@@ -78,7 +78,7 @@ def source_of(bundle: Path, weights: Path | None, asked: dict, changes: list[str
     if "data" not in fields:
         raise UserError(
             f"{bundle}: expected the run that made it in the folder above, got none; fix: --data "
-            "DIR, rendered scenes of its objects (python -m mvtop_train.generate --mesh ...)"
+            "DIR, rendered scenes of its objects (mvtop-train generate --mesh ...)"
         )
     steps = about.get("provenance", {}).get("trained_steps")
     path = weights or bundle.parent / "weights.pt"

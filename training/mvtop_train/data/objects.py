@@ -385,7 +385,7 @@ def _infos(root: Path) -> dict:
     if not path.exists():
         raise UserError(
             f"{path}: no such file, expected a data set in BOP layout in {root}; "
-            f"fix: python -m mvtop_train.generate --out {root}"
+            f"fix: mvtop-train generate --out {root}"
         )
     return read_infos(path)
 

@@ -52,9 +52,9 @@ def read(folder: Path) -> list[tuple[int, int, int]]:
     path = folder / FILE
     if not path.exists():
         raise UserError(
-            f"{path}: no such file; fix: python -m mvtop_train.generate writes it at its end"
+            f"{path}: no such file; fix: mvtop-train generate writes it at its end"
         )
-    fix = "python -m mvtop_train.generate writes it anew"
+    fix = "mvtop-train generate writes it anew"
     try:
         return [(int(a), int(b), int(c)) for a, b, c in read_json(path, fix)["pairs"]]
     except (KeyError, TypeError, ValueError) as error:

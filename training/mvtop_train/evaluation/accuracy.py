@@ -1,8 +1,8 @@
 """How accurate poses are on fixed test sets, and whether one run is better than another.
 
-    python -m mvtop_train.evaluation.accuracy run --out out/accuracy.json
-    python -m mvtop_train.evaluation.accuracy show out/accuracy.json
-    python -m mvtop_train.evaluation.accuracy compare before.json after.json --fail-if-worse
+    mvtop-train accuracy run --out out/accuracy.json
+    mvtop-train accuracy show out/accuracy.json
+    mvtop-train accuracy compare before.json after.json --fail-if-worse
 
 `run` predicts every group of the sets that are there (`evaluation/sets.py`), makes those that can
 be made, and goes on with a file that a stopped run has left. Right is a pose within 5 degrees and

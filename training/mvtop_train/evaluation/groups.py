@@ -107,7 +107,7 @@ def of_samples(
     if not paths:
         raise UserError(
             f"{folder}: expected folders with rig.json and images, got none; "
-            "fix: python -m mvtop_train.synthesis.samples"
+            "fix: mvtop-train samples"
         )
     planned = []
     for path in paths[:most]:

@@ -153,7 +153,7 @@ def header(model: Path, seed: int, options: dict) -> dict:
 
 def read(path: Path) -> tuple[dict, list[dict]]:
     """The header of a file, and its lines; one that a kill left unfinished is none."""
-    fix = "python -m mvtop_train.evaluation.lies run --out FILE"
+    fix = "mvtop-train lies run --out FILE"
     text = read_text(path, fix)
     whole = text[: text.rfind("\n") + 1].splitlines()
     try:

@@ -81,11 +81,11 @@ def write(path: Path, results: dict):
 
 def read(path: Path) -> dict:
     """What a run has written."""
-    results = read_json(path, "python -m mvtop_train.evaluation.accuracy run --out FILE")
+    results = read_json(path, "mvtop-train accuracy run --out FILE")
     if not isinstance(results, dict) or results.get("format") != FORMAT:
         raise UserError(
             f"{path}: expected results of format {FORMAT}, got other JSON; "
-            "fix: python -m mvtop_train.evaluation.accuracy run --out FILE"
+            "fix: mvtop-train accuracy run --out FILE"
         )
     return results
 

@@ -87,7 +87,7 @@ def read(folder: Path) -> Shots:
     """The cameras and images of a sample."""
     import mvtop  # loads its compiled part
 
-    with asking_mvtop("--samples DIR of python -m mvtop_train.synthesis.samples"):
+    with asking_mvtop("--samples DIR of mvtop-train samples"):
         cameras = mvtop.Rig.load(folder / "rig.json").cameras
     shots = []
     for camera in cameras:
@@ -95,7 +95,7 @@ def read(folder: Path) -> Shots:
         if image is None or camera.model != "pinhole" or len(camera.distortion):
             raise UserError(
                 f"{folder}/{camera.id}.png: expected an image of a pinhole camera without "
-                "distortion, got none; fix: python -m mvtop_train.synthesis.samples"
+                "distortion, got none; fix: mvtop-train samples"
             )
         pose = np.array(camera.world_from_cam)
         shots.append(Shot(camera.id, np.array(camera.K), pose, image[:, :, ::-1].copy()))

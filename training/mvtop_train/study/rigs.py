@@ -1,6 +1,6 @@
 """What `mvtop-cli rig check` says of wrong rigs by images, and where `rig refine` moves them.
 
-    python -m mvtop_train.generate --out data/rig --split test --scenes 24 --rig rig.json --mesh ...
+    mvtop-train generate --out data/rig --split test --scenes 24 --rig rig.json --mesh ...
     python -m mvtop_train.study.rigs --data data/rig --rig rig.json --model models/ycbv4 \\
         --sets 6 --out out/rigs.jsonl
 
@@ -46,7 +46,7 @@ def groups(data: Path, split: str, sets: int) -> list[list[str]]:
         if any("camera" not in about for about in images.values()):
             raise UserError(
                 f"{path}: expected the name of each image's camera, got none; "
-                "fix: scenes of python -m mvtop_train.generate --rig FILE"
+                "fix: scenes of mvtop-train generate --rig FILE"
             )
         shown = path.parent / "rgb"
         named = [f"{a['camera']}={shown / f'{int(n):06d}.jpg'}" for n, a in images.items()]

@@ -14,7 +14,7 @@ def folders(samples: Path) -> list[Path]:
     if not found:
         raise UserError(
             f"{samples}: expected folders with rig.json and images, got none; "
-            "fix: python -m mvtop_train.synthesis.samples"
+            "fix: mvtop-train samples"
         )
     return found
 

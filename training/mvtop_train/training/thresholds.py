@@ -1,5 +1,5 @@
 """The scores from which a box is taken, chosen on scenes that training left out: by the pipeline,
-and by `python -m mvtop_train.calibrate --weights`."""
+and by `mvtop-train calibrate --weights`."""
 
 from dataclasses import dataclass
 

@@ -446,7 +446,7 @@ fn calibrations_for_another_pipeline_are_refused() {
     let earlier = refusal(|m| m["confidence"] = json!({"within_deg": 5.0, "weights": {}}));
     let says = [
         "version 1 of the pipeline, expected 2",
-        "mvtop_train.calibrate",
+        "mvtop-train calibrate",
     ];
     assert!(says.iter().all(|part| earlier.contains(part)), "{earlier}");
     let scorer = || serde_json::to_value(Scorer::default()).unwrap();

@@ -184,7 +184,7 @@ fn poses_are_accepted_by_the_confidence_that_is_asked_for() {
     let without = judged("0.5", &["--model", "fixtures/tiny"]);
     assert_eq!(without.status.code(), Some(2));
     let text = String::from_utf8(without.stderr).unwrap();
-    assert!(text.contains("mvtop_train.calibrate"), "{text}");
+    assert!(text.contains("mvtop-train calibrate"), "{text}");
     let above = judged("1.5", &shipped);
     assert_eq!(above.status.code(), Some(2));
 }
