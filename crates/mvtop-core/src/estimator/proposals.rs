@@ -164,13 +164,14 @@ impl Pipeline<'_> {
         let coordinates = self.estimator.bundle.has_coordinates();
         let calibrated = self.estimator.bundle.scorer.is_some();
         let works = |one: &Instance| {
-            let several = one.views() > 1;
             let refined = one.best().is_some_and(|best| best.refinement.is_some());
             match proposer {
-                // Boxes that were given are taken as they are.
-                Proposer::Reprojected => several && self.options.boxes.is_none(),
+                // Another view may show what it missed. Boxes that were given are taken as they are.
+                Proposer::Reprojected => self.views.len() > 1 && self.options.boxes.is_none(),
                 // Object coordinates are searched from rotations all around already.
-                Proposer::Augmented | Proposer::Perturbed => several && refined && !coordinates,
+                Proposer::Augmented | Proposer::Perturbed => {
+                    one.views() > 1 && refined && !coordinates
+                }
             }
         };
         let mut open: Vec<(f64, &mut Instance)> = instances
