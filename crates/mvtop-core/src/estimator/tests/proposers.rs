@@ -119,11 +119,13 @@ fn a_view_that_missed_an_object_gets_a_crop_of_it() {
         [true, true, false],
         "a crop is no detection"
     );
-    // Of one view, and without points, nothing is known of where to look.
-    assert_eq!(
-        found(surface(), &[&[first], &[], &[]], &plain, |_| ()).1,
-        [1]
-    );
+    // Two views that missed it get one, too.
+    let one: [&[[f64; 3]]; 3] = [&[first], &[], &[]];
+    let (objects, crops) = found(surface(), &one, &plain, |_| ());
+    assert_eq!((objects.len(), crops), (1, vec![1, 3]));
+    assert_eq!(views(&objects[0]), [true, false, false]);
+    // Of one image, and without points, nothing is known of where to look.
+    assert_eq!(found(surface(), &one[..1], &plain, |_| ()).1, [1]);
     assert_eq!(found(vec![], &seen, &plain, |_| ()).1, [2]);
 }
 
