@@ -258,9 +258,7 @@ def read_split(root: Path, split: str, obj: Object | None) -> dict[int, list[Ima
 
 
 def refuse_empty(root: Path, split: str):
-    raise UserError(
-        f"no scenes in {Path(root) / split}; fix: mvtop-train generate --out {root}"
-    )
+    raise UserError(f"no scenes in {Path(root) / split}; fix: mvtop-train generate --out {root}")
 
 
 def whole_scenes(split: Path) -> list[Path]:

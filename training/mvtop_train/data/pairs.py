@@ -51,9 +51,7 @@ def read(folder: Path) -> list[tuple[int, int, int]]:
     """(scene, reference image, other image) of a split."""
     path = folder / FILE
     if not path.exists():
-        raise UserError(
-            f"{path}: no such file; fix: mvtop-train generate writes it at its end"
-        )
+        raise UserError(f"{path}: no such file; fix: mvtop-train generate writes it at its end")
     fix = "mvtop-train generate writes it anew"
     try:
         return [(int(a), int(b), int(c)) for a, b, c in read_json(path, fix)["pairs"]]
