@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use crate::audit::args::Audit;
 use crate::eval::args::Eval;
@@ -36,6 +36,26 @@ pub enum Command {
     Serve(Serve),
     /// Say what was found of ONNX Runtime and the model, and what to do
     Doctor(NetworkArgs),
+    /// Print the JSON Schema (draft 2020-12) of a document, to check it or to generate code that reads it
+    Schema(Schema),
+}
+
+#[derive(Args)]
+#[command(after_help = "\
+Example:
+    mvtop-cli schema prediction > prediction.schema.json")]
+pub struct Schema {
+    /// Of what `infer --json` prints, `infer --request` takes, `model.json`, `rig.json`, or settings with defaults
+    pub document: SchemaOf,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum SchemaOf {
+    Prediction,
+    Request,
+    Bundle,
+    Rig,
+    Inference,
 }
 
 #[derive(Args)]

@@ -14,6 +14,7 @@ mod plot;
 mod progress;
 mod request;
 mod rig;
+mod schema;
 mod serve;
 mod table;
 mod write;
@@ -84,6 +85,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Audit(args) => audit::run(&args),
         Command::Rig(args) => rig::run(&args),
         Command::Doctor(args) => doctor::run(&args),
+        Command::Schema(args) => schema::run(&args),
     };
     match done {
         Ok(()) => 0,

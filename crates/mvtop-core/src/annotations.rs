@@ -13,6 +13,7 @@ use crate::{BBox, Error, Result, json, transform};
 
 /// One object and where the cameras see it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GivenBoxes {
     /// Name of one of the bundle's classes.
     pub class: String,

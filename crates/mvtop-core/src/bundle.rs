@@ -66,6 +66,7 @@ pub struct Bundle {
 
 /// What a network answers to one fixed input, see [`crate::Estimator::self_test`].
 #[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SelfTest {
     /// How far an output may be off, as a share of the largest of its group.
     pub tolerance: f64,
@@ -99,6 +100,7 @@ pub struct CloseUps {
 
 /// What the images are brought to.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Input {
     /// Width, px.
     pub width: u32,
@@ -141,15 +143,21 @@ pub struct SurfacePoint {
 
 /// Settings of the detector.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Detector {
-    /// Least score of an object. Views that agree on one have a higher score together than each.
+    /// Least score of an object, all views together.
     pub score_threshold: f32,
-    /// Least score of a box in one view; below `score_threshold` it counts only where another view
-    /// agrees. Equal to `score_threshold` where the bundle does not say.
+    /// Least score of a box that another view confirms; `score_threshold` by default.
     #[serde(default)]
     pub agree_threshold: Option<f32>,
-    /// Overlap (intersection over union) above which the weaker of two boxes is dropped.
+    /// IoU above which the weaker of two boxes is dropped.
     pub nms_iou: f32,
+}
+
+/// Of `model.json`.
+#[cfg(feature = "schema")]
+pub(crate) fn schema(generator: schemars::SchemaGenerator) -> schemars::Schema {
+    generator.into_root_schema_for::<Manifest>()
 }
 
 impl Detector {

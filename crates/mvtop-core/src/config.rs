@@ -16,6 +16,7 @@ pub const PIPELINE_VERSION: u32 = 2;
 
 /// All numbers that steer inference.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct InferenceConfig {
     /// Large images shown to the detector in tiles.
@@ -34,6 +35,7 @@ pub struct InferenceConfig {
 
 /// How large images are shown to the detector: an object may shrink below what it finds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct TilingConfig {
     /// Scale of the detector's images, if `max_input` allows it; smaller ones are scaled to the
@@ -51,6 +53,7 @@ pub struct TilingConfig {
 
 /// Boxes of different views matched to one object by their rays.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct AssociationConfig {
     /// Tolerance of a box in center and size, as a share of its half side: rays may pass at twice
@@ -60,6 +63,7 @@ pub struct AssociationConfig {
 
 /// Generalised PnP on object coordinates: a search from many rotations, then Gauss-Newton.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct PnpConfig {
     /// Initial rotations of the search; 64 are about 50 degrees apart.
@@ -88,6 +92,7 @@ pub struct PnpConfig {
 
 /// Who proposes candidate poses of an instance, and when the search ends.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct SearchConfig {
     /// Proposers after the network's first poses, in order, for unsettled instances.
@@ -125,6 +130,7 @@ pub struct SearchConfig {
 
 /// Who proposes candidate poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum Proposer {
@@ -138,6 +144,7 @@ pub enum Proposer {
 
 /// Views compared with each other, to judge the rig.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct RigConfig {
     /// Standard deviation of a box's center and log size, as shares of its side. Fitted on pairs of

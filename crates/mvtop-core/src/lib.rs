@@ -68,6 +68,10 @@ pub mod request;
 /// A prediction as JSON.
 pub mod report;
 
+/// JSON Schemas of documents, made of their types.
+#[cfg(feature = "schema")]
+pub mod schema;
+
 /// Pictures of a prediction.
 #[cfg(feature = "overlay")]
 pub mod overlay;

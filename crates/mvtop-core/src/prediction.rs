@@ -47,22 +47,28 @@ pub struct Warning {
 
 /// Kinds of [`Warning`]; the names in JSON stay as they are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum WarningCode {
-    /// An image is of one color, up to noise: its camera is covered, dead or blinded.
+    /// The values of an image differ by at most 8 of 255. Is the camera covered or dead?
     OneColor,
-    /// Lines of sight through the boxes of one object miss each other.
+    /// The rays of one view miss the object as the other views place it. Check camera pose, lens
+    /// model, principal point, image of the right camera.
     LinesMiss,
-    /// Boxes of one object have another size than their distances by the rig give them.
+    /// Objects appear larger or smaller than their distance implies. Check unit and scale of
+    /// translations, focal lengths, image resolution.
     SizesDisagree,
-    /// An object is turned otherwise in one view than in the others.
+    /// One view gives another rotation than the others. Check rotations (roll above all), axes,
+    /// rotated or mirrored images.
     TurnsDisagree,
-    /// One camera alone finds an object in view of another, which finds its own elsewhere.
+    /// Two cameras do not show the same objects; some objects appear in both. Check direction,
+    /// axes, quaternion order, focal lengths; swapped, rotated or mirrored images; images of one
+    /// moment.
     ViewsContradict,
-    /// Cameras find objects of one class, but none that two of them see.
+    /// The same; no object appears in both.
     NothingMatches,
-    /// Images seem to have red and blue exchanged.
+    /// Red and blue are exchanged. Give RGB; OpenCV reads BGR.
     ColorsExchanged,
 }
 
@@ -192,34 +198,35 @@ pub struct Hypothesis {
 
 /// How the refinement of a pose went, see [`crate::refine`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Refinement {
-    /// Whether the images fit the refined pose better than the one before; otherwise that was kept.
+    /// Whether the images fit the refined pose better; otherwise the initial one was kept.
     pub accepted: bool,
-    /// Share of the mesh's visible contour points with an edge in the image there, mean over views.
+    /// Share of visible contour points with an edge within 1.5 px of the crop.
     pub contour_inliers: f64,
-    /// Mean distance of the visible edges from their projections, px of the crops.
+    /// Mean distance of these edges from the contour, px of the crop.
     pub contour_residual_px: f64,
-    /// Mean probability of belonging to the object, by color, of the silhouette's pixels less that of
-    /// the background's, mean over views: 1 if colors separate them everywhere, 0 if they do not.
+    /// Mean foreground probability by color, inside minus outside the silhouette.
     pub color_separation: f64,
-    /// Mutual information of segment and color, bits per pixel, mean over views.
+    /// Mutual information of segment and color, bits per pixel.
     pub mutual_information: f64,
-    /// Mutual information in the view with the least one.
+    /// The same, least view.
     pub mutual_information_min: f64,
-    /// Normalised cross-correlation of the surface's colors with the images, at most 1, mean over
-    /// views; `None` without texture.
+    /// Normalised cross-correlation of texture and images; null without texture.
     #[serde(default)]
     pub texture_correlation: Option<f64>,
-    /// Expected error of the network's pose.
+    /// Expected error before refinement.
     pub initial_sigma: Sigma,
 }
 
 /// The error that is expected of a pose.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Sigma {
-    /// Expected angle between the true and the predicted rotation, degrees.
+    /// Expected rotation error, without rotation about a symmetry axis, degrees.
     pub rot_deg: f64,
-    /// Standard deviation of the translation, metres.
+    /// Expected translation error, metres; after a warning of the rig at least the distance to
+    /// single-view poses.
     pub t_m: f64,
 }
 
@@ -236,21 +243,22 @@ pub struct CameraPose {
 
 /// Wall time of each stage, milliseconds.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Timings {
-    /// Images resized and normalised, lines of sight of the cells computed.
+    /// Images resized and normalised, rays of the cells.
     pub prepare: f64,
-    /// Backbone and detector on the whole images, and the encoder where there are no close-ups.
+    /// Backbone and detector on whole images.
     pub features: f64,
-    /// Boxes read off the detector's maps and associated across views.
+    /// Boxes from the detector, associated across views.
     pub detect: f64,
-    /// Crops of objects: pixels, backbone and encoder; 0 of bundles without crops.
+    /// Crops of objects: pixels, backbone and encoder.
     pub crop: f64,
-    /// Candidate poses proposed: decoder, PnP, perturbations.
+    /// Candidate poses: decoder, PnP, perturbations.
     pub propose: f64,
-    /// Candidates refined on the images, and scored.
+    /// Refinement and scoring of the candidates.
     pub refine: f64,
-    /// Duplicates suppressed, views compared with each other, results gathered.
+    /// Duplicates, comparison of views, results.
     pub check: f64,
-    /// All of these.
+    /// Sum of all stages.
     pub total: f64,
 }

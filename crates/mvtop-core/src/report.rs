@@ -21,50 +21,56 @@ pub const SCHEMA_VERSION: u32 = 1;
 
 /// The whole document.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Report {
-    /// [`SCHEMA_VERSION`].
+    /// Raised when a key changes or disappears.
     pub schema_version: u32,
     /// Id of the reference camera.
     pub reference: String,
-    /// Best score first, or in the order of the given boxes.
+    /// Most probable first, or in the order of the given boxes.
     pub objects: Vec<Object>,
-    /// How well the rig fits what was found; null where no object is seen by two cameras.
+    /// How well the rig fits the images; null if no two cameras see an object.
     pub rig_consistency: Option<ReportedConsistency>,
     /// Wall time of each stage, milliseconds.
     pub timings_ms: Timings,
-    /// What executed the dense layers.
+    /// ONNX Runtime's execution provider.
     pub provider: String,
-    /// What makes the poses doubtful; empty where nothing does.
+    /// Reasons to doubt the poses.
     pub warnings: Vec<ReportedWarning>,
-    /// Name of the frame of `T_frame_obj`; left out where none was asked for.
+    /// Frame of `T_frame_obj`, if one was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame: Option<String>,
-    /// Objects that were found but not asked for; left out where all were asked for.
+    /// Number of objects found but not asked for, if some were asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub left_out: Option<LeftOut>,
-    /// What came nearest of each class without an object; left out where that was not asked.
+    /// The nearest candidate of each class without an object, if asked.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub why: Option<Vec<ReportedNearMiss>>,
 }
 
 /// A [`crate::prediction::NearMiss`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(
+    feature = "schema",
+    derive(schemars::JsonSchema),
+    schemars(rename = "NearMiss")
+)]
 pub struct ReportedNearMiss {
-    /// Name of the class in the bundle.
+    /// Class name.
     pub class: String,
-    /// What it failed at, for programs.
+    /// Check that it failed.
     pub reason: MissReason,
-    /// Id of the camera that shows it best, null where no detection belongs to it.
+    /// Camera of its best detection; null if it has none.
     pub camera: Option<String>,
-    /// In this camera's image, px.
+    /// This detection, px.
     #[serde(rename = "box")]
     pub bbox: Option<BBox>,
-    /// Object frame to world frame, null before it has a pose: rows of the homogeneous matrix, metres.
+    /// Object to world, null if it has no pose.
     #[serde(rename = "T_world_obj")]
     pub t_world_obj: Option<[[f64; 4]; 4]>,
-    /// What was measured, in the unit of the reason.
+    /// Measured value, in the unit of the reason.
     pub value: Option<f64>,
-    /// What it should have reached, or not exceeded.
+    /// Bound of the value.
     pub threshold: Option<f64>,
     /// One sentence.
     pub message: String,
@@ -92,115 +98,136 @@ fn id_of(rig: &Rig, camera: usize) -> String {
 
 /// A [`crate::prediction::Warning`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(
+    feature = "schema",
+    derive(schemars::JsonSchema),
+    schemars(rename = "Warning")
+)]
 pub struct ReportedWarning {
-    /// What it is, for programs.
+    /// Stable name.
     pub code: WarningCode,
-    /// Id of the camera that it is about, null where it is not one.
+    /// Camera id, or null.
     pub camera: Option<String>,
-    /// Index of the object that it is about, or that shows it most, null where there is none.
+    /// Index of the object with the largest deviation, or null.
     pub object: Option<usize>,
-    /// One sentence: what was seen, and what to do.
+    /// One sentence: observation and advice.
     pub message: String,
 }
 
 /// A [`crate::prediction::RigConsistency`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(
+    feature = "schema",
+    derive(schemars::JsonSchema),
+    schemars(rename = "RigConsistency")
+)]
 pub struct ReportedConsistency {
-    /// How far projections are beside their boxes, px.
+    /// Reprojection distance of boxes, RMS over objects, worst camera, px.
     pub px: f64,
-    /// See [`RigConsistency::deviation`](crate::prediction::RigConsistency::deviation).
+    /// The largest of the next four over its limit; a warning above 1.
     pub deviation: f64,
-    /// What corrections of all cameras gain.
+    /// Gain by corrected camera poses, standard deviations.
     pub camera_deviation: f64,
-    /// What one scale gains.
+    /// Gain by one scale, standard deviations.
     pub scale_deviation: f64,
-    /// How far boxes of an object are off each other.
+    /// Disagreement of the boxes of an object, standard deviations.
     pub box_deviation: f64,
-    /// How far two cameras do not show the same objects.
+    /// Log-likelihood ratio of two cameras that do not show the same objects.
     pub contradiction: f64,
-    /// Objects that both of them show.
+    /// Objects that both of these cameras show.
     pub confirmed: usize,
-    /// Objects that one of them shows, and the other should show but does not.
+    /// Objects that only one of them shows, though the other should.
     pub unconfirmed: usize,
-    /// Id of the camera where `px` is most, null of two cameras.
+    /// Camera with the largest `px`; null for two cameras.
     pub worst_camera: Option<String>,
 }
 
 /// One object.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Object {
-    /// Name of the class in the bundle.
+    /// Class name.
     pub class: String,
-    /// Number of the class in the bundle.
+    /// Class number.
     pub class_id: i64,
-    /// See [`ObjectPose::score`].
+    /// 1 - Π (1 - s) over the detector scores s of the views; 1 for given boxes.
     pub score: f64,
-    /// Object frame to reference camera frame: rows of the homogeneous matrix, metres.
+    /// Object to reference camera.
     #[serde(rename = "T_ref_obj")]
     pub t_ref_obj: [[f64; 4]; 4],
-    /// Object frame to world frame.
+    /// Object to world.
     #[serde(rename = "T_world_obj")]
     pub t_world_obj: [[f64; 4]; 4],
-    /// Object frame to the frame that was asked for; left out where none was.
+    /// Object to the frame that was asked for.
     #[serde(rename = "T_frame_obj", skip_serializing_if = "Option::is_none")]
     pub t_frame_obj: Option<[[f64; 4]; 4]>,
     /// Translation of `T_ref_obj`, metres.
     pub t_m: [f64; 3],
-    /// Rotation of `T_ref_obj` as a unit quaternion, `w >= 0`.
+    /// Rotation of `T_ref_obj` as a unit quaternion with `w >= 0`.
     pub q_wxyz: [f64; 4],
-    /// How far the pose is expected to be off.
+    /// Expected error of the pose.
     pub sigma: Sigma,
-    /// See [`ObjectPose::coordinate_inliers`].
+    /// Share of the projection whose object coordinates agree with the pose; null if the model has
+    /// none.
     pub coordinate_inliers: Option<f64>,
-    /// How its refinement went; null where there was none.
+    /// Result of the refinement, means over views; null without. If it is not `accepted`, the initial pose is
+    /// reported.
     pub refinement: Option<Refinement>,
-    /// Probability that the pose is within the bounds that the bundle states; null where it states
-    /// none, or the pose was not refined.
+    /// Probability that the pose is within the bundle's bounds (5° and 5 mm); null without
+    /// calibration.
     pub confidence: Option<f64>,
-    /// What that is made of, by name; null where nothing is known.
+    /// What the confidence is computed from; null if nothing is known.
     pub evidence: Option<Evidence>,
-    /// Whether it is certain enough, null where that was not asked.
+    /// By the confidence that was asked for, else null.
     pub verdict: Option<Verdict>,
-    /// The poses that it may have, this one first, then by their probability.
+    /// Distinct poses, the reported one first.
     pub hypotheses: Vec<ReportedHypothesis>,
-    /// Id of the camera, of those that gave no image, in which the hypotheses differ most; null
-    /// where there is one hypothesis or no such camera sees the object.
+    /// Unused camera whose view separates the hypotheses best, or null.
     pub next_view: Option<String>,
-    /// What no view tells; null where the pose is the only one that looks like this.
+    /// Equivalent poses, or null. The pose closest to the axes of the world is reported.
     pub symmetry: Option<Undetermined>,
     /// Every camera that gave an image.
     pub cameras: Vec<ObjectInCamera>,
-    /// How to grasp it; left out where that was not asked.
+    /// The bundle's grasps, if asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub grasps: Option<Vec<ReportedGrasp>>,
-    /// Number by which a tracker knows it over time; left out of single predictions.
+    /// Number of the object over time, from a tracker or stream.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub track_id: Option<u64>,
 }
 
 /// One way to grasp an object, [`crate::request::Grasp`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(
+    feature = "schema",
+    derive(schemars::JsonSchema),
+    schemars(rename = "Grasp")
+)]
 pub struct ReportedGrasp {
-    /// As in the bundle's file.
+    /// As in `grasps.json`.
     pub name: String,
-    /// Tool frame to the frame that was asked for: rows of the homogeneous matrix, metres.
+    /// Tool to the frame that was asked for.
     #[serde(rename = "T_frame_tool")]
     pub t_frame_tool: [[f64; 4]; 4],
-    /// Opening of the gripper, metres.
+    /// Gripper opening, metres.
     pub opening_m: f64,
-    /// Whether the gripper would touch another object that was found, given or not; null where its
-    /// shape is not known.
+    /// Whether the gripper touches another found object; null if its shape is unknown.
     pub collides: Option<bool>,
-    /// Indices of those that are given; null likewise.
+    /// Indices of these objects among those reported; null likewise.
     pub collides_with: Option<Vec<usize>>,
 }
 
 /// Poses that look like the one that is given, [`ObjectPose::symmetry`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(
+    feature = "schema",
+    derive(schemars::JsonSchema),
+    schemars(rename = "Symmetry")
+)]
 pub struct Undetermined {
-    /// How many poses look alike but for turns about the axis, this one among them.
+    /// Number of equivalent poses, except for turns about the axis.
     pub poses: usize,
-    /// An axis in the object's frame about which any turn looks the same.
+    /// Axis of a continuous symmetry, or null.
     pub axis: Option<Axis>,
 }
 
@@ -215,13 +242,18 @@ impl Undetermined {
 
 /// A [`Hypothesis`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(
+    feature = "schema",
+    derive(schemars::JsonSchema),
+    schemars(rename = "Hypothesis")
+)]
 pub struct ReportedHypothesis {
-    /// Object frame to world frame: rows of the homogeneous matrix, metres.
+    /// Object to world.
     #[serde(rename = "T_world_obj")]
     pub t_world_obj: [[f64; 4]; 4],
-    /// How far it is expected to be off if it is the right one.
+    /// Expected error if it is the right one.
     pub sigma: Sigma,
-    /// Of all of the object's, they sum up to 1.
+    /// Probability; all of an object add up to 1.
     pub probability: f64,
 }
 
@@ -237,13 +269,14 @@ impl ReportedHypothesis {
 
 /// One object as one camera sees it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ObjectInCamera {
-    /// Id of the camera.
+    /// Camera id.
     pub id: String,
-    /// Object frame to camera frame.
+    /// Object to camera.
     #[serde(rename = "T_cam_obj")]
     pub t_cam_obj: [[f64; 4]; 4],
-    /// In the camera's image, null where the object was not detected.
+    /// Detected box, px, clipped to the image; null if not detected.
     #[serde(rename = "box")]
     pub bbox: Option<BBox>,
     /// Whether there is a box.
@@ -252,14 +285,15 @@ pub struct ObjectInCamera {
 
 /// What the confidence of a pose is made of, see [`crate::scorer`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Evidence {
-    /// Natural logarithm of the odds of this pose by itself.
+    /// Log-odds of the pose.
     pub log_odds: f64,
     /// The same before refinement.
     pub initial_log_odds: f64,
-    /// Of the pose as a whole, by name.
+    /// Terms of the whole pose, by name.
     pub pose: BTreeMap<&'static str, f64>,
-    /// Of each view that should show the object, by name.
+    /// Terms of each view that should show the object, by name.
     pub views: Vec<BTreeMap<&'static str, f64>>,
 }
 

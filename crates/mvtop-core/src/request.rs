@@ -45,6 +45,7 @@ const MOST_PRIORS: usize = 100;
 ///
 /// As JSON all keys may be left out, and others are refused.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct Request {
     /// Id of the camera in whose frame `T_ref_obj` is; the rig's by default.
@@ -230,7 +231,7 @@ impl Request {
             Some(_) if bundle.scorer.is_none() => {
                 return Err(refuse(&format!(
                     "min_confidence: expected a model bundle that says how sure it is, got {} without; \
-                     add it with `python -m mvtop_train.calibrate`",
+                     add it with `mvtop-train calibrate`",
                     bundle.dir.display()
                 )));
             }

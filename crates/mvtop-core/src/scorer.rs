@@ -125,6 +125,7 @@ pub struct Scored {
 
 /// How a bundle scores poses.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Scorer {
     /// Largest angle to the true rotation of a right pose, degrees.
@@ -139,6 +140,7 @@ pub struct Scorer {
 
 /// Weights of the evidence.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Weights {
     /// Log-odds without any evidence.
@@ -280,6 +282,7 @@ impl Weights {
 
 /// What to do with a pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// It is right with at least the probability that was asked for.

@@ -11,6 +11,7 @@ const MIN_SIDE_PX: f64 = 1.0;
 /// Integers are pixel centers, so an image spans `[-0.5, width - 0.5]` by `[-0.5, height - 0.5]`. In
 /// JSON a box is `[x0, y0, x1, y1]`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(from = "[f64; 4]", into = "[f64; 4]")]
 pub struct BBox {
     /// Left side.

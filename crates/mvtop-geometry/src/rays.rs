@@ -13,6 +13,7 @@ const EXTENT_SCALE: f64 = 10.0;
 ///
 /// The moment has the sign that the MVTOP paper prints, the opposite of the textbooks' `o x d`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum LosEncoding {

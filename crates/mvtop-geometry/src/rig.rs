@@ -1,6 +1,7 @@
 //! A rig: calibrated cameras in one world frame. `docs/reference/rig-file.md` describes its file
 //! format.
 
+mod document;
 pub(crate) mod fields;
 mod parse;
 mod unit;
@@ -8,11 +9,10 @@ mod unit;
 use std::collections::HashSet;
 use std::path::Path;
 
-use nalgebra::{Isometry3, Point2};
-use serde_json::{Value, json};
-
+use self::document::Document;
 use crate::camera::Camera;
-use crate::{Error, Result, file, pose};
+use crate::{Error, Result, file};
+use nalgebra::{Isometry3, Point2};
 
 const FORMAT: &str = "mvtop-rig";
 const VERSION: u64 = 1;
@@ -25,6 +25,12 @@ const MOST_FOCAL: f64 = 100.0;
 
 /// Largest share of the image that a pinhole may have no line of sight for.
 const MOST_BLIND: f64 = 0.25;
+
+/// JSON Schema of a rig file.
+#[cfg(feature = "schema")]
+pub fn schema(generator: schemars::SchemaGenerator) -> schemars::Schema {
+    generator.into_root_schema_for::<Document>()
+}
 
 /// The cameras that look at a scene together, in one world frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -113,17 +119,8 @@ impl Rig {
 
     /// The text of a rig file, in metres; [`Rig::from_json`] reads the same rig from it.
     pub fn to_json(&self) -> String {
-        let mut rig = json!({
-            "format": FORMAT,
-            "version": VERSION,
-            "unit": unit::METRE.name,
-            "reference": self.reference_camera().id(),
-            "cameras": self.cameras.iter().map(camera_json).collect::<Vec<_>>(),
-        });
-        if unit::implausible(&self.cameras).is_some() {
-            rig["trust_unit"] = true.into();
-        }
-        format!("{rig:#}\n")
+        let text = serde_json::to_string_pretty(&Document::of(self));
+        text.expect("numbers and texts can be written") + "\n"
     }
 
     /// Refuses cameras that all stand within 2 mm of each other, or up to more than 100 m apart: in
@@ -233,33 +230,4 @@ fn sees(camera: &Camera) -> Result<(), String> {
             100.0 * MOST_BLIND
         )),
     }
-}
-
-fn camera_json(camera: &Camera) -> Value {
-    let (intrinsics, pose) = (camera.intrinsics(), camera.world_from_cam());
-    let projection = intrinsics.projection();
-    let mut value = json!({
-        "id": camera.id(),
-        "width": camera.width(),
-        "height": camera.height(),
-        "model": projection.family(),
-        "fx": intrinsics.fx(),
-        "fy": intrinsics.fy(),
-        "cx": intrinsics.cx(),
-        "cy": intrinsics.cy(),
-        "T_world_cam": {
-            "t": pose.translation.vector.as_slice(),
-            "q_wxyz": pose::wxyz(&pose.rotation),
-        },
-    });
-    if intrinsics.skew() != 0.0 {
-        value["skew"] = intrinsics.skew().into();
-    }
-    if let Some(model) = projection.distortion() {
-        value["distortion"] = json!({ "model": model, "params": projection.params() });
-    }
-    if let Some(degrees) = intrinsics.max_angle_deg() {
-        value["max_angle_deg"] = degrees.into();
-    }
-    value
 }

@@ -20,10 +20,13 @@ pub struct Symmetry {
 
 /// An axis in the object's frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Axis {
     /// Unit vector.
+    #[cfg_attr(feature = "schema", schemars(with = "[f64; 3]"))]
     pub direction: Unit<Vector3<f64>>,
     /// A point on it, metres.
+    #[cfg_attr(feature = "schema", schemars(with = "[f64; 3]"))]
     pub point: Point3<f64>,
 }
 

@@ -5,7 +5,7 @@ use std::process::Command;
 
 use tempfile::TempDir;
 
-use crate::{mvtop, refusal, root, stdout};
+use crate::{mvtop, root, stdout};
 
 /// The command lines of a text, each in one line, without quotes and what a shell would make of the rest.
 fn commands(text: &str) -> Vec<String> {

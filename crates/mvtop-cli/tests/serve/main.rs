@@ -79,6 +79,15 @@ fn answer_is_that_of_infer() {
         assert_eq!(got.status, 200, "{path}");
         assert!(got.head.contains(kind), "{path}: {}", got.head);
     }
+    let api = server.get("/openapi.json", &[]).json();
+    let text = api.to_string();
+    let refs = text.split("\"$ref\":\"#").skip(1);
+    let refs: Vec<&str> = refs.map(|rest| rest.split('"').next().unwrap()).collect();
+    assert!(refs.contains(&"/components/schemas/Report"), "{refs:?}");
+    assert!(refs.contains(&"/components/schemas/Request"), "{refs:?}");
+    for path in refs {
+        assert!(api.pointer(path).is_some(), "{path}");
+    }
     let metrics = server.get("/metrics", &[]).text();
     for line in [
         "mvtop_requests_total{outcome=\"ok\"} 3",

@@ -31,32 +31,48 @@ const MAX_TRIANGLES: usize = 20_000;
 /// Largest text of a bundle that is read, bytes.
 const MAX_TEXT_BYTES: u64 = 1 << 28;
 
-/// `model.json` as written.
+/// `model.json` as written, with `format` and `version` of [`Header`].
 #[derive(Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub(super) struct Manifest {
+    /// Kind of network.
     pub preset: String,
+    /// Size and normalisation of the images.
     pub input: Input,
+    /// Cell sizes of the feature levels, px.
     pub strides: Vec<u32>,
+    /// Encoding of the lines of sight.
     pub los_encoding: LosEncoding,
+    /// Object classes.
     pub classes: Vec<ManifestClass>,
+    /// Thresholds of the detector.
     pub detector: Detector,
     /// Of bundles that were calibrated for an earlier pipeline.
+    #[cfg_attr(feature = "schema", schemars(skip))]
     #[serde(default)]
     confidence: Option<serde::de::IgnoredAny>,
+    /// Weights of the [confidence](../explanation/confidence.md); null before calibration.
     #[serde(default)]
     pub scorer: Option<Scorer>,
-    /// What the scorer was fitted for.
+    /// Version that the calibration holds for; others are refused.
     #[serde(default)]
     pipeline_version: Option<u32>,
+    /// Replaced [settings](inference.md).
     #[serde(default)]
     pub inference: InferenceConfig,
+    /// Crops, if the network has them.
     #[serde(default)]
     pub closeup: Option<ManifestCloseUp>,
+    /// Files of the network.
     pub graphs: Graphs,
+    /// Whether the graphs have standard operators only.
     pub portable: bool,
+    /// SHA-256 and size of every file.
     pub files: BTreeMap<String, FileRecord>,
+    /// The network's answers to a fixed input; `mvtop-cli doctor` compares.
     #[serde(default)]
     pub self_test: Option<SelfTest>,
+    /// Training steps, commit, date.
     #[serde(default)]
     pub provenance: serde_json::Value,
 }
@@ -69,25 +85,36 @@ pub(super) struct Header {
 }
 
 #[derive(Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub(super) struct ManifestClass {
+    /// Number in the data set.
     pub id: i64,
+    /// Unique name.
     pub name: String,
+    /// Largest distance of two surface points, metres.
     pub diameter_m: f64,
+    /// File of surface points.
     pub points: String,
+    /// File with a mesh of at most 2,000 triangles, for refinement.
     #[serde(default)]
     pub mesh: Option<String>,
-    /// Rows of homogeneous matrices, metres, as the next ones.
+    /// Unit of the object coordinates, metres, if the network predicts them.
     #[serde(default)]
     pub coordinates_extent_m: Option<f64>,
+    /// Rows of homogeneous matrices, metres.
     #[serde(default)]
     pub symmetries_discrete: Vec<[[f64; 4]; 4]>,
+    /// Axes about which any turn looks the same.
     #[serde(default)]
     pub symmetries_continuous: Vec<ManifestAxis>,
 }
 
 #[derive(Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub(super) struct ManifestAxis {
+    /// Direction, of any length.
     pub axis: [f64; 3],
+    /// A point on it, metres.
     pub offset: [f64; 3],
 }
 
@@ -137,7 +164,7 @@ impl ManifestClass {
         if !(1..=MAX_TRIANGLES).contains(&count) || !colored {
             return Err(refuse(format!(
                 "has {count} triangles {} colors, expected 1 to {MAX_TRIANGLES} with the color of \
-                 each vertex; write it with `python -m mvtop_train.export.mesh`",
+                 each vertex; write it with `mvtop-train mesh`",
                 if colored { "with" } else { "without" }
             )));
         }
@@ -183,16 +210,23 @@ impl ManifestClass {
 }
 
 #[derive(Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub(super) struct ManifestCloseUp {
+    /// Side of the crops, px.
     pub size: u32,
+    /// Cell sizes of their feature levels, px.
     pub strides: Vec<u32>,
 }
 
 #[derive(Debug, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub(super) struct Graphs {
+    /// Backbone and detector on whole images.
     pub features: String,
+    /// Crops to features for the decoder, or to object coordinates.
     #[serde(default)]
     pub closeup: Option<String>,
+    /// Features of all views to poses; missing in bundles with object coordinates.
     #[serde(default)]
     pub decoder: Option<String>,
 }
@@ -207,8 +241,11 @@ impl Graphs {
 }
 
 #[derive(Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub(super) struct FileRecord {
+    /// In hexadecimal digits.
     pub sha256: String,
+    /// Size.
     pub bytes: u64,
 }
 
@@ -231,7 +268,7 @@ impl Manifest {
         }
         Err(format!(
             "was calibrated for version {fitted} of the pipeline, expected {PIPELINE_VERSION}; calibrate \
-             it anew with `python -m mvtop_train.calibrate --bundle DIR --data DATA`"
+             it anew with `mvtop-train calibrate --bundle DIR --data DATA`"
         ))
     }
 

@@ -28,33 +28,36 @@ pub struct NearMiss {
 
 /// What an object failed at, by the order of the stages; the names in JSON stay as they are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum MissReason {
-    /// The detector's score is below its threshold: scores.
+    /// Too low a detector score; `camera` and `box` are the map's peak if no box reaches the lower
+    /// threshold.
     DetectorScore,
-    /// Boxes of two views, too faint each alone, have rays that do not meet: metres.
+    /// Rays of the best boxes of two views do not meet: distance, metres.
     RaysApart,
-    /// Their rays meet, where their sizes do not fit each other or the class: metres of radius.
+    /// These boxes do not fit each other or the class: radius, and the nearest one that would do,
+    /// metres.
     SizesDisagree,
-    /// Detected in too few images: images.
+    /// Detected in too few images: number of images.
     MinViews,
-    /// The boxes give no pose: no numbers.
+    /// The boxes give no crop or no pose.
     NoPose,
-    /// A better object is at its place: confidences, of both.
+    /// A better object is there: its confidence, and that of the better one.
     Duplicate,
-    /// The confidence is too low: probabilities.
+    /// Too low a confidence: confidence, and `search.min_confidence`.
     Confidence,
-    /// Too far from the priors of its class: standard deviations.
+    /// Too far from the nearest prior: standard deviations.
     Prior,
-    /// Not upright on its plane: degrees.
+    /// Not upright: degrees.
     Tilt,
-    /// Above or below its plane: metres.
+    /// Not on the plane: metres above it.
     Height,
-    /// Found, outside the region: no numbers.
+    /// Outside the region of the request.
     Region,
-    /// Found, outside a polygon: no numbers.
+    /// Outside a polygon of the request.
     Polygons,
-    /// Found, less probable than as many others as were asked for: no numbers.
+    /// Less probable than the `most` objects of the request.
     Most,
 }

@@ -10,6 +10,7 @@ use crate::closeup::FILL;
 
 /// One stage of the refinement: the size of its crops, and its iterations.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Stage {
     /// Px of the crop per px of the image, if `side_px` allows it.
@@ -24,6 +25,7 @@ pub struct Stage {
 
 /// How the texture of a part is compared with the images; all of it is not measured.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct TextureConfig {
     /// Least standard deviations of log brightness and shares of R and G.
@@ -42,6 +44,7 @@ pub struct TextureConfig {
 
 /// Every number that steers the refinement.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct RefineConfig {
     /// First stage, at the image's resolution; 224 px was compared with 128 px on pairs of images of a

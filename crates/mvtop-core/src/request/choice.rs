@@ -10,6 +10,7 @@ use crate::{Result, Rig};
 
 /// A box along the axes of the world frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct WorldBox {
     /// Corner of the least coordinates, metres.
@@ -41,6 +42,7 @@ impl WorldBox {
 ///
 /// Those of other classes are not looked for, but in what was found before it was asked.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LeftOut {
     /// Of another class.
     pub classes: usize,

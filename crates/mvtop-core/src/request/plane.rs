@@ -13,6 +13,7 @@ use crate::{Error, Result};
 /// Objects are given only where an axis of theirs is along the plane's normal, and their lowest surface
 /// point in the plane.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(try_from = "Fields", into = "Fields")]
 pub struct Plane {
     fields: Fields,
@@ -22,15 +23,26 @@ pub struct Plane {
 
 /// A plane as JSON.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(
+    feature = "schema",
+    derive(schemars::JsonSchema),
+    schemars(rename = "Plane")
+)]
 #[serde(deny_unknown_fields)]
 struct Fields {
+    /// Class that stands on it; all by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     class: Option<String>,
+    /// A point of the plane, world frame, metres.
     point_m: [f64; 3],
+    /// Upwards, world frame.
     normal: [f64; 3],
+    /// Axis of the object that points up, object frame.
     #[serde(default = "z")]
     axis: [f64; 3],
+    /// Largest distance of the lowest surface point from the plane, metres.
     within_m: f64,
+    /// Largest angle between axis and normal, degrees.
     within_deg: f64,
 }
 

@@ -16,6 +16,7 @@ use crate::{Error, Result};
 /// [`Prior::MOST_DEVIATIONS`] in distance and in angle. The pose is a proposal as well: the object is
 /// looked for there even where the detector sees nothing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(try_from = "Fields", into = "Fields")]
 pub struct Prior {
     fields: Fields,
@@ -24,12 +25,21 @@ pub struct Prior {
 
 /// A prior as JSON.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(
+    feature = "schema",
+    derive(schemars::JsonSchema),
+    schemars(rename = "Prior")
+)]
 #[serde(deny_unknown_fields)]
 struct Fields {
+    /// Class name.
     class: String,
+    /// Object to world, rows of a matrix, metres.
     #[serde(rename = "T_world_obj")]
     world_from_obj: [[f64; 4]; 4],
+    /// Standard deviation of the position, metres.
     sigma_m: f64,
+    /// Standard deviation of the rotation, degrees.
     sigma_deg: f64,
 }
 
