@@ -315,6 +315,15 @@ def test_interrupt_ends_the_command_at_once():
     os.close(read)
 
 
+@pytest.mark.parametrize("closed", [">&-", ">&- 2>&-"])
+def test_a_closed_stdout_is_an_error(closed):
+    program = Path(sys.executable).parent / "mvtop-cli"
+    done = subprocess.run(f"{program} --version {closed}", shell=True, stderr=subprocess.PIPE)
+    assert done.returncode == 2
+    said = b"error: stdout is closed, expected a stream; fix: >/dev/null\n"
+    assert done.stderr == (b"" if "2>" in closed else said)
+
+
 def test_the_command_answers_like_the_program(cli):
     assert cli("--version").stdout == f"mvtop-cli {mvtop.__version__}\n"
     wrong = cli("infer", "--rig", "none.json", "a.png")
