@@ -8,7 +8,8 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use crate::problem::{Kind, Problem};
 
-type Task = Box<dyn FnOnce() + Send>;
+/// Work that gives its place back before anybody hears that it is done.
+type Task = Box<dyn FnOnce(Place) + Send>;
 
 /// Work that waits for one thread, in the order in which it came.
 pub struct Queue {
@@ -31,8 +32,7 @@ impl Queue {
         let (tasks, taken) = channel::<(Task, Place)>();
         let work = move || {
             while let Ok((task, place)) = taken.recv() {
-                task();
-                drop(place);
+                task(place);
             }
         };
         let thread = thread::Builder::new().name("predict".into()).spawn(work);

@@ -238,24 +238,27 @@ impl Service {
                 Err(error) => {
                     let problem = Problem::from(error);
                     service.note(asked, uploads, Err(problem.message.clone()));
+                    drop(place);
                     let _ = reply.send(Err(problem));
                     return;
                 }
             };
             let queue = service.clone();
-            let task = move || {
+            let task = move |place| {
                 // The client has gone.
                 if reply.is_closed() {
                     return;
                 }
                 let done = service.predict(&asked, &images, turn.as_deref_mut());
-                let _ = reply.send(match done {
+                let answer = match done {
                     Ok(found) => Ok(service.note(asked, uploads, Ok(found))),
                     Err(problem) => {
                         service.note(asked, uploads, Err(problem.message.clone()));
                         Err(problem)
                     }
-                });
+                };
+                drop(place);
+                let _ = reply.send(answer);
             };
             // Else the reply is dropped, which says so.
             let _ = queue.queue.submit(place, Box::new(task));
