@@ -20,45 +20,34 @@ static OPENAPI: LazyLock<String> = LazyLock::new(|| {
     format!("{api:#}\n")
 });
 
-/// Path, type and text of each file.
-const FILES: [(&str, &str, &str); 6] = [
-    ("/", HTML, include_str!("../page/index.html")),
-    ("/try", HTML, include_str!("../page/try.html")),
-    (
-        "/page.css",
-        "text/css; charset=utf-8",
-        include_str!("../page/page.css"),
-    ),
-    ("/page.js", SCRIPT, include_str!("../page/page.js")),
-    ("/scene.js", SCRIPT, include_str!("../page/scene.js")),
-    ("/try.js", SCRIPT, include_str!("../page/try.js")),
-];
+/// Path, type and text of a file.
+type File = (&'static str, &'static str, fn() -> &'static str);
 
-const OPENAPI_PATH: &str = "/openapi.json";
+const FILES: [File; 7] = [
+    ("/", HTML, || include_str!("../page/index.html")),
+    ("/try", HTML, || include_str!("../page/try.html")),
+    ("/page.css", STYLE, || include_str!("../page/page.css")),
+    ("/page.js", SCRIPT, || include_str!("../page/page.js")),
+    ("/scene.js", SCRIPT, || include_str!("../page/scene.js")),
+    ("/try.js", SCRIPT, || include_str!("../page/try.js")),
+    ("/openapi.json", "application/json", || OPENAPI.as_str()),
+];
 
 const HTML: &str = "text/html; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
+const STYLE: &str = "text/css; charset=utf-8";
 
 pub fn router() -> Router<Arc<Service>> {
-    let add = |router: Router<Arc<Service>>, (path, kind, text)| {
+    let add = |router: Router<Arc<Service>>, (path, kind, text): File| {
         router.route(
             path,
-            get(async move || ([(header::CONTENT_TYPE, kind)], text)),
+            get(async move || ([(header::CONTENT_TYPE, kind)], text())),
         )
     };
-    let api = get(async || {
-        (
-            [(header::CONTENT_TYPE, "application/json")],
-            OPENAPI.as_str(),
-        )
-    });
-    FILES
-        .into_iter()
-        .fold(Router::new(), add)
-        .route(OPENAPI_PATH, api)
+    FILES.into_iter().fold(Router::new(), add)
 }
 
 /// Whether a path is a file of the page.
 pub fn has(path: &str) -> bool {
-    path == OPENAPI_PATH || FILES.iter().any(|(file, _, _)| *file == path)
+    FILES.iter().any(|(file, _, _)| *file == path)
 }
