@@ -19,7 +19,8 @@ use crate::{BBox, Camera, Error, Result, Rig};
 /// Raised when a key changes its meaning or goes away; new keys leave it as it is.
 pub const SCHEMA_VERSION: u32 = 1;
 
-/// The whole document.
+/// The whole document. Lengths are metres; `T_a_b` maps coordinates of frame b into frame a, rows of the
+/// homogeneous matrix.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Report {
