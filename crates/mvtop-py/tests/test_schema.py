@@ -10,19 +10,17 @@ from conftest import ROOT
 import mvtop
 
 
-@pytest.fixture(scope="module")
-def schemas():
-    return {}
+@pytest.fixture
+def schema_of(cli):
+    return lambda kind: json.loads(cli("schema", kind).stdout)
 
 
 @pytest.fixture
-def check(schemas, cli):
-    """Refuses a document that its schema does not allow."""
+def check(schema_of):
+    """Refuses a document that its schema does not allow; returns the schema."""
 
     def validate(kind, document):
-        if kind not in schemas:
-            schemas[kind] = json.loads(cli("schema", kind).stdout)
-        of = schemas[kind]
+        of = schema_of(kind)
         jsonschema.Draft202012Validator.check_schema(of)
         jsonschema.Draft202012Validator(of).validate(document)
         return of
@@ -95,8 +93,8 @@ def test_rig_files_are_what_their_schema_allows(check):
     check("rig", document)
 
 
-def test_each_key_of_the_rig_schema_is_read_and_no_other(check, cli):
-    schema = json.loads(cli("schema", "rig").stdout)
+def test_each_key_of_the_rig_schema_is_read_and_no_other(check, schema_of):
+    schema = schema_of("rig")
     camera = {
         "id": "a",
         "width": 640,
@@ -139,7 +137,7 @@ def test_each_key_of_the_rig_schema_is_read_and_no_other(check, cli):
         mvtop.Rig.from_json(json.dumps(document))
 
 
-def test_the_settings_have_their_defaults(check, cli):
-    schema = json.loads(cli("schema", "inference").stdout)
+def test_the_settings_have_their_defaults(check, schema_of):
+    schema = schema_of("inference")
     check("inference", {group: key["default"] for group, key in schema["properties"].items()})
     assert schema["properties"]["search"]["default"]["merge_deg"] == 25.0
