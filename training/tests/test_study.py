@@ -172,8 +172,9 @@ def test_every_variant_trains_and_is_tested(trained, tmp_path, name):
     weights, bank = trained
     variant = variants.VARIANTS[name]
     network = variants.config_of(variant, NETWORK, (16, 32))
-    model = variants.fit(variant, bank, network, tmp_path / name, weights, steps=2, seed=0)
-    results = variants.test(model, variant, bank)
+    budget = variants.Budget(steps=2)
+    state = variants.fit(variant, bank, network, tmp_path / name, weights, budget, seed=0)
+    results = variants.test(state.average, variant, bank)
     wanted = {"two_views"} if variant.views == 2 else {"one_view"}
     assert wanted <= set(results)
     for result in results.values():
@@ -191,9 +192,9 @@ def test_a_variant_that_was_stopped_goes_on(trained, tmp_path, monkeypatch):
     for name, stops in (("through", (4,)), ("stopped", (2, 4))):
         for steps in stops:
             run = variants.fit(
-                variant, bank, network, tmp_path / name, weights, steps, seed=0,
+                variant, bank, network, tmp_path / name, weights, variants.Budget(steps), seed=0,
                 look=lambda network: variants.test(network, variant, bank),
-            )  # fmt: skip
+            ).average  # fmt: skip
         fitted[name] = run.decoder.state_dict()
         assert load_weights(tmp_path / name / "last.pt")[2] == 4
         curve = [json.loads(line) for line in (tmp_path / name / "curve.jsonl").open()]
@@ -202,7 +203,9 @@ def test_a_variant_that_was_stopped_goes_on(trained, tmp_path, monkeypatch):
         assert curve[0]["two_views"] != curve[1]["two_views"]
     for name, weight in fitted["through"].items():
         torch.testing.assert_close(fitted["stopped"][name], weight)
-    fresh = variants.fit(variant, bank, network, tmp_path / "two", weights, 2, seed=0)
+    fresh = variants.fit(
+        variant, bank, network, tmp_path / "two", weights, variants.Budget(2), seed=0
+    ).average
     assert not torch.equal(fresh.decoder.query[0].weight, fitted["through"]["query.0.weight"])
 
 

@@ -5,21 +5,22 @@
 
 Trains the transformer and heads of each variant on cached features of canonical views
 (`canonical.py`) and tests it on scenes that no training used. It resumes where it was stopped.
+Minutes are of processor time; a process uses one core (`--threads`), so several may run at once,
+each with variants of its own.
 """
 
 import dataclasses
 import json
-import time
 from pathlib import Path
 
-from tqdm import tqdm
+import torch
 
 from ..data import bop, objects
 from ..data.bank import Bank
 from ..data.views import ViewMaker
 from ..errors import argument_parser, command
 from ..training.checkpoint import load_weights
-from . import canonical, variants
+from . import canonical, plots, variants
 from .variants import VARIANTS
 
 
@@ -33,10 +34,13 @@ def main():
     parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=list(VARIANTS))
     parser.add_argument("--scenes", type=int, default=1500, help="training scenes to use")
     parser.add_argument("--copies", type=int, default=2, help="augmented copies of each image")
-    parser.add_argument("--steps", type=int, default=1500)
+    parser.add_argument("--minutes", type=float, default=60.0, help="to train each variant")
+    parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--levels", type=int, nargs="+", default=[1, 2], help="pyramid levels")
     args = parser.parse_args()
+    torch.set_num_threads(args.threads)
+    budget = variants.Budget(minutes=args.minutes)
     model, trained, _ = load_weights(args.weights)
     strides = tuple(trained.strides[level] for level in args.levels)
     viewed = variants.config_of(VARIANTS["baseline"], trained, strides)
@@ -59,26 +63,23 @@ def main():
             ("control", ["control_test"]) if control else ("train", ["hard", "easy"])
         )
         data = cached(args.data, train_split, args.scenes, args.copies, True)
-        started = time.time()
         config = variants.config_of(variant, trained, strides)
         seen = {split: cached(args.test, split, None, 1, False) for split in tests}
 
         def look(network, variant=variant, seen=seen):
             return {split: variants.test(network, variant, bank) for split, bank in seen.items()}
 
-        fitted = variants.fit(
-            variant, data, config, folder, args.weights, args.steps, args.seed, look
-        )
+        state = variants.fit(variant, data, config, folder, args.weights, budget, args.seed, look)
         result = {
             "variant": dataclasses.asdict(variant) | {"name": name},
-            "steps": args.steps, "images_per_step": variants.IMAGES, "seed": args.seed,
-            "scenes": len(data.scenes), "seconds": round(time.time() - started),
+            "steps": state.step, "images_per_step": variants.IMAGES, "seed": args.seed,
+            "scenes": len(data.scenes), "minutes": round(state.elapsed / 60, 2),
         }  # fmt: skip
-        result |= look(fitted)
-        path.write_text(json.dumps(result, indent=1) + "\n")
-        tqdm.write(json.dumps({name: {split: result[split] for split in tests}}))
+        result |= look(state.average)
+        path.write_text(json.dumps(result) + "\n")
     text = variants.table(args.out)
     (args.out / "study.md").write_text(text)
+    plots.learning(args.out / "curves.png", variants.curves(args.out))
     print(text)
 
 

@@ -89,3 +89,22 @@ def roc(path: Path, groups: dict[str, list[results.Results]], resolved_deg: floa
     axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
     axes.legend(loc="lower right")
     _save(figure, path)
+
+
+def learning(path: Path, splits: dict[str, dict[str, tuple[list, list, list]]]):
+    """Mean rotation errors over minutes of training with their intervals, a panel per split and a
+    line per variant (`variants.curves`)."""
+    if not splits:
+        return
+    figure, panels = plt.subplots(
+        1, len(splits), figsize=(6.2 * len(splits), 4.4), layout="constrained", squeeze=False
+    )
+    for axes, (split, lines) in zip(panels[0], splits.items(), strict=True):
+        for name, (minutes, means, intervals) in lines.items():
+            (line,) = axes.plot(minutes, means, marker=".", label=name)
+            axes.fill_between(minutes, *np.array(intervals).T, color=line.get_color(), alpha=0.15)
+        axes.set(title=split, xlabel="minutes of training", ylabel="mean rotation error, degrees")
+        axes.set_ylim(bottom=0)
+        axes.grid(alpha=0.3)
+    panels[0][0].legend()
+    _save(figure, path)

@@ -3,10 +3,13 @@
 import copy
 import dataclasses
 import json
+import math
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import scipy.stats
 import torch
 from tqdm import tqdm
 
@@ -25,8 +28,9 @@ from . import baselines, canonical, tables
 
 IMAGES = 64  # per step
 PEAK, WARMUP, CLIP = 1e-3, 100, 5.0  # learning rate, steps to it, norm of the gradient
+PRECISION = "fp32"  # bf16 gains nothing on matrices as small as these
 SAVE_MINUTES = 3.0
-LOOKED_AT = 1000  # steps from one point of the learning curve to the next
+LOOKED_AT = 500  # steps from one point of the learning curve to the next
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,13 +50,16 @@ RAYS = Variant(geometry="rays", los_encoding="plucker_origin", queries=1)
 VARIANTS = {
     "baseline": Variant(),
     "baseline_no_encoder": Variant(encoder_layers=0),
+    "baseline_direction": Variant(los_encoding="direction"),
+    "baseline_plucker": Variant(los_encoding="plucker"),
+    "baseline_plucker_origin": Variant(los_encoding="plucker_origin"),
     "one_view": Variant(views=1),
     "single": Variant(los_encoding="none", views=1),
     "hypotheses": Variant(los_encoding="none", views=1, heads="hypotheses"),
     "single_control": Variant(los_encoding="none", views=1, data="control"),
     "hypotheses_control": Variant(los_encoding="none", views=1, heads="hypotheses", data="control"),
     "rays": RAYS,
-    # The paper's ablations, of the network that learns to fuse views within the budget.
+    # The paper's ablations, of the shipped network's geometry.
     "no_encoder": dataclasses.replace(RAYS, encoder_layers=0),
     "direction": dataclasses.replace(RAYS, los_encoding="direction"),
     "origin_direction": dataclasses.replace(RAYS, los_encoding="origin_direction"),
@@ -72,6 +79,7 @@ def config_of(variant: Variant, trained: Config, strides: tuple[int, ...]) -> Co
         geometry=variant.geometry if poses else f"{variant.geometry}_{variant.heads}",
         los_encoding="direction" if blind else variant.los_encoding,
         encoder_layers=variant.encoder_layers,
+        hypotheses=1,
         closeup=canonical.SIZE,
         closeup_strides=strides,
     )
@@ -118,20 +126,33 @@ def loss_of(model: Mvtop, outputs, truth, variant: Variant):
     return losses.ROTATION * rot.mean((1, 2)).sum() + losses.TRANSLATION * t.mean((1, 2)).sum()
 
 
+@dataclasses.dataclass(frozen=True)
+class Budget:
+    """What one variant may use; training ends with what is used up first."""
+
+    steps: float = math.inf
+    minutes: float = math.inf  # of processor time, as other work may run beside it
+
+    def used(self, state: TrainingState) -> float:
+        """The share of it, 0 to 1 and over."""
+        return max(state.step / self.steps, state.elapsed / 60 / self.minutes)
+
+
 def fit(
     variant: Variant,
     bank: Bank,
     config: Config,
     folder: Path,
     weights: Path,
-    steps: int,
+    budget: Budget,
     seed: int,
     look: Callable[[Mvtop], dict] | None = None,
-) -> Mvtop:
+) -> TrainingState:
     """Train one variant in a run folder of its own, which a later call goes on with.
 
     - weights: of the network whose backbone's features `bank` has
-    - look: what it says of the network after each thousand steps becomes a line of `curve.jsonl`
+    - look: what it says of the network after each `LOOKED_AT` steps becomes a line of `curve.jsonl`
+    - returns: the state at its end, `elapsed` in seconds of processor time
     """
     device = "cuda" if torch.cuda.is_available() else "cpu"
     torch.manual_seed(seed)
@@ -140,29 +161,33 @@ def fit(
     stream = batches.Batches(bank, IMAGES, shares, seed, 0, 1)
     loader = batches.loader(stream, state.step, workers=0, pinned=False)
     saving = Timer(SAVE_MINUTES)
-    bar = tqdm(total=steps, initial=state.step, unit="step", desc=folder.name)
-    while state.step < steps:
+    bar = tqdm(desc=folder.name, initial=state.step, unit="step")
+    while (used := budget.used(state)) < 1:
+        begun = time.process_time()
         batch = next(loader)
         views = given(batch, variant, config, device)
-        with autocast(device):
+        with autocast(device, PRECISION):
             outputs = outputs_of(state.model, views)
         loss = loss_of(state.model, outputs, batch["cam_from_obj"].to(device), variant)
-        descend(state, loss, learning_rate(state.step, state.step / steps, PEAK, WARMUP), CLIP)
+        descend(state, loss, learning_rate(state.step, used, PEAK, WARMUP), CLIP)
         state.update_average()
         state.step += 1
+        state.elapsed += time.process_time() - begun
         bar.update()
         if state.step % 20 == 0:
-            bar.set_postfix_str(f"loss {loss.item():.2f}")
+            bar.set_postfix_str(f"{100 * used:.0f} % of the budget, loss {loss.item():.2f}")
         looked_at = look is not None and state.step % LOOKED_AT == 0
         if looked_at:
             # A copy, as moving a network moves the one that is trained on.
-            point = {"step": state.step} | look(copy.deepcopy(state.average).cpu())
+            point = {"step": state.step, "minutes": round(state.elapsed / 60, 2)}
+            point |= look(copy.deepcopy(state.average).cpu())
             with open(folder / "curve.jsonl", "a") as curve:
                 curve.write(json.dumps(point) + "\n")
-        if saving.due() or looked_at or state.step == steps:
+        if saving.due() or looked_at or budget.used(state) >= 1:
             state.save()
     bar.close()
-    return state.average.cpu()
+    state.average.cpu()
+    return state
 
 
 def poses_of(output) -> np.ndarray:
@@ -186,7 +211,7 @@ def hypotheses_of(output, count: int) -> np.ndarray:
 
 
 def errors(estimates: np.ndarray, truth: np.ndarray) -> dict:
-    """Mean errors of poses [B, 4, 4], degrees and metres."""
+    """Errors of poses [B, 4, 4], degrees and metres, and the mean rotation's interval."""
     import mvtop  # loads its compiled part
 
     angle = mvtop.metrics.rotation_error_deg(truth, estimates)
@@ -194,9 +219,11 @@ def errors(estimates: np.ndarray, truth: np.ndarray) -> dict:
     return {
         "pairs": len(angle),
         "rot_mean_deg": float(angle.mean()),
+        "rot_interval_deg": interval(angle),
         "rot_median_deg": float(np.median(angle)),
         "share_over_30_deg": float((angle > 30).mean()),
         "add_mean_m": float(add.mean()),
+        "rot_deg": angle.round(3).tolist(),
     }
 
 
@@ -206,7 +233,7 @@ def test(model: Mvtop, variant: Variant, bank: Bank) -> dict[str, dict]:
     pairs = [[bank.first(image) for image in scene[:2]] for scene in bank.scenes]
     items = pairs if variant.views == 2 else [[view] for views in pairs for view in views]
     views = given(collate(items), variant, model.config)
-    with autocast("cpu"):
+    with autocast("cpu", PRECISION):
         output = tuple(part.float() for part in outputs_of(model, views)[-1])
     world, truth, k = (
         np.array([[view[name] for view in views] for views in pairs])
@@ -232,17 +259,59 @@ def test(model: Mvtop, variant: Variant, bank: Bank) -> dict[str, dict]:
     return {"one_view": errors(every[:, 0], truth[:, 0]), "late_fusion": late}
 
 
-def table(folder: Path) -> str:
-    """All results of a folder as a Markdown table: variants, splits and ways of testing."""
-    header = ["variant", "split", "poses from", "rotation mean", "median", "over 30°", "ADD mean"]
+def interval(values: np.ndarray) -> list[float]:
+    """Of the mean of `values` [N]: 95 %, by a bootstrap."""
+    if len(values) < 2:
+        return [float(values.mean())] * 2
+    drawn = scipy.stats.bootstrap((values,), np.mean, method="percentile", rng=0)
+    return [float(end) for end in drawn.confidence_interval]
+
+
+def read(folder: Path) -> list[dict]:
+    """The results in a folder, in the order of `VARIANTS`."""
     results = [json.loads(path.read_text()) for path in folder.glob("*-seed*.json")]
     order = list(VARIANTS)
-    results.sort(key=lambda r: (order.index(r["variant"]["name"]), r["seed"]))
+    return sorted(results, key=lambda r: (order.index(r["variant"]["name"]), r["seed"]))
+
+
+def curves(folder: Path) -> dict[str, dict[str, tuple[list, list, list]]]:
+    """By split and by variant of a folder: minutes, mean rotation errors and their intervals, of
+    two views where the variant has them."""
+    found = {}
+    for path in sorted(folder.glob("*/curve.jsonl")):
+        for point in map(json.loads, path.read_text().splitlines()):
+            for split, ways in point.items():
+                if isinstance(ways, dict):
+                    way = ways.get("two_views") or ways["one_view"]
+                    columns = found.setdefault(split, {}).setdefault(path.parent.name, ([], [], []))
+                    row = point["minutes"], way["rot_mean_deg"], way["rot_interval_deg"]
+                    for column, value in zip(columns, row, strict=True):
+                        column.append(value)
+    return found
+
+
+def against(result: dict, first: dict, split: str, way: str) -> str:
+    """The difference of a mean rotation error to that of the first variant, by pairs."""
+    mine, its = (
+        np.array(r.get(split, {}).get(way, {}).get("rot_deg", [])) for r in (result, first)
+    )
+    if result is first or len(mine) != len(its) or not len(mine):
+        return ""
+    low, high = interval(mine - its)
+    chance = ", within chance" if low <= 0 <= high else ""
+    return f"{(mine - its).mean():+.1f}° [{low:+.1f}, {high:+.1f}]{chance}"
+
+
+def table(folder: Path) -> str:
+    """All results of a folder as a Markdown table: variants, splits and ways of testing."""
+    header = ["variant", "steps", "split", "poses from", "rotation mean", "median", "over 30°", "ADD mean", "beside the first"]  # noqa: E501  # fmt: skip
+    results = read(folder)
     rows = [
         [
-            result["variant"]["name"], split, way.replace("_", " "),
-            f"{e['rot_mean_deg']:.1f}°", f"{e['rot_median_deg']:.1f}°",
-            f"{100 * e['share_over_30_deg']:.0f} %", f"{1e3 * e['add_mean_m']:.1f} mm",
+            result["variant"]["name"], str(result["steps"]), split, way.replace("_", " "),
+            "{:.1f}° [{:.1f}, {:.1f}]".format(e["rot_mean_deg"], *e["rot_interval_deg"]),
+            f"{e['rot_median_deg']:.1f}°", f"{100 * e['share_over_30_deg']:.0f} %",
+            f"{1e3 * e['add_mean_m']:.1f} mm", against(result, results[0], split, way),
         ]
         for result in results
         for split in ("hard", "easy", "control_test")
