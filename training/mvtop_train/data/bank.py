@@ -15,6 +15,7 @@ import torch
 from tqdm import tqdm
 
 from ..errors import UserError
+from ..network.precision import autocast
 from . import bop
 from .inputs import normalised
 from .views import COORDINATE_STRIDE, ViewMaker
@@ -120,7 +121,7 @@ class Bank:
         with tqdm(total=len(views), initial=done, unit="view", desc="features") as bar:
             for batch in loader:
                 x = normalised(batch["image"].to(device), batch["on_image"].to(device), config)
-                with torch.autocast(device.type, dtype=torch.bfloat16):
+                with autocast(device):
                     maps = features.cache(x.contiguous(memory_format=torch.channels_last))
                 rows = slice(done, done + len(x))
                 for n, one in enumerate(maps):

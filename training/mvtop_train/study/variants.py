@@ -20,9 +20,10 @@ from ..data.views import collate
 from ..network import losses, pose
 from ..network.config import Config
 from ..network.model import Mvtop
+from ..network.precision import autocast
 from ..network.views import Views
 from ..training.checkpoint import TrainingState
-from ..training.optimise import autocast, descend, learning_rate
+from ..training.optimise import descend, learning_rate
 from ..training.progress import Timer
 from . import baselines, canonical, tables
 

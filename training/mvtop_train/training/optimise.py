@@ -6,17 +6,13 @@ import torch
 
 from ..data.inputs import to_device, to_views
 from ..network import losses
+from ..network.precision import autocast
 from .checkpoint import TrainingState
 from .runconfig import RunConfig
 
 TRUTH = (
     "cam_from_obj", "class_index", "true_box", "coords", "extent", "search_boxes", "search_class",
 )  # fmt: skip
-
-
-def autocast(device, precision: str = "bf16"):
-    kind = torch.device(device).type
-    return torch.autocast(kind, dtype=torch.bfloat16, enabled=precision == "bf16")
 
 
 def learning_rate(step: int, progress: float, peak: float, warmup: int) -> float:

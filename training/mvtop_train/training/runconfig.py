@@ -20,6 +20,7 @@ from ..errors import UserError
 from ..files import read_text
 from ..network import config as configs
 from ..network import losses
+from ..network.precision import PRECISIONS
 from .checkpoint import PRETRAINED
 
 MAX_FILE_BYTES = 1 << 20
@@ -157,7 +158,7 @@ class RunConfig(Table):
     lr: PositiveFloat = 1e-3  # at the peak
     warmup: NonNegativeInt = 300  # steps
     clip: PositiveFloat = 5.0  # norm of the gradient
-    precision: Literal["bf16", "fp32"] = "bf16"  # the geometry is in fp32 in either
+    precision: Literal[*PRECISIONS] = "auto"  # the geometry is in fp32 in any
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
     augmentation: AugmentationChanges = AugmentationChanges()
     loss: LossWeights = LossWeights()

@@ -9,7 +9,7 @@ from ..data.crops import Crops
 from ..data.inputs import to_views
 from ..data.views import ViewMaker, collate
 from ..network import losses, symmetry
-from .optimise import autocast
+from ..network.precision import autocast
 from .runconfig import RunConfig
 
 
