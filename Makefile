@@ -26,6 +26,7 @@ PREDICTIONS ?= 10000
 KILLED ?= 20
 REQUESTS ?= 20000
 LOAD_SECONDS ?= 60
+CONFIG ?= parts
 MIRI = six_locations_worked_by_hand gradients_worked_by_hand locations_that_are_not_finite_contribute_nothing \
   a_tap_of_weight_zero_does_not_read arrays_that_do_not_belong_together_are_refused empty_axes_give_empty_or_zero_results
 MODEL ?= models/mvball
@@ -51,7 +52,7 @@ MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
 .PHONY: help demo test built-tests test-rust test-python lint fuzz soak soak-serve miri fixtures eval accuracy test-accuracy accuracy-baseline detector \
-  lies tables pictures bench bench-peers bench-predict bench-serve wheel release-wheel test-wheel stubs reference site licences test-ray \
+  lies tables pictures bench bench-peers bench-predict bench-serve bench-train wheel release-wheel test-wheel stubs reference site licences test-ray \
   test-page test-ros
 
 help:  ## this list
@@ -209,6 +210,9 @@ bench-peers: .venv/test.done $(MVTOP)  ## beside other runtimes on the same netw
 
 bench-predict: .venv/test.done  ## whole predictions over pixels, cameras, objects and classes: out/predict
 	$(PY) benches/predict.py
+
+bench-train: .venv/test.done $(MVTOP)  ## a step of training beside the processor's bound: CONFIG=name
+	$(PY) benches/throughput.py --config $(CONFIG)
 
 bench-serve: .venv/run.done $(CLI)  ## the service under load of 1, 2, 4 and 8 clients: LOAD_SECONDS=n of each
 	$(RUNTIME) $(PY) scripts/bench-serve.py --cli $(CLI) --seconds $(LOAD_SECONDS)
