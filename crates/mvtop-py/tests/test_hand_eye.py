@@ -149,6 +149,166 @@ def test_what_fixes_nothing_is_refused(cell, tmp_path, rng):
             robot_poses.load(path)
 
 
+TURNED = [[0.0, -1, 0, 0.1], [1, 0, 0, 0.2], [0, 0, 1, 0.3], [0, 0, 0, 1]]
+COLUMNS = np.transpose(TURNED).tolist()
+
+
+def as_json(*poses, **said):
+    return json.dumps(said | {"poses": [{"name": f"p{i}"} | pose for i, pose in enumerate(poses)]})
+
+
+def by_matrix(change=(1, 1, 1), shear=0.0):
+    rotation = np.diag(change) + shear * np.eye(3, k=1)
+    return as_json({"T_base_hand": rigid.rigid(rotation, [0.1, 0.2, 0.3]).tolist()})
+
+
+def by_turn(**turn):
+    return as_json({"t": [0.1, 0.2, 0.3]} | turn)
+
+
+def by_ros(*names, x="0.5", w="0.5", more=""):
+    """A document for each name."""
+    place = f"position:\n  x: {x}\n  y: 0.5\n  z: 0.5\n"
+    turn = f"orientation:\n  x: 0.5\n  y: 0.5\n  z: 0.5\n  w: {w}\n"
+    return "---\n".join(f"name: {name}\n{place}{turn}{more}" for name in names)
+
+
+HAND, BASE, QUATERNION = {"T_base_hand": TURNED}, {"T_hand_base": TURNED}, {"q_wxyz": [1, 0, 0, 0]}
+HEADER, ROW = "name,x,y,z,qw,qx,qy,qz", "a,1,2,3,1,0,0,0"
+MISREAD = {
+    "direction": (as_json(HAND, direction="world"), "base_from_hand or hand_from_base, got 'world"),
+    "unit": (as_json(HAND, unit="ft"), "unit of poses: expected m or cm or mm, got 'ft'"),
+    "both directions": (as_json(HAND, BASE), "got base_from_hand and hand_from_base; fix: give"),
+    "one direction left open": (as_json(HAND, {"pose": TURNED}), "got base_from_hand and none"),
+    "key against head": (as_json(HAND, direction="hand_from_base"), "and hand_from_base; fix"),
+    "both in a pose": (as_json(HAND | BASE), "got the keys T_base_hand, T_hand_base"),
+    "name twice": (as_json(HAND, HAND | {"name": "p0"}), "`p0`: expected each name once"),
+    "key twice": ('{"a": [1, 2, 3, 1, 0, 0, 0], "a": [1, 2, 3, 1, 0, 0, 0]}', "`a`: expected each"),
+    "head's key": (as_json(HAND, units="mm"), "expected format, .*, got `units`; fix"),
+    "pose's key": (as_json(HAND | {"unit": "mm"}), "pose `p0`: .*, got `unit`; fix"),
+    "two rotations": (by_turn(**QUATERNION, rpy=[0, 0, 1]), "got the keys t, q_wxyz, rpy"),
+    "scaled": (by_matrix((2, 2, 2)), "off by 3.0e.00, determinant 8.0000; fix: take out scale"),
+    "sheared": (by_matrix(shear=0.1), "determinant 1.0000; fix: take out scale and shear"),
+    "mirrored": (by_matrix((1, 1, -1)), "a mirrored one, determinant -1.0000; fix"),
+    "mirrored 3x3": (by_turn(R=np.diag([1, -1, 1]).tolist()), "got a mirrored one"),
+    "last row": (as_json({"pose": [*TURNED[:3], [0, 0, 0, 2]]}), "got .0.0, 0.0, 0.0, 2.0"),
+    "transposed": (as_json({"pose": COLUMNS}), "got a transposed one, .* fix: transpose it"),
+    "NaN": (as_json({"pose": [*TURNED[:2], [0, 0, np.nan, 0], TURNED[3]]}), "finite numbers"),
+    "place of four": (as_json({"t": [1, 2, 3, 1], "rpy": [0, 0, 1]}), "expected 3 numbers, got 4"),
+    "long quaternion": (by_turn(q_wxyz=[1, 0, 0, 0.1]), "length 1, got 1.0050"),
+    "great radians": (by_turn(rpy_rad=[0, 90, 0]), "radians of rpy up to 2 pi, got 90; fix: say"),
+    "units of angles": (
+        as_json(*({"t": [0, 0, 0], key: [0, 0, 1]} for key in ("rpy", "rpy_deg"))),
+        r"one form, got rpy \(open\), rpy \(rpy_deg\)",
+    ),
+    "no number": (by_turn(q_wxyz="world"), "expected numbers, got 'world'"),
+    "message": (by_turn(orientation={"x": 0, "y": 0, "z": 0}), "expected the keys x, y, z, w"),
+    "empty": ("", "expected a pose in each line"),
+    "CSV, name twice": (f"{ROW}\n{ROW}\n", "`a`: expected each name once, got it twice"),
+    "CSV, named twice below a header": (f"{HEADER}\n{ROW}\n{ROW}\n", "`a`: expected each name"),
+    "CSV, columns": (f"{HEADER},unit\n{ROW},mm\n", "columns: expected name, .*, got `unit`; fix"),
+    "CSV, column twice": (f"{HEADER},x\n{ROW},1\n", "`x`: expected each name once"),
+    "CSV, NaN": (f"{ROW}\nb,nan,2,3,1,0,0,0\n", "pose `b`: expected a number, got 'nan'"),
+    "CSV, long quaternion": (f"{HEADER}\na,1,2,3,2,0,0,0\n", "length 1, got 2.0000"),
+    "CSV, mirrored": ("a,1,0,0,0,0,1,0,0,0,0,-1,0,0,0,0,1\n", "a mirrored one"),
+    "CSV, great radians": ("x,y,z,roll_rad,pitch_rad,yaw_rad\n1,2,3,0,90,0\n", "2 pi, got 90"),
+    "ROS, name twice": (by_ros("a", "a"), "`a`: expected each name once"),
+    "ROS, unit": (by_ros("a", more="unit: mm\n"), "expected metres, as ROS has them, and no `unit"),
+    "ROS, several poses": (
+        by_ros("a", more="position:\n  x: 1\n"),
+        "expected one position .* got 2",
+    ),
+    "ROS, frames": (
+        f"{by_ros('a', more='frame_id: base')}\n---\n{by_ros('b', more='frame_id: tool')}\n",
+        "frames: .* got frame_id: base and frame_id: tool",
+    ),
+    "ROS, NaN": (by_ros("a", x=".nan"), "expected a number `x` of position, got .nan"),
+    "ROS, decimal comma": (by_ros("a", x="0,5"), "expected a number `x` of position, got 0,5"),
+    "ROS, long quaternion": (by_ros("a", w="0.6"), "pose `a`: expected a quaternion of length 1"),
+}
+
+
+@pytest.mark.parametrize("kind", MISREAD)
+def test_poses_that_would_be_misread_are_refused(kind, tmp_path):
+    text, words = MISREAD[kind]
+    path = tmp_path / "poses"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=words) as error:
+        robot_poses.load(path)
+    assert str(error.value).startswith(f"{path}: ")
+
+
+SAID = {"unit": "cm", "direction": "base_from_hand"}
+
+
+@pytest.mark.parametrize(
+    ("text", "asked", "words"),
+    [
+        (as_json(HAND, **SAID), {"unit": "m"}, "expected cm, as their file has it, got m; fix"),
+        (as_json(HAND), {"direction": "hand_from_base"}, "expected base_from_hand, as their file"),
+        (by_turn(q_wxyz=[1, 0, 0, 0]), {"rotation": "xyzw"}, "expected wxyz, as their file has it"),
+        (as_json(HAND), {"rotation": "rpy"}, "rotation of poses: expected matrix, got 'rpy'"),
+        (by_turn(rpy=[0, 90, 0]), {"rotation": "rpy"}, "up to 2 pi, got 90; fix: say rpy_deg"),
+        ("1,2,3,0,90,0\n", {"rotation": "rotvec"}, "up to 2 pi, got 90; fix: say rotvec_deg"),
+        (by_ros("a"), {"unit": "mm"}, "expected m, as their file has it, got mm"),
+        ("x_mm,y_mm,z_mm,a,b,c\n1,2,3,0,90,0\n", {"unit": "m"}, "expected mm, as their file"),
+        (f"{ROW}\n", {"direction": "world"}, "base_from_hand or hand_from_base, got 'world'"),
+    ],
+)
+def test_what_is_asked_for_against_the_file_is_refused(text, asked, words, tmp_path):
+    path = tmp_path / "poses"
+    path.write_text(text)
+    poses = robot_poses.load(path)
+    left = dict(zip(("rotation", "direction", "unit"), poses.readings(), strict=True))
+    reading = {name: names[0] for name, names in left.items()}
+    with pytest.raises(ValueError, match=words):
+        poses.read(**(reading | asked))
+    with pytest.raises(ValueError, match=words):
+        hand_eye.solve({}, poses, eye="hand", **asked)
+
+
+@pytest.mark.parametrize(
+    ("text", "rotations"),
+    [
+        (by_turn(rpy=[0, 1, 0]), ["rpy", "rpy_deg"]),
+        (by_turn(rpy=[0, 90, 0]), ["rpy_deg"]),
+        (by_turn(rpy_rad=[0, 1, 0]), ["rpy"]),
+        (by_turn(rotvec=[0, 1, 0]), ["rotvec", "rotvec_deg"]),
+        (by_turn(rotvec_deg=[0, 1, 0]), ["rotvec_deg"]),
+        ("1,2,3,0,90,0\n", ["rotvec_deg", "rpy_deg", "abc_deg"]),
+        ("x,y,z,roll,pitch,yaw\n1,2,3,0,1,0\n", ["rpy", "rpy_deg"]),
+    ],
+)
+def test_angles_without_their_unit_are_open(text, rotations, tmp_path):
+    path = tmp_path / "poses"
+    path.write_text(text)
+    assert robot_poses.load(path).readings()[0] == rotations
+
+
+@pytest.mark.parametrize("text", [as_json(HAND, **SAID), "x_cm,y_cm,z_cm,a,b,c\n.1,.2,.3,90,0,0\n"])
+def test_centimetres_are_read(text, tmp_path):
+    path = tmp_path / "poses"
+    path.write_text(text)
+    poses = robot_poses.load(path)
+    (found,) = poses.read(poses.rotation, "base_from_hand", poses.unit).values()
+    np.testing.assert_allclose(found[:3, :3], np.array(TURNED)[:3, :3], atol=1e-9)
+    np.testing.assert_allclose(found[:3, 3], [0.001, 0.002, 0.003])
+
+
+def test_the_unit_of_angles_must_be_said_without_images(tmp_path, capsys):
+    rig, poses, out = (tmp_path / name for name in ("rig.json", "poses.json", "views.json"))
+    mvtop.Rig([mvtop.Camera([[700, 0, 320], [0, 700, 240], [0, 0, 1]], (640, 480))]).save(rig)
+    turns = ({"t": [10 * i, 0, 0], "rpy": [0, 90 * i, 0]} for i in range(3))
+    poses.write_text(as_json(*turns, **SAID))
+    typed = ["hand-eye", f"--rig={rig}", f"--robot-poses={poses}", f"--out={out}"]
+    assert main(typed) == 2 and "fix: --rotation rpy_deg" in capsys.readouterr().err
+    assert main([*typed, "--rotation=rpy"]) == 2 and "2 pi, got 180" in capsys.readouterr().err
+    assert main([*typed, "--rotation=rpy_deg"]) == 0
+    camera = mvtop.Rig.load(out).cameras[1]
+    np.testing.assert_allclose(camera.world_from_cam[:3, 2], [1, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(camera.world_from_cam[:3, 3], [0.1, 0, 0])
+
+
 def test_a_camera_at_several_poses_is_a_rig(cell, tmp_path):
     hand_from_cam, hands, _ = cell("hand", count=3)
     camera = mvtop.Camera(
@@ -229,3 +389,13 @@ def test_images_of_another_size_are_refused():
         place = look_at([1, 0, 0], [1, 0, 1])
         other = mvtop.Camera(camera.K, camera.size, id="b", world_from_cam=place)
         calibrate_hand_eye(mvtop.Rig([camera, other]), {"other": images["wrist"]}, board, poses)
+
+
+def test_columns_beside_a_pose_do_no_harm(tmp_path):
+    path = tmp_path / "poses.csv"
+    path.write_text("name,timestamp,x,y,z,qw,qx,qy,qz,joint_1\na,12.5,1,2,3,1,0,0,0,0.4\n")
+    pose = robot_poses.load(path).read("wxyz", "base_from_hand", "m")["a"]
+    assert pose[:3, 3].tolist() == [1, 2, 3]
+    path.write_text("name,x,y,z,qw,qx,qy,qz,tool\na,1,2,3,1,0,0,0,0.1\n")
+    with pytest.raises(ValueError, match="`tool`"):
+        robot_poses.load(path)

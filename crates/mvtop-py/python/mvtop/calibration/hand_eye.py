@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mvtop.calibration import _need, rigid
-from mvtop.calibration.robot_poses import DIRECTIONS, FORMS, UNITS, RobotPoses
+from mvtop.calibration.robot_poses import RobotPoses
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -90,8 +90,12 @@ def solve(
     - eye, rotation, direction, unit: what is known; of eye and direction one must be, the rest is
       found by which reading fits
 
-    Raises ValueError where poses do not fix it, or several readings fit alike.
+    Raises ValueError where poses do not fix it, several readings fit alike, or what is known
+    contradicts the poses.
     """
+    if eye is not None and eye not in EYES:
+        raise ValueError(f"eye: expected {' or '.join(EYES)}, got {eye!r}")
+    readings = poses.readings(rotation, direction, unit)
     common = [name for name in ref_from_board if name in poses.numbers]
     if len(common) < LEAST_POSES:
         raise ValueError(
@@ -111,16 +115,9 @@ def solve(
             "the eye is"
         )
     boards = [ref_from_board[name] for name in common]
-    readings = list(
-        product(
-            _open(EYES, eye),
-            _open(FORMS[poses.form], rotation, poses.rotation),
-            _open(DIRECTIONS, direction, poses.direction),
-            _open(tuple(UNITS), unit, poses.unit),
-        )
-    )
+    said = (eye, rotation or poses.rotation, direction or poses.direction, unit or poses.unit)
     tried = []
-    for reading in readings:
+    for reading in product([eye] if eye else EYES, *readings):
         read = poses.read(*reading[1:])
         hands = [read[name] for name in common]
         if (fit := _fit(reading[0], hands, boards)) is not None:
@@ -148,13 +145,7 @@ def solve(
         PoseResidual(name, float(turn), float(shift), bool(ok))
         for name, (turn, shift), ok in zip(common, fit.off, used, strict=True)
     ]
-    return HandEye(reading[0], *reading[1:], world, board, of_poses, *sd, other, len(readings) > 1)
-
-
-def _open(all_of_them: Sequence[str], *said: str | None) -> list[str]:
-    """The first that is said, or all of them."""
-    known = [value for value in said if value]
-    return known[:1] or list(all_of_them)
+    return HandEye(reading[0], *reading[1:], world, board, of_poses, *sd, other, not all(said))
 
 
 @dataclass(eq=False)

@@ -113,16 +113,17 @@ def run(args: argparse.Namespace) -> None:
 
 def _said(args: argparse.Namespace, poses: Any) -> dict[str, str]:
     """The reading of poses that nothing is compared with: of the file, or asked for."""
+    left = poses.readings(args.rotation, args.direction, args.unit)
     told = {
         "rotation": args.rotation or poses.rotation,
         "direction": args.direction or poses.direction,
         "unit": args.unit or poses.unit,
     }
-    for name, value in told.items():
+    for (name, value), known in zip(told.items(), left, strict=True):
         if value is None:
             raise ValueError(
                 f"--{name} is missing: without images nothing tells how {args.robot_poses} is "
-                f"to be read"
+                f"to be read; fix: --{name} {' or '.join(known)}"
             )
     return told
 
