@@ -28,6 +28,7 @@ pub fn run(args: &Infer) -> Result<bool> {
         truth: truth_file,
     } = Inputs::of(args)?;
     let rig = Rig::load(&rig_file)?;
+    write::warn_of_rig(&rig);
     let files = assign(&rig, &images)?;
     let mut request = args.choice.request(args)?;
     let why = request.says_why();

@@ -63,7 +63,8 @@ fn check(args: &Check) -> Result<()> {
         true => Told::Little,
         false => observed::check(args)?,
     };
-    let warned = doubt.is_some();
+    let hinted = doubt.is_some();
+    let warned = !Rig::load(&args.show.rig)?.warnings().is_empty();
     let refused = doubt.filter(|doubt| doubt.refuses);
     let problem = match told {
         Told::Off(problem) => Some(problem),
@@ -73,12 +74,13 @@ fn check(args: &Check) -> Result<()> {
     };
     match problem {
         Some(problem) => Err(Failure(format!("{}: {problem}", args.show.rig.display()))),
-        None if !args.images.is_empty() => write::print("no camera is seen to be off"),
-        None if warned => write::print(
-            "nothing else speaks against this rig; cameras that are to look apart do the same, and images \
-             of objects that the model knows tell which it is",
+        None if !args.images.is_empty() => write::print("no camera was found to be off"),
+        None if hinted => write::print(
+            "no other error was found in this rig; cameras that look apart on purpose cause this warning too, \
+             and images of objects that the model knows decide",
         ),
-        None => write::print("nothing speaks against this rig"),
+        None if warned => write::print("no other error was found in this rig"),
+        None => write::print("no error was found in this rig"),
     }
 }
 
@@ -94,7 +96,7 @@ fn show(args: &Show, images: &[PathBuf]) -> Result<Option<Doubt>> {
     let rig = Rig::load(&args.rig)?;
     let views = Views::of(&rig);
     write::print(views.text(&rig).trim_end())?;
-    for warning in Views::blind(&rig) {
+    for warning in rig.warnings() {
         write::print(&format!("warning: {warning}"))?;
     }
     let doubt = views.doubt(&rig);

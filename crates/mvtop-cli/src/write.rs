@@ -2,8 +2,8 @@
 
 use std::io::{ErrorKind, Write};
 
-use mvtop_core::Prediction;
 use mvtop_core::error::{harmless, printable};
+use mvtop_core::{Prediction, Rig};
 use serde::Serialize;
 
 pub use mvtop_eval::files::{folder, json, may_write, persist, spare, whole};
@@ -37,6 +37,13 @@ pub fn warn(prediction: &Prediction, of: Option<&str>) {
             "warning: {}",
             printable(&format!("{of}{}", warning.message))
         ));
+    }
+}
+
+/// Writes what is doubtful of a rig to standard error.
+pub fn warn_of_rig(rig: &Rig) {
+    for warning in rig.warnings() {
+        complain(&format!("warning: {}", printable(&warning)));
     }
 }
 

@@ -25,6 +25,8 @@ const MOST_FOCAL: f64 = 100.0;
 
 /// Largest share of the image that a pinhole may have no line of sight for.
 const MOST_BLIND: f64 = 0.25;
+/// Share of the image without a line of sight that is warned of.
+const BLIND: f64 = 0.005;
 
 /// JSON Schema of a rig file.
 #[cfg(feature = "schema")]
@@ -121,6 +123,23 @@ impl Rig {
     pub fn to_json(&self) -> String {
         let text = serde_json::to_string_pretty(&Document::of(self));
         text.expect("numbers and texts can be written") + "\n"
+    }
+
+    /// Sentences about cameras that may be wrong: those whose lens leaves a part of their image without a line
+    /// of sight, though no `max_angle_deg` says so.
+    pub fn warnings(&self) -> Vec<String> {
+        let unlimited = |camera: &&Camera| camera.intrinsics().max_angle_deg().is_none();
+        let cameras = self.cameras.iter().filter(unlimited);
+        let shares = cameras.map(|camera| (camera.id(), camera.blind_share()));
+        let blind = shares.filter(|(_, share)| *share > BLIND);
+        let sentence = |(id, share): (&str, f64)| {
+            format!(
+                "camera `{id}`: {:.1} % of its image has no line of sight, as its lens folds there; check its \
+                 coefficients, or give `max_angle_deg` (`rig import --max-angle`) if it images no more",
+                100.0 * share
+            )
+        };
+        blind.map(sentence).collect()
     }
 
     /// Refuses cameras that all stand within 2 mm of each other, or up to more than 100 m apart: in

@@ -13,10 +13,31 @@ use crate::lens::{Lens, Plane};
 use crate::node::Node;
 use crate::openmvg::left_out;
 use crate::source::Source;
-use crate::{Checked, Options, unknown, yaml};
+use crate::{Checked, Options, unread, yaml};
 
 /// How far from where it counts from a principal point may be, shares of a side.
 const NEAR: f64 = 0.25;
+
+/// Of intrinsics: what is read, and what says how they were found.
+const KNOWN: [&str; 17] = [
+    "intrinsicId",
+    "width",
+    "height",
+    "sensorWidth",
+    "sensorHeight",
+    "serialNumber",
+    "type",
+    "distortionType",
+    "distortionParams",
+    "distortionInitializationMode",
+    "focalLength",
+    "pxFocalLength",
+    "pxInitialFocalLength",
+    "initialFocalLength",
+    "pixelRatio",
+    "principalPoint",
+    "initializationMode",
+];
 
 /// Whether it has views, intrinsics and poses by their ids.
 pub fn is_it(value: &Value) -> bool {
@@ -24,7 +45,7 @@ pub fn is_it(value: &Value) -> bool {
     value.get("views").is_some() && first.is_some_and(|one| one.get("intrinsicId").is_some())
 }
 
-pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
+pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let [source] = sources else {
         let got = sources.len();
         return Err(format!("expected one cameras.sfm, got {got} files"));
@@ -60,7 +81,7 @@ pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
         let id = text(&view.get(&["intrinsicId"])?);
         let intrinsic = named("intrinsics", "intrinsicId", &id)?
             .ok_or_else(|| format!("{}: no intrinsics {id}", view.place))?;
-        let (size, plane, lens) = optics(&intrinsic)?;
+        let (size, plane, lens) = optics(&intrinsic, options)?;
         let pose = pose.get(&["pose"])?.get(&["transform"])?;
         let rotation = pose.get(&["rotation"])?;
         let world_from_cam = draft::rotation_and_translation(
@@ -109,7 +130,7 @@ fn numbers<const N: usize>(node: &Node) -> Checked<[f64; N]> {
     all.map_err(|_| format!("{}: expected {N} numbers, got {count}", node.place))
 }
 
-fn optics(node: &Node) -> Checked<([u32; 2], Plane, Lens)> {
+fn optics(node: &Node, options: &Options) -> Checked<([u32; 2], Plane, Lens)> {
     let of = |problem: String| format!("{}: {problem}", node.place);
     let find = |key: &str| node.find(&[key]).map(|node| number(&node)).transpose();
     let side = |key: &str| -> Checked<f64> {
@@ -152,6 +173,7 @@ fn optics(node: &Node) -> Checked<([u32; 2], Plane, Lens)> {
         }
     };
     let params = match node.find(&["distortionParams"]) {
+        Some(none) if none.value == "" => Vec::new(),
         Some(list) => list
             .list()?
             .iter()
@@ -176,15 +198,7 @@ fn optics(node: &Node) -> Checked<([u32; 2], Plane, Lens)> {
             all.len()
         )),
     };
-    unknown::refuse(
-        node,
-        &[
-            "distortionParams",
-            "distortionType",
-            "distortionInitializationMode",
-            "distortionLocked",
-        ],
-    )?;
+    unread::refuse(node, &KNOWN, options)?;
     Ok((
         [width as u32, height as u32],
         Plane::new([focal, focal, cx, cy]),

@@ -8,6 +8,7 @@
 use serde_json::{Map, Value};
 
 use crate::draft::Draft;
+use crate::opencv::keys::is_yes;
 use crate::source::Source;
 use crate::{Checked, Options, opencv, yaml};
 
@@ -44,10 +45,8 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
             });
             let mut camera: Map<String, Value> = camera.collect();
             // Without a word about it, it is no fisheye.
-            if !table
-                .get("fisheye")
-                .is_some_and(|value| *value == Value::Bool(true))
-            {
+            let fisheye = table.get("fisheye").and_then(is_yes).unwrap_or_default();
+            if !fisheye && !camera.contains_key("model") {
                 camera.insert("model".into(), "pinhole".into());
             }
             documents.push((name.to_owned(), source.name.clone(), Value::Object(camera)));

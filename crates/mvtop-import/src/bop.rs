@@ -5,7 +5,23 @@ use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Lens, Plane};
 use crate::node::Node;
 use crate::source::Source;
-use crate::{Checked, Options, unknown, yaml};
+use crate::{Checked, Options, unread, yaml};
+
+/// Keys of an image's camera; the last ones are of LINEMOD's and HomebrewedDB's renderings.
+const KNOWN: [&str; 12] = [
+    "cam_K",
+    "cam_dist",
+    "cam_R_w2c",
+    "cam_t_w2c",
+    "R_w2c",
+    "t_w2c",
+    "width",
+    "height",
+    "depth_scale",
+    "view_level",
+    "elev",
+    "mode",
+];
 
 pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let mut cameras = Vec::new();
@@ -55,7 +71,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
             // A rig has a camera per file, so the file must say one and the same in all images.
             let mut still = None;
             for (other, node) in &images {
-                let camera = camera(sensor.clone(), node)?;
+                let camera = camera(sensor.clone(), node, options)?;
                 if *still.get_or_insert_with(|| camera.clone()) != camera {
                     return Err(format!(
                         "{}: the camera of image {first} is not that of image {other}; give `image` \
@@ -67,7 +83,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
             cameras.extend(still);
         } else {
             for (number, node) in &images {
-                cameras.push(camera(format!("{number:06}"), node)?);
+                cameras.push(camera(format!("{number:06}"), node, options)?);
             }
         }
         for camera in &mut cameras[before..] {
@@ -92,9 +108,9 @@ fn sensor(source: &Source) -> Option<String> {
     )
 }
 
-fn camera(id: String, node: &Node) -> Checked<DraftCamera> {
+fn camera(id: String, node: &Node, options: &Options) -> Checked<DraftCamera> {
     let of = |problem: String| format!("{}: {problem}", node.place);
-    unknown::refuse(node, &["cam_dist"])?;
+    unread::refuse(node, &KNOWN, options)?;
     let Some(matrix) = node.find(&["cam_K"]) else {
         return Err(of(
             "expected cam_K, got none; cameras given by cam_model are not read".into(),

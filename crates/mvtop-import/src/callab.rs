@@ -2,18 +2,15 @@
 
 use std::collections::BTreeMap;
 
-use serde_json::Value;
-
 use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Lens, Plane};
-use crate::opencv::keys::{About, about};
 use crate::source::Source;
-use crate::{Checked, Options};
+use crate::{Checked, Options, unread};
 
 /// Values of a camera by their keys.
 type Fields = BTreeMap<String, String>;
 
-pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
+pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let mut draft = Draft {
         cameras: Vec::new(),
         metres: None,
@@ -49,13 +46,15 @@ pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
         }
         for (number, fields) in cameras {
             let place = format!("{}: camera.{number}", source.name);
-            draft.cameras.push(camera(&place, number, &fields)?);
+            draft
+                .cameras
+                .push(camera(&place, number, &fields, options)?);
         }
     }
     Ok(draft)
 }
 
-fn camera(place: &str, number: u32, fields: &Fields) -> Checked<DraftCamera> {
+fn camera(place: &str, number: u32, fields: &Fields, options: &Options) -> Checked<DraftCamera> {
     let of = |problem: String| format!("{place}: {problem}");
     let numbers = |key: &str| -> Checked<Option<Vec<f64>>> {
         let Some(text) = fields.get(key) else {
@@ -98,17 +97,13 @@ fn camera(place: &str, number: u32, fields: &Fields) -> Checked<DraftCamera> {
             ))),
         }
     };
-    for (key, text) in fields {
-        let known = ["k1", "k2", "k3", "p1", "p2"].contains(&key.as_str());
-        let value = text
-            .parse::<f64>()
-            .map_or(text.as_str().into(), Value::from);
-        if !known && about(key, &value) == Some(About::Lens) {
-            return Err(of(format!(
-                "the key `{key}` looks like a part of its lens and is not known; calibrate again with k1 to k3 \
-                 alone"
-            )));
-        }
+    let known = |key: &str| ["k1", "k2", "k3", "p1", "p2"].contains(&key);
+    let unread = fields
+        .iter()
+        .filter(|(key, _)| !known(key) && unread::is_suspicious(key) && !options.ignores(key))
+        .filter_map(|(key, text)| unread::first(key, &text.as_str().into()));
+    if let unread @ [_, ..] = unread.collect::<Vec<_>>().as_slice() {
+        return Err(of(unread::sentence(unread)));
     }
     let [k1, k2, k3] = [one("k1")?, one("k2")?, one("k3")?];
     let [p1, p2] = [one("p1")?, one("p2")?];

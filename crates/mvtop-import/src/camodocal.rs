@@ -11,7 +11,18 @@ use serde_json::{Map, Value, json};
 use crate::draft::Draft;
 use crate::node::Node;
 use crate::source::Source;
-use crate::{Checked, Options, opencv, yaml};
+use crate::{Checked, Options, opencv, unread, yaml};
+
+/// What is read of a camera.
+const KNOWN: [&str; 7] = [
+    "model_type",
+    "camera_name",
+    "image_width",
+    "image_height",
+    "projection_parameters",
+    "distortion_parameters",
+    "mirror_parameters",
+];
 
 /// Whether it is a camera, or VINS' file.
 pub fn is_it(value: &Value) -> bool {
@@ -33,7 +44,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
                 _ => stem,
             };
             files.push((source.file_name(), name.clone()));
-            documents.push((name, source.name.clone(), camera(&top)?));
+            documents.push((name, source.name.clone(), camera(&top, options)?));
         } else if top.has("body_T_cam0") {
             bodies.push((source, document));
         } else {
@@ -79,7 +90,8 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
 }
 
 /// A camera with OpenCV's names.
-fn camera(top: &Node) -> Checked<Value> {
+fn camera(top: &Node, options: &Options) -> Checked<Value> {
+    unread::refuse_suspicious(top, &KNOWN, options)?;
     let model = top.get(&["model_type"])?;
     let part = |key: &str| {
         let found = top.find(&[key]).and_then(|node| node.value.as_object());

@@ -10,8 +10,9 @@ use crate::{Checked, Direction, Options};
 /// How far a principal point lies from the middle of images that are not cropped, shares of a side.
 const MOST_OFF_MIDDLE: f64 = 0.25;
 
-/// Share of an image without a line of sight that is said.
-const BLIND: f64 = 0.005;
+/// A principal point farther from the middle of its image is implausible, share of a side, where the other
+/// order of the sides puts it at most half as far.
+const OFF_ORDER: f64 = 0.1;
 
 /// A rig as a file has it.
 pub struct Draft {
@@ -116,10 +117,11 @@ impl Draft {
             world_from_cam.translation.vector *= metres;
             let camera = Camera::new(&id, size, intrinsics, world_from_cam)
                 .map_err(|error| error.to_string())?;
-            notes.extend(blind(&camera).map(of));
             cameras.push(camera);
         }
         let rig = Rig::new(cameras, 0).map_err(|error| error.to_string())?;
+        let warnings = rig.warnings().into_iter();
+        notes.extend(warnings.map(|warning| format!("warning: {warning}")));
         let refuse = |error| {
             format!(
                 "{error} (--trust-unit); check `unit` (--unit) or `scale` (--scale), {metres} m per unit \
@@ -149,19 +151,6 @@ fn off_middle(intrinsics: &Intrinsics, size: [u32; 2]) -> Option<String> {
     })
 }
 
-/// A lens that folds the image back, most often as its coefficients are those of a smaller image.
-fn blind(camera: &Camera) -> Option<String> {
-    let share = camera.blind_share();
-    let unlimited = camera.intrinsics().max_angle_deg().is_none();
-    (unlimited && share > BLIND).then(|| {
-        format!(
-            "warning: {:.1} % of its image has no line of sight, as its lens folds there; check its \
-             coefficients, or give `max_angle` (--max-angle) if it images no more",
-            100.0 * share
-        )
-    })
-}
-
 fn image_size(id: &str, said: Option<[u32; 2]>, options: &Options) -> Checked<[u32; 2]> {
     match (said, options.size_of(id)) {
         (Some([w, h]), Some([width, height])) if [w, h] != [width, height] => Err(format!(
@@ -175,6 +164,48 @@ fn image_size(id: &str, said: Option<[u32; 2]>, options: &Options) -> Checked<[u
                 .into(),
         ),
     }
+}
+
+/// Width and height, px, of two sides in a list.
+///
+/// - `rows_first`: whether rows come before columns by the key's name; `None` where programs differ
+///
+/// # Errors
+/// Where the principal point speaks against the order, unless `image_size` says one of the two.
+pub fn ordered_size(
+    id: &str,
+    key: &str,
+    rows_first: Option<bool>,
+    [a, b]: [u32; 2],
+    plane: &Plane,
+    options: &Options,
+) -> Checked<[u32; 2]> {
+    let off = |[w, h]: [u32; 2]| {
+        let side = |center: f64, side: u32| (center / f64::from(side) - 0.5).abs();
+        side(plane.cx, w).max(side(plane.cy, h))
+    };
+    let [columns, rows] = [[a, b], [b, a]];
+    let out = |this, other| off(this) > OFF_ORDER && off(other) < off(this) / 2.0;
+    let read = match rows_first {
+        _ if a == b => Some(columns),
+        Some(true) if !out(rows, columns) => Some(rows),
+        Some(false) if !out(columns, rows) => Some(columns),
+        None if out(rows, columns) => Some(columns),
+        None if out(columns, rows) => Some(rows),
+        _ => None,
+    };
+    let asked = || {
+        options
+            .size_of(id)
+            .filter(|size| [columns, rows].contains(size))
+    };
+    read.or_else(asked).ok_or_else(|| {
+        format!(
+            "camera `{id}`: `{key}` of {a} and {b} px may be rows and columns or width and height, and the \
+             principal point, {:.0} {:.0}, does not agree with one of them; give `image_size` (--image-size WxH)",
+            plane.cx, plane.cy
+        )
+    })
 }
 
 fn directed(pose: &Pose, options: &Options) -> Checked<Isometry3<f64>> {

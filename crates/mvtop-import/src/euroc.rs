@@ -4,10 +4,26 @@ use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Lens, Plane};
 use crate::node::Node;
 use crate::source::Source;
-use crate::{Checked, Options, unknown, yaml};
+use crate::{Checked, Options, unread, yaml};
 
-pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
-    let cameras = sources.iter().map(camera).collect::<Checked<_>>()?;
+/// Its keys.
+const KNOWN: [&str; 9] = [
+    "sensor_type",
+    "comment",
+    "T_BS",
+    "rate_hz",
+    "resolution",
+    "camera_model",
+    "intrinsics",
+    "distortion_model",
+    "distortion_coefficients",
+];
+
+pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
+    let cameras = sources
+        .iter()
+        .map(|source| camera(source, options))
+        .collect::<Checked<_>>()?;
     Ok(Draft {
         cameras,
         metres: Some(1.0),
@@ -16,7 +32,7 @@ pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
     })
 }
 
-fn camera(source: &Source) -> Checked<DraftCamera> {
+fn camera(source: &Source, options: &Options) -> Checked<DraftCamera> {
     let document = yaml::document(source)?;
     let top = Node::new(&document, &source.name);
     let of = |problem: String| format!("{}: {problem}", source.name);
@@ -34,7 +50,7 @@ fn camera(source: &Source) -> Checked<DraftCamera> {
         Some(params) => params.numbers()?,
         None => Vec::new(),
     };
-    unknown::refuse(&top, &["distortion_model", "distortion_coefficients"])?;
+    unread::refuse(&top, &KNOWN, options)?;
     let name = top.get(&["distortion_model"])?;
     let body_from_sensor = top.get(&["T_BS"])?;
     // mav0/cam0/sensor.yaml: the folder names the camera.

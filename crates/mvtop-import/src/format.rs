@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde_json::Value;
 
+use crate::opencv::keys::by_camera;
 use crate::ros::hand_eye;
 use crate::source::Source;
 use crate::{
@@ -225,7 +226,7 @@ fn look(source: &Source) -> Checked<Option<Format>> {
         || any(|v| v.get("type_id").is_some())
         || text.contains("opencv-matrix")
         || text.contains("<opencv_storage")
-        || crate::opencv::has_camera(value)
+        || crate::opencv::has_camera(&by_camera(value.clone()))
     {
         Some(Format::OpenCv)
     } else {

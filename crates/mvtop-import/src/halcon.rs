@@ -9,9 +9,9 @@ use nalgebra::{Isometry3, Quaternion, Rotation3, Translation3, UnitQuaternion, V
 use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Foreign, Lens, Plane};
 use crate::source::Source;
-use crate::{Checked, Options};
+use crate::{Checked, Options, unread};
 
-pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
+pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let is_pose = |source: &&Source| {
         let text = source.text().unwrap_or_default();
         let mut lines = text.lines().map(str::trim);
@@ -28,7 +28,7 @@ pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
     }
     let mut draft = Vec::new();
     for (index, source) in cameras.iter().enumerate() {
-        let mut camera = camera(source)?;
+        let mut camera = camera(source, options)?;
         if let Some(source) = poses.get(index) {
             let transform =
                 pose(source.text()?).map_err(|problem| format!("{}: {problem}", source.name))?;
@@ -47,7 +47,7 @@ pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
     })
 }
 
-fn camera(source: &Source) -> Checked<DraftCamera> {
+fn camera(source: &Source, options: &Options) -> Checked<DraftCamera> {
     let of = |problem: String| format!("{}: {problem}", source.name);
     let mut values: BTreeMap<String, f64> = BTreeMap::new();
     for line in source.text()?.lines() {
@@ -83,6 +83,29 @@ fn camera(source: &Source) -> Checked<DraftCamera> {
         return Err(of(format!(
             "{what} cannot be expressed; expected an area scan camera with a plain lens"
         )));
+    }
+    let known = |key: &str| {
+        [
+            "focus",
+            "sx",
+            "sy",
+            "cx",
+            "cy",
+            "kappa",
+            "imagewidth",
+            "imageheight",
+        ]
+        .contains(&key)
+            || (1..=5).any(|number| key == format!("poly{number}"))
+    };
+    let rest = values
+        .iter()
+        .filter(|(key, value)| !known(key) && **value != 0.0);
+    let rest = rest
+        .map(|(key, _)| key.clone())
+        .filter(|key| !options.ignores(key));
+    if let unread @ [_, ..] = rest.collect::<Vec<_>>().as_slice() {
+        return Err(of(unread::sentence(unread)));
     }
     let focus = need("focus")?;
     if focus <= 0.0 {

@@ -6,11 +6,25 @@ use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Foreign, Lens, Plane};
 use crate::node::Node;
 use crate::source::Source;
-use crate::{Checked, Options, unknown, yaml};
+use crate::{Checked, Options, unread, yaml};
 
 const CHAIN: &[&str] = &["T_cn_cnm1"];
+/// Keys of a camera, those of OpenVINS among them.
+const KNOWN: [&str; 11] = [
+    "camera_model",
+    "intrinsics",
+    "distortion_model",
+    "distortion_coeffs",
+    "resolution",
+    "T_cn_cnm1",
+    "T_cam_imu",
+    "T_imu_cam",
+    "timeshift_cam_imu",
+    "rostopic",
+    "cam_overlaps",
+];
 
-pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
+pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let mut cameras = Vec::new();
     let mut notes = Vec::new();
     for source in sources {
@@ -28,10 +42,13 @@ pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
         }
         let poses = poses(&found, &mut notes)?;
         for ((name, node), pose) in found.iter().zip(poses) {
-            let (plane, lens) = optics(node)?;
+            let (plane, lens) = optics(node, options)?;
+            let sides = node.get(&["resolution"])?.size()?;
+            let size =
+                draft::ordered_size(name, "resolution", Some(false), sides, &plane, options)?;
             cameras.push(DraftCamera {
                 id: draft::id(name),
-                size: Some(node.get(&["resolution"])?.size()?),
+                size: Some(size),
                 plane,
                 lens,
                 pose,
@@ -87,8 +104,8 @@ fn poses(cameras: &[(&str, Node)], notes: &mut Vec<String>) -> Checked<Vec<Optio
 }
 
 /// By the names of camera and distortion model, never by the number of coefficients.
-fn optics(node: &Node) -> Checked<(Plane, Lens)> {
-    unknown::refuse(node, &["distortion_model", "distortion_coeffs"])?;
+fn optics(node: &Node, options: &Options) -> Checked<(Plane, Lens)> {
+    unread::refuse(node, &KNOWN, options)?;
     let of = |problem: String| format!("{}: {problem}", node.place);
     let intrinsics = node.get(&["intrinsics"])?;
     let distortion = match node.find(&["distortion_model"]) {

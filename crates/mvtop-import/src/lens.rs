@@ -145,7 +145,7 @@ impl Lens {
                 Self::brown_conrady(params)
             }
             "equidistant" | "equi" | "equidist" | "fisheye" | "kannalabrandt" | "kb4"
-            | "opencvfisheye" | "kannalabrandt4" => Self::kannala_brandt(params),
+            | "opencvfisheye" | "kannalabrandt4" | "kannalabrandt8" => Self::kannala_brandt(params),
             "fov" | "atan" => match params {
                 [w] => Foreign::fov(*w).map(Self::Foreign),
                 _ => Err(format!("a FOV lens has 1 coefficient, got {params:?}")),

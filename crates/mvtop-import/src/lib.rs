@@ -33,7 +33,7 @@ mod openmvg;
 mod options;
 mod ros;
 mod source;
-mod unknown;
+mod unread;
 mod xml;
 mod yaml;
 

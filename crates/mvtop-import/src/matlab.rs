@@ -10,16 +10,51 @@ use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Lens, Plane};
 use crate::node::Node;
 use crate::source::Source;
-use crate::{Checked, Options, unknown, yaml};
+use crate::{Checked, Options, unread, yaml};
 use nalgebra::Isometry3;
 
 const PAIR: [&str; 2] = ["CameraParameters1", "CameraParameters2"];
 /// What was read, and what is about other things.
-const KNOWN: [&str; 4] = [
+const KNOWN: [&str; 24] = [
     "RadialDistortion",
     "TangentialDistortion",
     "Skew",
     "NumRadialDistortionCoefficients",
+    "K",
+    "IntrinsicMatrix",
+    "FocalLength",
+    "PrincipalPoint",
+    "ImageSize",
+    "WorldUnits",
+    "WorldPoints",
+    "EstimateSkew",
+    "EstimateTangentialDistortion",
+    "NumPatterns",
+    "MeanReprojectionError",
+    "ReprojectionErrors",
+    "ReprojectedPoints",
+    "RotationVectors",
+    "TranslationVectors",
+    "RotationMatrices",
+    "PatternExtrinsics",
+    "Intrinsics",
+    "DetectedKeypoints",
+    "Version",
+];
+/// Of a pair.
+const OF_PAIR: [&str; 12] = [
+    "CameraParameters1",
+    "CameraParameters2",
+    "RotationOfCamera2",
+    "TranslationOfCamera2",
+    "PoseCamera2",
+    "FundamentalMatrix",
+    "EssentialMatrix",
+    "MeanReprojectionError",
+    "NumPatterns",
+    "WorldPoints",
+    "WorldUnits",
+    "RectificationParams",
 ];
 
 /// Whether it is a camera, or a pair of these.
@@ -32,16 +67,17 @@ pub fn is_it(value: &Value) -> bool {
     is_one(value) || PAIR.iter().all(|key| value.get(key).is_some_and(is_one))
 }
 
-pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
+pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let mut cameras = Vec::new();
     let mut units = Vec::new();
     for source in sources {
         let document = yaml::document(source)?;
         let top = Node::new(&document, &source.name);
         if !top.has(PAIR[0]) {
-            cameras.push(camera(&source.stem(), &top, None, &mut units)?);
+            cameras.push(camera(&source.stem(), &top, None, &mut units, options)?);
             continue;
         }
+        unread::refuse(&top, &OF_PAIR, options)?;
         let other = second(&top)?;
         // Whatever that maps to what, the first camera is the world.
         let first = Pose {
@@ -51,7 +87,7 @@ pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
         let poses = [Some(first), other];
         for (index, (key, pose)) in PAIR.into_iter().zip(poses).enumerate() {
             let id = format!("cam{}", index + 1);
-            cameras.push(camera(&id, &top.get(&[key])?, pose, &mut units)?);
+            cameras.push(camera(&id, &top.get(&[key])?, pose, &mut units, options)?);
         }
     }
     let metres = match units.split_first() {
@@ -87,7 +123,13 @@ fn second(top: &Node) -> Checked<Option<Pose>> {
     top.find(&["PoseCamera2"]).map(pose).transpose()
 }
 
-fn camera(id: &str, node: &Node, pose: Option<Pose>, units: &mut Vec<f64>) -> Checked<DraftCamera> {
+fn camera(
+    id: &str,
+    node: &Node,
+    pose: Option<Pose>,
+    units: &mut Vec<f64>,
+    options: &Options,
+) -> Checked<DraftCamera> {
     let of = |problem: String| format!("{}: {problem}", node.place);
     let matrix: [f64; 9] = match (node.find(&["K"]), node.find(&["IntrinsicMatrix"])) {
         (Some(k), _) => k.vector()?,
@@ -120,7 +162,7 @@ fn camera(id: &str, node: &Node, pose: Option<Pose>, units: &mut Vec<f64>) -> Ch
             )));
         }
     };
-    unknown::refuse(node, &KNOWN)?;
+    unread::refuse(node, &KNOWN, options)?;
     if let Some(unit) = node.find(&["WorldUnits"]) {
         units.push(match unit.text()? {
             "m" | "meters" => 1.0,

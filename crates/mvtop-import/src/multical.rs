@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 use crate::draft::Draft;
 use crate::node::Node;
 use crate::source::Source;
-use crate::{Checked, Options, opencv, yaml};
+use crate::{Checked, Options, opencv, unread, yaml};
 
 /// Whether it has cameras, and their places beside them.
 pub fn is_it(value: &Value) -> bool {
@@ -26,7 +26,13 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
             let mut fields: Map<String, Value> =
                 camera.value.as_object().cloned().unwrap_or_default();
             // `standard`, `rational` and the others are OpenCV's; its fisheye is not among them.
-            fields.insert("model".into(), "pinhole".into());
+            let model = fields
+                .get("model")
+                .and_then(Value::as_str)
+                .unwrap_or_default();
+            if !unread::names_a_lens(model) {
+                fields.insert("model".into(), "pinhole".into());
+            }
             let start = format!("{name}_to_");
             let pose = poses
                 .iter()

@@ -1,14 +1,16 @@
 //! NeRF's `transforms.json`: poses of cameras in OpenGL's axes, in a unit of their own.
 
-use serde_json::Value;
-
 use nalgebra::Matrix4;
 
 use crate::draft::{self, Draft, DraftCamera, Pose, opencv_from_opengl};
 use crate::lens::{Lens, Plane};
 use crate::node::Node;
+use crate::opencv::keys::is_yes;
 use crate::source::Source;
-use crate::{Checked, Options, unknown, yaml};
+use crate::{Checked, Options, unread, yaml};
+
+/// What is read of lenses; the files have many keys of other kinds.
+const LENS: [&str; 7] = ["k1", "k2", "k3", "k4", "p1", "p2", "is_fisheye"];
 
 pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let [source] = sources else {
@@ -59,7 +61,7 @@ fn camera(top: &Node, frame: &Node, options: &Options) -> Checked<DraftCamera> {
         })?;
     let [w, h] = size.map(f64::from);
     for node in [top, frame] {
-        unknown::refuse(node, &["k1", "k2", "k3", "k4", "p1", "p2", "is_fisheye"])?;
+        unread::refuse_suspicious(node, &LENS, options)?;
     }
     let focal = |key, angle, side: f64| -> Checked<Option<f64>> {
         Ok(match number(key)? {
@@ -100,7 +102,7 @@ fn lens<'a>(find: &impl Fn(&[&str]) -> Option<Node<'a>>) -> Checked<Lens> {
     let model = find(&["camera_model"])
         .map(|node| node.text())
         .transpose()?;
-    let fisheye = find(&["is_fisheye"]).is_some_and(|node| *node.value == Value::Bool(true));
+    let fisheye = find(&["is_fisheye"]).and_then(|node| is_yes(node.value)) == Some(true);
     match (model, fisheye) {
         (Some("OPENCV_FISHEYE"), _) | (None, true) => match [p1, p2] {
             [0.0, 0.0] => Lens::kannala_brandt(&[k1, k2, k3, k4]),

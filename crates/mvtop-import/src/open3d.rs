@@ -9,7 +9,17 @@ use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Lens, Plane};
 use crate::node::Node;
 use crate::source::Source;
-use crate::{Checked, Options, unknown, yaml};
+use crate::{Checked, Options, unread, yaml};
+
+const KNOWN: [&str; 7] = [
+    "version_major",
+    "version_minor",
+    "extrinsic",
+    "intrinsic",
+    "intrinsic_matrix",
+    "width",
+    "height",
+];
 
 /// Whether it says so.
 pub fn is_it(value: &Value) -> bool {
@@ -17,7 +27,7 @@ pub fn is_it(value: &Value) -> bool {
     name.is_some_and(|name| name.starts_with("PinholeCamera"))
 }
 
-pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
+pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let mut cameras = Vec::new();
     for source in sources {
         let document = yaml::document(source)?;
@@ -25,10 +35,10 @@ pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
         match top.find(&["parameters"]) {
             Some(list) => {
                 for (index, one) in list.list()?.iter().enumerate() {
-                    cameras.push(camera(&format!("cam{index}"), one)?);
+                    cameras.push(camera(&format!("cam{index}"), one, options)?);
                 }
             }
-            None => cameras.push(camera(&source.stem(), &top)?),
+            None => cameras.push(camera(&source.stem(), &top, options)?),
         }
     }
     Ok(Draft {
@@ -39,10 +49,10 @@ pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
     })
 }
 
-fn camera(name: &str, node: &Node) -> Checked<DraftCamera> {
+fn camera(name: &str, node: &Node, options: &Options) -> Checked<DraftCamera> {
     let inner = node.find(&["intrinsic"]).unwrap_or_else(|| node.clone());
-    unknown::refuse(node, &[])?;
-    unknown::refuse(&inner, &[])?;
+    unread::refuse(node, &KNOWN, options)?;
+    unread::refuse(&inner, &KNOWN, options)?;
     let columns = inner.get(&["intrinsic_matrix"])?;
     let columns: [f64; 9] = columns.vector()?;
     let rows = std::array::from_fn(|i| columns[3 * (i % 3) + i / 3]);

@@ -13,7 +13,7 @@ use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Lens, Plane};
 use crate::node::Node;
 use crate::source::Source;
-use crate::{Checked, Options, unknown, yaml};
+use crate::{Checked, Options, unread, yaml};
 use nalgebra::{Isometry3, Vector3};
 
 /// Whether it says so.
@@ -21,7 +21,7 @@ pub fn is_it(value: &Value) -> bool {
     value.get("sfm_data_version").is_some()
 }
 
-pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
+pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let [source] = sources else {
         let got = sources.len();
         return Err(format!("expected one sfm_data.json, got {got} files"));
@@ -49,7 +49,7 @@ pub fn read(sources: &[Source], _: &Options) -> Checked<Draft> {
         let shared = intrinsics
             .get(&of)
             .ok_or_else(|| format!("{}: view {number}: no intrinsics {of}", source.name))?;
-        let (size, plane, lens) = optics(&inner(shared))?;
+        let (size, plane, lens) = optics(&inner(shared), options)?;
         cameras.push(DraftCamera {
             id: draft::id(name),
             size: Some(size),
@@ -100,9 +100,15 @@ fn inner<'a>(node: &Node<'a>) -> Node<'a> {
 }
 
 /// What all lenses have may be an object of its own.
-const OF_ALL: [&str; 4] = ["width", "height", "focal_length", "principal_point"];
+const OF_ALL: [&str; 5] = [
+    "width",
+    "height",
+    "focal_length",
+    "principal_point",
+    "value0",
+];
 
-fn optics(node: &Node) -> Checked<([u32; 2], Plane, Lens)> {
+fn optics(node: &Node, options: &Options) -> Checked<([u32; 2], Plane, Lens)> {
     let of_all = node.find(&["value0"]).unwrap_or_else(|| node.clone());
     let side = |key: &str| of_all.get(&[key])?.pixels();
     let focal = of_all.get(&["focal_length"])?.number()?;
@@ -127,8 +133,8 @@ fn optics(node: &Node) -> Checked<([u32; 2], Plane, Lens)> {
         several => Err(format!("several lenses, {}", several.join(" and "))),
     };
     let known: Vec<&str> = OF_ALL.into_iter().chain(lenses).collect();
-    unknown::refuse(node, &known)?;
-    unknown::refuse(&of_all, &known)?;
+    unread::refuse(node, &known, options)?;
+    unread::refuse(&of_all, &known, options)?;
     Ok((
         [side("width")?, side("height")?],
         Plane::new([focal, focal, cx, cy]),

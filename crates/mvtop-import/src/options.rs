@@ -28,6 +28,8 @@ pub struct Options {
     /// The cameras do stand as near together or as far apart as that makes them, which is refused
     /// else: it hints at a wrong unit.
     pub trust_unit: bool,
+    /// Keys that state neither a lens nor a place nor a size; what is not known is refused else.
+    pub ignore: Vec<String>,
 }
 
 /// A unit of length.
@@ -66,6 +68,20 @@ impl Unit {
             "m" => Some(Self::Metre),
             "cm" => Some(Self::Centimetre),
             "mm" => Some(Self::Millimetre),
+            _ => None,
+        }
+    }
+
+    /// By what files call it.
+    pub(crate) fn of_file(text: &str) -> Option<Self> {
+        match text.to_lowercase().as_str() {
+            "m" | "meter" | "meters" | "metre" | "metres" => Some(Self::Metre),
+            "cm" | "centimeter" | "centimeters" | "centimetre" | "centimetres" => {
+                Some(Self::Centimetre)
+            }
+            "mm" | "millimeter" | "millimeters" | "millimetre" | "millimetres" => {
+                Some(Self::Millimetre)
+            }
             _ => None,
         }
     }
@@ -116,6 +132,12 @@ impl Options {
             )),
             _ => Ok(()),
         }
+    }
+
+    /// Whether the key at the end of a path, or one around it, is to be left out.
+    pub(crate) fn ignores(&self, path: &str) -> bool {
+        path.split(": ")
+            .any(|key| self.ignore.iter().any(|ignored| ignored == key))
     }
 
     /// Metres per unit, if that was said.

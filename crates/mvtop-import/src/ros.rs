@@ -13,11 +13,38 @@ use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Lens, Plane};
 use crate::node::Node;
 use crate::source::Source;
-use crate::{Checked, Options, unknown, xml, yaml};
+use crate::{Checked, Options, unread, xml, yaml};
 
 /// What to do about cameras whose places are not known.
 const POSING: &str = "a camera_info has no pose, so give a file of transforms as well (ros2 topic echo \
     --once /tf_static), the robot's URDF, or a list `FRAME: {parent: FRAME, xyz: [x, y, z], rpy: [r, p, y]}`";
+
+/// Keys of a camera_info.
+const KNOWN: [&str; 23] = [
+    "header",
+    "image_width",
+    "width",
+    "image_height",
+    "height",
+    "camera_name",
+    "camera_matrix",
+    "K",
+    "k",
+    "distortion_model",
+    "distortion_coefficients",
+    "D",
+    "d",
+    "rectification_matrix",
+    "R",
+    "r",
+    "projection_matrix",
+    "P",
+    "p",
+    "binning_x",
+    "binning_y",
+    "roi",
+    "camera_type",
+];
 
 struct Info {
     /// Name of the camera, and of its frame where the file has it.
@@ -186,8 +213,7 @@ fn info(top: &Node, source: &Source, options: &Options) -> Checked<Info> {
         Some(r) => draft::rotation_and_translation(&of("R".into()), &r, [0.0; 3])?,
         None => Isometry3::identity(),
     };
-    let known = ["distortion_model", "distortion_coefficients"];
-    unknown::refuse(top, &known)?;
+    unread::refuse(top, &KNOWN, options)?;
     let (plane, lens) = if options.rectified {
         let [fx, skew, cx, _, a, fy, cy, _, b, c, one, _] =
             p.ok_or_else(|| of("rectified images need P, got none".into()))?;

@@ -158,7 +158,7 @@ impl RigCheck {
     fn __repr__(&self) -> String {
         match self.problem() {
             Some(problem) => format!("RigCheck({problem})"),
-            None => "RigCheck(no camera is seen to be off)".into(),
+            None => "RigCheck(no camera was found to be off)".into(),
         }
     }
 }
@@ -190,7 +190,7 @@ impl RigCorrection {
         let off = if self.is_off {
             "off"
         } else {
-            "not seen to be off"
+            "not found to be off"
         };
         let (id, deviation) = (&self.camera, self.deviation);
         format!("RigCorrection({id:?}, {off}, {deviation:.1} standard deviations)")

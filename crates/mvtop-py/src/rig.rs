@@ -13,7 +13,7 @@ use pyo3::types::{PyDict, PyType};
 
 use crate::camera::{Camera, camera, pixels};
 use crate::convert::{self, ArrayLike};
-use crate::error::{python, value};
+use crate::error::{python, value, warn};
 
 /// The cameras that look at a scene together.
 #[pyclass(frozen, eq, module = "mvtop")]
@@ -51,6 +51,8 @@ impl Rig {
 
     /// Reads a rig file (docs/reference/rig-file.md).
     ///
+    /// Warns of a lens that folds inside its image (`MvtopWarning`).
+    ///
     /// Raises
     /// ------
     /// OSError
@@ -58,8 +60,9 @@ impl Rig {
     /// ValueError
     ///     Where it is refused.
     #[classmethod]
-    fn load(_cls: &Bound<PyType>, path: PathBuf) -> PyResult<Self> {
+    fn load(cls: &Bound<PyType>, path: PathBuf) -> PyResult<Self> {
         let rig = mvtop_core::Rig::load(&path).map_err(python)?;
+        warn(cls.py(), &rig.warnings())?;
         Ok(Self(Arc::new(rig)))
     }
 
@@ -97,6 +100,8 @@ impl Rig {
     ///     Of ROS, whether images are rectified rather than raw.
     /// trust_unit
     ///     As of Rig.
+    /// ignore
+    ///     Keys that state neither a lens nor a place nor a size; unknown keys are refused otherwise.
     ///
     /// Returns
     /// -------
@@ -109,7 +114,7 @@ impl Rig {
     /// ValueError
     ///     Where it is refused.
     #[classmethod]
-    #[pyo3(signature = (paths, *, format = None, scale = None, unit = None, image_size = None, image_sizes = None, direction = None, model = None, max_angle = None, image = None, rectified = false, trust_unit = false))]
+    #[pyo3(signature = (paths, *, format = None, scale = None, unit = None, image_size = None, image_sizes = None, direction = None, model = None, max_angle = None, image = None, rectified = false, trust_unit = false, ignore = Vec::new()))]
     #[allow(clippy::too_many_arguments)] // as many as there are things that files leave open
     fn import_file(
         _cls: &Bound<PyType>,
@@ -125,6 +130,7 @@ impl Rig {
         image: Option<u32>,
         rectified: bool,
         trust_unit: bool,
+        ignore: Vec<String>,
     ) -> PyResult<(Self, Vec<String>)> {
         let for_all = image_size.map(|size| (None, size));
         let by_id = image_sizes.into_iter().flatten();
@@ -146,6 +152,7 @@ impl Rig {
             image,
             rectified,
             trust_unit,
+            ignore,
         };
         let imported = mvtop_import::import(&paths.list(), &options).map_err(python)?;
         Ok((Self(Arc::new(imported.rig)), imported.notes))

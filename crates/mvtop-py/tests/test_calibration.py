@@ -28,7 +28,7 @@ def test_true_rig_is_not_contradicted(ball, true_rig, images):
     check = ball.check_rig([images], true_rig)
     assert check.problem is None and check.off == []
     assert (check.objects, check.agreeing) == (1, 1)
-    assert repr(check) == "RigCheck(no camera is seen to be off)"
+    assert repr(check) == "RigCheck(no camera was found to be off)"
     (pair,) = check.pairs
     assert pair == ("cam0", "cam1") and 0.0 < check.pairs[pair] < 1.0
     (camera,) = check.corrections()

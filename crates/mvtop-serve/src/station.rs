@@ -7,6 +7,7 @@ use mvtop_core::error::printable;
 use mvtop_core::request::Grasps;
 use mvtop_core::{Estimator, Options, Rig};
 
+use crate::log;
 use crate::problem::Problem;
 
 /// A rig with its name.
@@ -47,6 +48,9 @@ impl Model {
 pub fn load_rigs(files: &[(String, PathBuf)]) -> Result<Vec<NamedRig>, String> {
     let load = |(name, path): &(String, PathBuf)| {
         let rig = Rig::load(path).map_err(|error| printable(&error.to_string()))?;
+        for warning in rig.warnings() {
+            log::line(&printable(&format!("rig {name}: {warning}")));
+        }
         let name = name.clone();
         Ok(NamedRig { name, rig })
     };

@@ -3,6 +3,7 @@
 use std::ffi::OsString;
 use std::path::PathBuf;
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
 use mvtop_core::calibration::Expected;
 use mvtop_import::{Direction, Format, ImageSize, Options, Unit};
@@ -60,9 +61,8 @@ pub struct Import {
     #[arg(short, long, value_name = "FILE")]
     pub out: PathBuf,
 
-    /// Format: opencv, ros, kalibr, colmap, bop, nerf, callab, halcon, euroc, anipose, easymocap or
-    /// camodocal [default: recognised]
-    #[arg(long, value_name = "FORMAT", value_parser = format)]
+    /// Format [default: recognised]
+    #[arg(long, value_name = "FORMAT", value_parser = formats())]
     pub from: Option<Format>,
 
     /// Metres per unit of length, such as the side of OpenCV's square
@@ -100,6 +100,10 @@ pub struct Import {
     /// Accept cameras within 2 mm of each other, or more than 100 m apart
     #[arg(long)]
     pub trust_unit: bool,
+
+    /// Key that states neither a lens nor a place nor a size; unknown keys are refused otherwise
+    #[arg(long, value_name = "KEY")]
+    pub ignore: Vec<String>,
 
     /// Overwrite an existing rig file
     #[arg(long)]
@@ -207,13 +211,14 @@ impl Import {
             image: self.image,
             rectified: self.rectified,
             trust_unit: self.trust_unit,
+            ignore: self.ignore.clone(),
         }
     }
 }
 
-fn format(text: &str) -> Result<Format, String> {
-    let names = || Format::ALL.map(Format::name).join(", ");
-    Format::named(text).ok_or_else(|| format!("expected one of {}", names()))
+fn formats() -> impl TypedValueParser<Value = Format> {
+    let names = PossibleValuesParser::new(Format::ALL.map(Format::name));
+    names.try_map(|name| Format::named(&name).ok_or("an unknown format"))
 }
 
 fn unit(text: &str) -> Result<Unit, String> {

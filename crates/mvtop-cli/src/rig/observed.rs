@@ -150,8 +150,8 @@ fn summary(rig: &Rig, observed: &Observed) -> Result<()> {
     let (count, sets, agree) = (observed.objects(), observed.sets(), observed.agreeing());
     let noise = observed.noise_px();
     write::print(&format!(
-        "against the images: {count} object{} in {sets} set{} seen by two cameras or more, which agree on {agree}; edges of one \
-         object in one view are believed to {noise:.2} px",
+        "against the images: {count} object{} in {sets} set{} seen by two cameras or more, which agree on {agree}; the edge noise \
+         of one object in one view is estimated at {noise:.2} px (1 sigma)",
         s(count),
         s(sets)
     ))?;
@@ -181,14 +181,16 @@ fn print_corrections(rig: &Rig, corrections: &[Correction]) -> Result<()> {
         let [a, b, c] = <[f64; 3]>::from(pose.translation.vector * 1e3);
         let verdict = match (correction.is_off(), correction.is_told()) {
             (true, true) => "off",
-            (true, false) => "off, but where it stands is hardly told",
-            (false, _) if correction.would_be_off() => "off if that one object is what it seems",
+            (true, false) => "off; its position is poorly constrained",
+            (false, _) if correction.would_be_off() => {
+                "off if the pose of that one object is right"
+            }
             (false, true) => "not off",
-            (false, false) => "not seen to be off, but where it stands is hardly told",
+            (false, false) => "no error found; its position is poorly constrained",
         };
         write::print(&format!(
-            "  `{}`: a turn by {:.2} deg (sd {:.2}) about [{x:.2} {y:.2} {z:.2}] and a move by {:.1} mm (sd \
-             {:.1}) [{a:.1} {b:.1} {c:.1}] in its own axes would fit best, {:.1} standard deviations: {verdict}",
+            "  `{}`: a rotation by {:.2} deg (sd {:.2}) about [{x:.2} {y:.2} {z:.2}] and a translation by {:.1} mm \
+             (sd {:.1}) [{a:.1} {b:.1} {c:.1}] in its own axes would fit best, {:.1} standard deviations: {verdict}",
             rig.cameras()[correction.camera].id(),
             pose.rotation.angle().to_degrees(),
             correction.sigma.turn_deg,

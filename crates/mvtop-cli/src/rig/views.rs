@@ -17,8 +17,6 @@ const STEPS: i32 = 60;
 const LITTLE: f64 = 0.25;
 /// Cameras that share this much of their views as they are look at the same, wherever their axes meet.
 const NEARLY_ALL: f64 = 0.9;
-/// Share of an image without a line of sight that is said.
-const BLIND: f64 = 0.005;
 /// Most pairs that are printed.
 const MOST_LINES: usize = 30;
 /// Halvings of half an image's side, down to what a pixel's angle does not show.
@@ -195,23 +193,6 @@ impl Views {
             );
         }
         out
-    }
-
-    /// Warnings of cameras whose lenses leave a part of their images without a line of sight.
-    pub fn blind(rig: &Rig) -> Vec<String> {
-        let unlimited = |camera: &&Camera| camera.intrinsics().max_angle_deg().is_none();
-        let cameras = rig.cameras().iter().filter(unlimited);
-        cameras
-            .map(|camera| (camera.id(), camera.blind_share()))
-            .filter(|(_, share)| *share > BLIND)
-            .map(|(id, share)| {
-                format!(
-                    "camera `{id}`: {:.1} % of its image has no line of sight, as its lens folds there; check \
-                     its coefficients, or give `max_angle_deg` if it images no more",
-                    100.0 * share
-                )
-            })
-            .collect()
     }
 
     /// What hints at poses in other axes or the other direction, if anything.

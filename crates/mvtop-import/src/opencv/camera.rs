@@ -5,8 +5,8 @@ use std::f64::consts::TAU;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use serde_json::Value;
 
-use super::SIZE_KEY;
-use super::keys::rows_first;
+use super::found::{BY_COLUMNS, SIZE_KEY};
+use super::keys::{is_yes, rows_first, size_of_text};
 use crate::draft::{self, DraftCamera, Pose};
 use crate::lens::{Foreign, Lens, Plane};
 use crate::node::Node;
@@ -14,8 +14,8 @@ use crate::{Checked, Direction, Options};
 
 /// Coefficients that have a key each, as `brown_conrady` orders them.
 const BROWN: [&str; 8] = ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"];
-/// A principal point farther from the middle of its image is implausible, share of a side.
-const OFF_MIDDLE: f64 = 0.1;
+/// Largest difference of two rotations that are the same, radians.
+const SAME_ROTATION: f64 = 1e-3;
 
 /// What is said of one camera, by the names of [`super::keys`].
 pub fn camera(
@@ -45,13 +45,19 @@ pub fn camera(
 /// By its name; where there is none, by the names of its coefficients.
 fn lens(node: &Node, options: &Options, notes: &mut Vec<String>) -> Checked<Lens> {
     let number = |key: &str| node.find(&[key]).map(|node| node.number()).transpose();
-    let fisheye = node
-        .find(&["fisheye"])
-        .is_some_and(|node| match node.value {
-            Value::Bool(yes) => *yes,
-            value => value.as_f64().is_some_and(|number| number != 0.0),
-        });
+    let stated = node.find(&["fisheye"]).and_then(|node| is_yes(node.value));
+    let fisheye = stated == Some(true);
     let named = node.find(&["model"]).and_then(|model| model.value.as_str());
+    let is_named_fisheye =
+        |name: &str| Lens::named(name, &[0.0; 4]).is_ok_and(|lens| lens.is_fisheye());
+    if let Some(asked) = options.model.as_deref() {
+        let said = stated.or(named.map(is_named_fisheye));
+        if said.is_some_and(|said| said != is_named_fisheye(asked)) {
+            return Err(format!(
+                "the file states another lens than `model` (--model {asked}); leave that out"
+            ));
+        }
+    }
     let model = options.model.as_deref().or(named);
     let model = model.filter(|name| !["pinhole", "perspective"].contains(&&*name.to_lowercase()));
     let [k1, k2, p1, p2, k3, k4, k5, k6] = {
@@ -63,10 +69,7 @@ fn lens(node: &Node, options: &Options, notes: &mut Vec<String>) -> Checked<Lens
     };
     let any = [k1, k2, p1, p2, k3, k4, k5, k6].iter().any(Option::is_some);
     let or_0 = |number: Option<f64>| number.unwrap_or(0.0);
-    let is_fisheye = fisheye
-        || model.is_some_and(
-            |name| matches!(Lens::named(name, &[0.0; 4]), Ok(lens) if lens.is_fisheye()),
-        );
+    let is_fisheye = fisheye || model.is_some_and(is_named_fisheye);
     let params = match (node.find(&["D"]), any) {
         (Some(_), true) => {
             return Err(
@@ -133,82 +136,104 @@ fn lens(node: &Node, options: &Options, notes: &mut Vec<String>) -> Checked<Lens
     }
 }
 
-/// Width and height, px, of a list whose order the name and the principal point tell.
+/// Width and height, px; of a list, its name and the principal point tell the order.
 fn size(id: &str, node: &Node, plane: &Plane, options: &Options) -> Checked<Option<[u32; 2]>> {
-    let Some(list) = node.find(&["size"]) else {
-        return match (node.find(&["width"]), node.find(&["height"])) {
-            (Some(width), Some(height)) => Ok(Some([width.pixels()?, height.pixels()?])),
-            _ => Ok(None),
-        };
+    let sides = match (node.find(&["width"]), node.find(&["height"])) {
+        (Some(width), Some(height)) => Some([width.pixels()?, height.pixels()?]),
+        _ => None,
     };
-    let [a, b] = list.size()?;
+    let Some(list) = node.find(&["size"]) else {
+        return Ok(sides);
+    };
     let key = node
         .find(&[SIZE_KEY])
         .map_or("size", |key| key.value.as_str().unwrap_or("size"));
-    let off = |[w, h]: [u32; 2]| {
-        let side = |center: f64, side: u32| (center / f64::from(side) - 0.5).abs();
-        side(plane.cx, w).max(side(plane.cy, h))
+    let size = match list.value.as_str().and_then(size_of_text) {
+        Some(size) => size,
+        None => {
+            let order = rows_first(key);
+            let sides = listed(&list, order)?;
+            draft::ordered_size(id, key, order, sides, plane, options)?
+        }
     };
-    let (columns_first, rows_first_) = ([a, b], [b, a]);
-    // One of two orders is out where the other puts the principal point far nearer to the middle.
-    let out = |this, other| off(this) > OFF_MIDDLE && off(other) < off(this) / 4.0;
-    let read = match rows_first(key) {
-        _ if a == b => Some(columns_first),
-        Some(true) if !out(rows_first_, columns_first) => Some(rows_first_),
-        Some(false) if !out(columns_first, rows_first_) => Some(columns_first),
-        None if out(rows_first_, columns_first) => Some(columns_first),
-        None if out(columns_first, rows_first_) => Some(rows_first_),
-        _ => None,
-    };
-    match read.or(options
-        .size_of(id)
-        .filter(|size| [columns_first, rows_first_].contains(size)))
-    {
-        Some(size) => Ok(Some(size)),
-        None => Err(format!(
-            "camera `{id}`: `{key}` of {a} and {b} px may be rows and columns or width and height, and the \
-             principal point, {:.0} {:.0}, does not agree with one of them; give `image_size` (--image-size WxH)",
-            plane.cx, plane.cy
+    match sides {
+        Some(sides) if sides != size => Err(format!(
+            "camera `{id}`: `{key}` of {}x{} px and a width and height of {}x{} px differ; leave one out",
+            size[0], size[1], sides[0], sides[1]
         )),
+        _ => Ok(Some(size)),
+    }
+}
+
+/// Two sides; a shape may have the number of channels behind them.
+fn listed(list: &Node, rows_first: Option<bool>) -> Checked<[u32; 2]> {
+    match list.numbers()?.as_slice() {
+        [rows, columns, channels]
+            if rows_first == Some(true) && [1.0, 3.0, 4.0].contains(channels) =>
+        {
+            let two = Value::from(vec![*rows, *columns]);
+            Node::new(&two, &list.place).size()
+        }
+        _ => list.size(),
     }
 }
 
 /// rvec and tvec are OpenCV's, from world to camera; what else there may be does not say.
 fn pose(node: &Node) -> Checked<Option<Pose>> {
-    let matrix = |key: &str| {
-        let found = node.find(&[key]);
-        found
-            .map(|node| draft::rigid(&node.place, &node.matrix4()?))
-            .transpose()
-    };
-    if let Some(pose) = matrix("world_from_cam")? {
-        return Ok(Some(Pose::world_from_cam(pose)));
+    let mut found = Vec::new();
+    for (key, direction) in [
+        ("world_from_cam", Some(Direction::WorldFromCam)),
+        ("cam_from_world", Some(Direction::CamFromWorld)),
+        ("pose", None),
+    ] {
+        if let Some(matrix) = node.find(&[key]) {
+            let transform = draft::rigid(&matrix.place, &matrix.matrix4()?)?;
+            found.push(Pose {
+                transform,
+                direction,
+            });
+        }
     }
-    if let Some(pose) = matrix("cam_from_world")? {
-        return Ok(Some(Pose::cam_from_world(pose)));
+    if ["R", "rvec", "T"].iter().any(|key| node.has(key)) {
+        found.push(Pose {
+            transform: transform(node)?,
+            direction: node.has("rvec").then_some(Direction::CamFromWorld),
+        });
     }
-    let (transform, direction) = if let Some(pose) = matrix("pose")? {
-        (pose, None)
-    } else if node.has("R") || node.has("rvec") || node.has("T") {
-        let direction = node.has("rvec").then_some(Direction::CamFromWorld);
-        (transform(node)?, direction)
-    } else {
-        return Ok(None);
-    };
-    Ok(Some(Pose {
-        transform,
-        direction,
-    }))
+    let mut found = found.into_iter();
+    let first = found.next();
+    match found.next() {
+        Some(_) => Err(format!(
+            "{}: its place is there twice, as a matrix and otherwise; leave one out",
+            node.place
+        )),
+        None => Ok(first),
+    }
 }
 
 /// R, or a Rodrigues vector that is called one, with T.
 pub fn transform(node: &Node) -> Checked<Isometry3<f64>> {
     let t: [f64; 3] = node.get(&["T"])?.vector()?;
     let rotation = node.get(&["R", "rvec"])?;
-    let &[x, y, z] = rotation.numbers()?.as_slice() else {
-        return draft::rotation_and_translation(&rotation.place, &rotation.vector()?, t);
-    };
     let place = &rotation.place;
+    let &[x, y, z] = rotation.numbers()?.as_slice() else {
+        if node.has(BY_COLUMNS) && rotation.value.get(0).is_some_and(Value::is_number) {
+            return Err(format!(
+                "{place}: nine numbers in a row are columns to librealsense and rows to others; give a list of \
+                 three rows"
+            ));
+        }
+        let pose = draft::rotation_and_translation(place, &rotation.vector()?, t)?;
+        if let Some(vector) = node.find(&["rvec"]).filter(|_| node.has("R")) {
+            let vector = UnitQuaternion::from_scaled_axis(Vector3::from(vector.vector::<3>()?));
+            if pose.rotation.angle_to(&vector) > SAME_ROTATION {
+                return Err(format!(
+                    "{place}: it and its Rodrigues vector are different rotations; leave the wrong one out"
+                ));
+            }
+        }
+        return Ok(pose);
+    };
     if node.has("R") {
         return Err(format!(
             "{place}: expected a 3x3 matrix, got 3 numbers, which may be a Rodrigues vector or Euler \

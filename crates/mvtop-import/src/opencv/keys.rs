@@ -1,8 +1,11 @@
 //! What keys are called, which camera they are of, and which of two comes first.
 
-use serde_json::Value;
+use serde_json::{Map, Value};
 
+use crate::ImageSize;
+use crate::lens::Lens;
 use crate::node::count_of_numbers;
+use crate::unread::{names_a_lens, plain};
 
 /// What programs call the same thing, without case and underscores.
 const NAMES: &[(&str, &[&str])] = &[
@@ -11,12 +14,18 @@ const NAMES: &[(&str, &[&str])] = &[
         &[
             "k",
             "m",
-            "cameramatrix",
+            "a",
+            "kk",
             "mtx",
+            "cameramatrix",
+            "cammatrix",
             "intrinsicmatrix",
+            "intrinsicsmatrix",
+            "calibrationmatrix",
             "intrinsics",
             "intrinsic",
-            "cammatrix",
+            "cameraintrinsics",
+            "cameraintrinsic",
         ],
     ),
     (
@@ -26,63 +35,145 @@ const NAMES: &[(&str, &[&str])] = &[
             "dist",
             "distcoeffs",
             "distcoeff",
-            "distortion",
-            "distortioncoefficients",
-            "distortioncoeffs",
-            "distortions",
-            "distortionvector",
-            "distortionparameters",
             "distcoef",
             "distcoefs",
+            "distparams",
+            "distortion",
+            "distortions",
+            "distortioncoefficients",
+            "distortioncoeffs",
+            "distortionvector",
+            "distortionparameters",
+            "distortionparams",
+            "lensdistortion",
             "coeffs",
             "coefficients",
             // Bouguet's toolbox, which OpenCV's order is from.
             "kc",
         ],
     ),
-    ("R", &["r", "rmat", "rotation", "rotationmatrix"]),
-    ("T", &["t", "translation", "translationvector", "tvec"]),
+    (
+        "R",
+        &["r", "rot", "rmat", "rotmat", "rotation", "rotationmatrix"],
+    ),
+    (
+        "T",
+        &["t", "trans", "translation", "translationvector", "tvec"],
+    ),
     ("rvec", &["rvec", "rotationvector", "om"]),
     (
         "size",
         &[
             "size",
             "imagesize",
-            "resolution",
             "imgsize",
+            "resolution",
+            "imageresolution",
             "imgshape",
             "imageshape",
             "shape",
+            "hw",
+            "wh",
+            "imagehw",
+            "imagewh",
+            "imghw",
+            "imgwh",
         ],
     ),
-    ("width", &["width", "imagewidth"]),
-    ("height", &["height", "imageheight"]),
+    (
+        "width",
+        &["width", "imagewidth", "imgwidth", "w", "cols", "columns"],
+    ),
+    (
+        "height",
+        &["height", "imageheight", "imgheight", "h", "rows"],
+    ),
     (
         "model",
-        &["model", "cameramodel", "distortionmodel", "lensmodel"],
+        &[
+            "model",
+            "cameramodel",
+            "distortionmodel",
+            "lensmodel",
+            "distortiontype",
+            "lenstype",
+            "projectiontype",
+            "projectionmodel",
+        ],
+    ),
+    (
+        NAMED,
+        &[
+            "type",
+            "kind",
+            "lens",
+            "cameratype",
+            "modeltype",
+            "projection",
+        ],
     ),
     ("fisheye", &["fisheyemodel", "fisheye", "isfisheye"]),
     (
         "world_from_cam",
         &[
             "worldfromcam",
+            "worldfromcamera",
             "tworldcam",
+            "tworldcamera",
+            "worldtcam",
+            "worldtcamera",
             "camtoworld",
+            "cameratoworld",
             "cam2world",
+            "camera2world",
             "c2w",
+            "tbasecam",
+            "tbasecamera",
+            "basefromcam",
         ],
     ),
     (
         "cam_from_world",
         &[
             "camfromworld",
+            "camerafromworld",
             "tcamworld",
+            "tcameraworld",
+            "camtworld",
+            "cameratworld",
             "worldtocam",
+            "worldtocamera",
             "world2cam",
+            "world2camera",
             "w2c",
         ],
     ),
-    ("pose", &["pose", "extrinsic", "extrinsics", "transform"]),
+    (
+        "pose",
+        &[
+            "pose",
+            "posematrix",
+            "extrinsic",
+            "extrinsics",
+            "extrinsicmatrix",
+            "extrinsicsmatrix",
+            "transform",
+            "rt",
+        ],
+    ),
+];
+/// A model, where the value is the name of one: `lens` may be "8 mm" as well.
+const NAMED: &str = "model by its value";
+/// What the unit of length is called.
+const UNITS: &[&str] = &[
+    "unit",
+    "units",
+    "lengthunit",
+    "unitoflength",
+    "worldunit",
+    "worldunits",
+    "translationunit",
+    "distanceunit",
 ];
 
 /// Coefficients and focal lengths that have a key each; the first name is the field's.
@@ -113,21 +204,7 @@ const WHOLE_SECTIONS: &[&str] = &[
     "resolution",
 ];
 
-/// What a key is about that is none of the names.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum About {
-    Lens,
-    Place,
-    Size,
-}
-
-/// A key without case and signs.
-fn plain(key: &str) -> String {
-    let letters = key.chars().filter(|c| c.is_alphanumeric());
-    letters.flat_map(char::to_lowercase).collect()
-}
-
-/// Which of the names a key is, and what it says of which camera: "1" of `M1`, "left" of `K_left`.
+/// Which of the names a key is, and what it says of which camera: "1" of `M1`, "left" of `K_left` and `K_l`.
 ///
 /// A value tells as well: a camera matrix is 3x3, and `k1` is a coefficient where it is a number.
 pub fn split(key: &str, value: &Value) -> Option<(&'static str, String)> {
@@ -140,27 +217,126 @@ pub fn split(key: &str, value: &Value) -> Option<(&'static str, String)> {
             return Some((name, String::new()));
         }
     }
-    let endings = ["left", "right", "l", "r"];
     let digits = plain.trim_end_matches(|c: char| c.is_ascii_digit());
-    let mut cuts = vec![plain.as_str()];
-    cuts.push(digits);
-    cuts.extend(endings.iter().filter_map(|end| plain.strip_suffix(end)));
-    cuts.into_iter().find_map(|base| {
+    let mut cuts = vec![(plain.as_str(), ""), (digits, &plain[digits.len()..])];
+    let sides = [
+        ("left", "left"),
+        ("right", "right"),
+        ("l", "left"),
+        ("r", "right"),
+    ];
+    cuts.extend(
+        sides
+            .iter()
+            .filter_map(|(end, side)| Some((plain.strip_suffix(end)?, *side))),
+    );
+    cuts.into_iter().find_map(|(base, of)| {
         let known = NAMES.iter().find(|(_, names)| names.contains(&base));
         let (name, _) = known.filter(|(name, _)| fits(name, value))?;
-        Some((*name, plain[base.len()..].to_owned()))
+        Some((field(name), of.to_owned()))
     })
+}
+
+/// The field that a name is of.
+fn field(name: &'static str) -> &'static str {
+    if name == NAMED { "model" } else { name }
 }
 
 /// Whether a value may be what its key is called.
 fn fits(name: &str, value: &Value) -> bool {
+    let objects = || {
+        value
+            .as_array()
+            .is_some_and(|list| list.iter().any(Value::is_object))
+    };
+    let list = || count_of_numbers(value).is_some() && !objects();
     match name {
         "K" => count_of_numbers(value) == Some(9),
-        "width" | "height" => value.is_number(),
+        "width" | "height" => value
+            .as_f64()
+            .is_some_and(|side| side >= 2.0 && side.fract() == 0.0),
         "model" => value.is_string(),
-        "fisheye" => value.is_boolean() || value.is_number(),
-        _ => value.is_array() || value.get("data").is_some(),
+        NAMED => value.as_str().is_some_and(|text| {
+            names_a_lens(text) || (!text.is_empty() && Lens::named(text, &[0.0; 4]).is_ok())
+        }),
+        "fisheye" => is_yes(value).is_some(),
+        "size" => list() || value.as_str().and_then(size_of_text).is_some(),
+        _ => list(),
     }
+}
+
+/// What a value says that is yes or no.
+pub fn is_yes(value: &Value) -> Option<bool> {
+    match value {
+        Value::Bool(yes) => Some(*yes),
+        Value::Number(number) => Some(number.as_f64() != Some(0.0)),
+        Value::String(text) => match text.to_lowercase().as_str() {
+            "true" | "yes" | "on" => Some(true),
+            "false" | "no" | "off" => Some(false),
+            _ => None,
+        },
+        _ => None,
+    }
+}
+
+/// Width and height of `1280x960`.
+pub fn size_of_text(text: &str) -> Option<[u32; 2]> {
+    let size = ImageSize::parse(text)?;
+    size.camera.is_none().then_some(size.size)
+}
+
+/// Whether a key says the unit of length.
+pub fn is_unit(key: &str) -> bool {
+    UNITS.contains(&plain(key).as_str())
+}
+
+/// A document whose kinds hold cameras (`{"K": {"left": ...}, "dist": {"left": ...}}`) as one whose cameras
+/// hold what is said of them.
+pub fn by_camera(value: Value) -> Value {
+    let Value::Object(map) = value else {
+        return value;
+    };
+    let mut cameras = Map::new();
+    let mut kinds = Vec::new();
+    for (key, inner) in map {
+        let inner = by_camera(inner);
+        match kind_of_cameras(&key, &inner) {
+            Some(field) => kinds.push((key, field, inner)),
+            None => {
+                cameras.insert(key, inner);
+            }
+        }
+    }
+    for (key, field, inner) in kinds {
+        let Value::Object(of_cameras) = inner else {
+            continue;
+        };
+        for (camera, value) in of_cameras {
+            let own = cameras
+                .entry(camera)
+                .or_insert_with(|| Value::Object(Map::new()));
+            if let Value::Object(own) = own {
+                let twice = own.contains_key(field);
+                own.insert(if twice { key.clone() } else { field.to_owned() }, value);
+            }
+        }
+    }
+    Value::Object(cameras)
+}
+
+/// What an object has of each camera by the camera's name, if it has nothing else.
+fn kind_of_cameras(key: &str, value: &Value) -> Option<&'static str> {
+    let cameras = value.as_object()?;
+    if cameras.is_empty() || cameras.contains_key("data") {
+        return None;
+    }
+    let plain = plain(key).replace("matrices", "matrix");
+    let names = [plain.as_str(), plain.trim_end_matches('s')];
+    let known = |(_, known): &&(&str, &[&str])| names.iter().any(|name| known.contains(name));
+    let (name, _) = NAMES.iter().find(known)?;
+    let of_cameras =
+        |(key, value): (&String, &Value)| split(key, value).is_none() && fits(name, value);
+    cameras.iter().all(of_cameras).then_some(field(name))
 }
 
 /// Whether an object is about the camera around it, or a list of cameras.
@@ -176,74 +352,10 @@ pub fn is_section(key: &str, value: &Value) -> bool {
             || SECTIONS.iter().any(|section| plain.starts_with(section)))
 }
 
-/// What a key that is none of the names states, if anything: what is left out must not change a camera.
-pub fn about(key: &str, value: &Value) -> Option<About> {
-    let plain = plain(key);
-    let has = |words: &[&str]| words.iter().any(|word| plain.contains(word));
-    let base = plain.trim_end_matches(|c: char| c.is_ascii_digit());
-    let numbered = base.len() < plain.len();
-    let names_lens = match value {
-        // A name of a lens, but not of who made it.
-        Value::String(_) => has(&["model", "type"]) && has(&["lens", "dist", "projection"]),
-        _ => {
-            (base.contains("dist") && !base.contains("distance"))
-                || has(&["coef", "lens", "fisheye", "radial", "tangential", "mirror"])
-                || [
-                    "kc", "xi", "alpha", "alphac", "beta", "skew", "tau", "taux", "tauy",
-                ]
-                .contains(&base)
-                || (numbered && value.is_number() && ["k", "p", "s", "l"].contains(&base))
-        }
-    };
-    let measured = has(&["undistort", "std", "deviation", "error"]);
-    if measured || !states(value) {
-        None
-    } else if names_lens {
-        Some(About::Lens)
-    } else if value.is_string()
-        || has(&[
-            "board", "square", "grid", "pattern", "marker", "tag", "sensor", "pixel", "vecs",
-        ])
-    {
-        None
-    } else if has(&["width", "height", "size", "shape", "resolution"]) {
-        Some(About::Size)
-    } else if has(&[
-        "rot",
-        "trans",
-        "pose",
-        "extrinsic",
-        "quat",
-        "position",
-        "orientation",
-        "rvec",
-        "tvec",
-        "euler",
-    ]) {
-        Some(About::Place)
-    } else {
-        None
-    }
-}
-
-/// Whether a value says anything: a number that is not 0, or a word.
-fn states(value: &Value) -> bool {
-    match value {
-        Value::Number(number) => number.as_f64() != Some(0.0),
-        Value::String(text) => !text.is_empty(),
-        Value::Array(list) => list.iter().any(states),
-        Value::Object(map) => match map.get("data") {
-            Some(data) => states(data),
-            None => map.values().any(states),
-        },
-        _ => false,
-    }
-}
-
 /// Whether rows come before columns in a size of that name; `None` where programs differ.
 pub fn rows_first(key: &str) -> Option<bool> {
     match plain(key).as_str() {
-        shape if shape.contains("shape") => Some(true),
+        shape if shape.contains("shape") || shape.ends_with("hw") => Some(true),
         // MATLAB's `ImageSize` is rows and columns, others' is not.
         _ if key == "ImageSize" => None,
         _ => Some(false),

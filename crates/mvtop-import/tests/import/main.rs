@@ -6,6 +6,7 @@ mod fitted;
 mod formats;
 mod hostile;
 mod stated;
+mod unread;
 mod written;
 
 use std::path::PathBuf;

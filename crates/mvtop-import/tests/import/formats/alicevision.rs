@@ -40,7 +40,7 @@ fn alicevision_s_other_lenses_are_refused() {
         (
             r#""serialNumber": """#,
             r#""mirrorXi": "0.5", "lens_k": 0.1"#,
-            "`lens_k` looks like",
+            "`lens_k`",
         ),
     ] {
         let text = ALICEVISION.replace(from, to);
