@@ -21,6 +21,7 @@ mod write;
 
 use std::ffi::OsString;
 use std::io;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use clap::Parser;
@@ -70,9 +71,10 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
     let cli = match Cli::try_parse_from(&args) {
         Ok(cli) => cli,
         Err(answer) => {
-            // Help and version come here as well. There is nowhere left to say that printing failed.
-            let _ = answer.print();
-            return if answer.use_stderr() { 2 } else { 0 };
+            // Help and version come here as well, for which a reader that has gone away is no failure.
+            let printed = answer.print();
+            let lost = printed.is_err_and(|cause| cause.kind() != ErrorKind::BrokenPipe);
+            return if answer.use_stderr() || lost { 2 } else { 0 };
         }
     };
     let done = match cli.command {

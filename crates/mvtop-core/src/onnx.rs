@@ -103,6 +103,9 @@ pub struct Session {
     run: AtomicU8,
 }
 
+/// Most numbers of one output: half a gigabyte.
+const MOST_NUMBERS: usize = 1 << 27;
+
 /// Of [`Session::run`]: not run yet, so that it is bounded; run within bounds; never came to an end.
 const FRESH: u8 = 0;
 const PROVEN: u8 = 1;
@@ -313,9 +316,25 @@ fn run(
         let array = value
             .try_extract_array::<f32>()
             .map_err(|e| format!("output `{name}`: {e}"))?;
-        arrays.insert(name.to_owned(), array.into_owned());
+        let array = copied(&array).map_err(|problem| format!("output `{name}` {problem}"))?;
+        arrays.insert(name.to_owned(), array);
     }
     Ok(arrays)
+}
+
+/// A copy of an output, refused where it is larger than any of mvtop's: memory that cannot be had would end
+/// the process.
+fn copied(array: &ArrayViewD<'_, f32>) -> std::result::Result<ArrayD<f32>, String> {
+    let mut numbers = Vec::new();
+    if array.len() > MOST_NUMBERS || numbers.try_reserve_exact(array.len()).is_err() {
+        return Err(format!(
+            "has {} numbers, expected at most {MOST_NUMBERS} and memory for them; use another bundle, or fewer \
+             views",
+            array.len()
+        ));
+    }
+    numbers.extend(array.iter());
+    ArrayD::from_shape_vec(array.raw_dim(), numbers).map_err(|e| e.to_string())
 }
 
 /// What a graph has computed.
@@ -345,5 +364,24 @@ impl Outputs {
                 "output `{name}`: expected {axes} axes, got shape {shape:?}"
             ))
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outputs_larger_than_any_of_mvtop_s_are_not_copied() {
+        let numbers = ndarray::arr1(&[1.0, 2.0, 3.0]);
+        assert_eq!(
+            copied(&numbers.view().into_dyn()).unwrap(),
+            numbers.clone().into_dyn()
+        );
+        // Of one number, seen as many.
+        let number = ndarray::arr0(0.0);
+        let many = number.broadcast((1 << 14, 1 << 14)).unwrap().into_dyn();
+        let problem = copied(&many).unwrap_err();
+        assert!(problem.contains("has 268435456 numbers"), "{problem}");
     }
 }

@@ -118,3 +118,20 @@ fn wrong_arguments_end_with_code_2() {
         );
     }
 }
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_version_that_cannot_be_written_is_a_failure() {
+    for argument in ["--version", "--help"] {
+        let full = std::fs::OpenOptions::new()
+            .write(true)
+            .open("/dev/full")
+            .unwrap();
+        let status = std::process::Command::new(env!("CARGO_BIN_EXE_mvtop-cli"))
+            .arg(argument)
+            .stdout(full)
+            .status()
+            .unwrap();
+        assert_eq!(status.code(), Some(2), "{argument}");
+    }
+}

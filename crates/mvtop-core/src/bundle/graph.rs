@@ -100,23 +100,32 @@ enum Field<'a> {
 }
 
 /// Number and contents of the next field of a protobuf message, and what follows; `None` where it
-/// is broken.
+/// is broken, or where readers differ: some take the lower 32 bits of a longer tag or length.
 ///
 /// Source: <https://protobuf.dev/programming-guides/encoding>.
 fn next_field(bytes: &[u8]) -> Option<(u64, Field<'_>, &[u8])> {
-    let (tag, rest) = varint(bytes)?;
+    let (tag, rest) = short_varint(bytes)?;
     let (field, rest) = match tag & 7 {
         0 => varint(rest).map(|(number, rest)| (Field::Number(number), rest))?,
         1 => (Field::Other, rest.get(8..)?),
         2 => {
-            let (length, rest) = varint(rest)?;
+            let (length, rest) = short_varint(rest)?;
             let (inner, rest) = rest.split_at_checked(usize::try_from(length).ok()?)?;
             (Field::Bytes(inner), rest)
         }
         5 => (Field::Other, rest.get(4..)?),
         _ => return None,
     };
-    Some((tag >> 3, field, rest))
+    let number = tag >> 3;
+    (number > 0).then_some((number, field, rest))
+}
+
+/// One of at most 32 bits, in as few bytes as it takes.
+fn short_varint(bytes: &[u8]) -> Option<(u64, &[u8])> {
+    let (number, rest) = varint(bytes)?;
+    let last = bytes[bytes.len() - rest.len() - 1];
+    let shortest = last != 0 || rest.len() + 1 == bytes.len();
+    (number <= u64::from(u32::MAX) && shortest).then_some((number, rest))
 }
 
 fn varint(bytes: &[u8]) -> Option<(u64, &[u8])> {
@@ -194,6 +203,11 @@ mod tests {
             &within,
             &[0xFF; 30],
             &[7 << 3 | 2, 0xFF, 0xFF, 0xFF, 0xFF, 1],
+            // Field 7, its tag with bit 32, in more bytes than it takes, or with a length that is.
+            &[7 << 3 | 2 | 0x80, 0x80, 0x80, 0x80, 0x10, 0],
+            &[7 << 3 | 2 | 0x80, 0, 0],
+            &[7 << 3 | 2, 0x80, 0],
+            &[2, 0], // field 0
         ] {
             let problem = check(bytes).unwrap_err();
             assert!(problem.contains("read to its end"), "{bytes:?}: {problem}");

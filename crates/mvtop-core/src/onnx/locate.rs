@@ -1,6 +1,7 @@
 //! Where an ONNX Runtime library may be.
 
 use std::cmp::Reverse;
+use std::env;
 use std::ffi::OsString;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -28,8 +29,8 @@ pub(super) struct Surroundings {
 impl Surroundings {
     pub fn of_process() -> Self {
         Self {
-            variable: |name| std::env::var_os(name),
-            executable: std::env::current_exe().ok(),
+            variable: |name| env::var_os(name),
+            executable: env::current_exe().ok(),
             python: if cfg!(windows) { "python" } else { "python3" },
         }
     }
@@ -42,6 +43,15 @@ const SYSTEM_LIBRARY: &str = if cfg!(windows) {
     "libonnxruntime.dylib"
 } else {
     "libonnxruntime.so.1"
+};
+
+/// Variables with folders in which the loader looks for a bare name.
+const LOADER_FOLDERS: &[&str] = if cfg!(windows) {
+    &["PATH"]
+} else if cfg!(target_os = "macos") {
+    &["DYLD_LIBRARY_PATH", "DYLD_FALLBACK_LIBRARY_PATH"]
+} else {
+    &["LD_LIBRARY_PATH"]
 };
 
 /// How long `python3` may take to start.
@@ -91,10 +101,15 @@ pub(super) fn candidates(
         package.map_or(Vec::new(), |package| libraries_in(&package.join("capi")))
     };
     places.push((around.python.into(), Box::new(of_package)));
-    places.push((
-        "the system".into(),
-        Box::new(|| vec![SYSTEM_LIBRARY.into()]),
-    ));
+    // The loader looks there first, and in the current folder for an entry that is empty or relative.
+    let folders = LOADER_FOLDERS
+        .iter()
+        .filter_map(|name| (around.variable)(name));
+    let mut folders = folders.flat_map(|folders| env::split_paths(&folders).collect::<Vec<_>>());
+    if folders.all(|folder| folder.is_absolute()) {
+        let search = Box::new(|| vec![SYSTEM_LIBRARY.into()]);
+        places.push(("the system".into(), search));
+    }
     Box::new(places.into_iter().flat_map(|(found_in, search)| {
         search().into_iter().map(move |path| Candidate {
             path,
@@ -243,6 +258,30 @@ mod tests {
         )
         .collect();
         assert_eq!(paths(all.into_iter()), [Path::new(SYSTEM_LIBRARY)]);
+    }
+
+    #[cfg(all(unix, not(target_os = "macos")))]
+    #[test]
+    fn the_loader_is_not_asked_where_it_looks_in_the_current_folder() {
+        let of = |variable| {
+            let around = Surroundings {
+                variable,
+                ..nowhere()
+            };
+            paths(candidates(None, around)).len()
+        };
+        assert_eq!(
+            of(|name| (name == "LD_LIBRARY_PATH").then(|| "/a:/b".into())),
+            1
+        );
+        assert_eq!(
+            of(|name| (name == "LD_LIBRARY_PATH").then(|| ":/b".into())),
+            0
+        );
+        assert_eq!(
+            of(|name| (name == "LD_LIBRARY_PATH").then(|| "/a:lib".into())),
+            0
+        );
     }
 
     #[test]

@@ -8,6 +8,7 @@ use ort::environment::Environment;
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 /// More threads than any machine has cores for would only take its memory.
@@ -171,13 +172,23 @@ impl Runtime {
             let (runtime, path, options) = (*self, path.to_owned(), options.clone());
             move || runtime.load(&path, &options)
         };
+        // It keeps the lock that loading takes.
+        static STUCK: AtomicBool = AtomicBool::new(false);
+        if STUCK.load(Ordering::Relaxed) {
+            return Err(network_error(
+                &"cannot be loaded as another network in this process has not come to an end; start anew",
+            ));
+        }
         let session = bounded(bounds, &cancel, || (), work).map_err(|why| match why {
             Unfinished::Interrupted => Error::Interrupted,
-            Unfinished::TooLong => network_error(&format!(
-                "loading it took more than {} s, in which any network of mvtop's is loaded; use \
-                 another bundle",
-                bounds.seconds()
-            )),
+            Unfinished::TooLong => {
+                STUCK.store(true, Ordering::Relaxed);
+                network_error(&format!(
+                    "loading it took more than {} s, in which any network of mvtop's is loaded; use \
+                     another bundle",
+                    bounds.seconds()
+                ))
+            }
             Unfinished::Failed => network_error(&"loading it failed"),
         })??;
         Ok(Session::new(path, session, bounds))
@@ -197,6 +208,8 @@ impl Runtime {
             .and_then(|b| Ok(b.with_intra_threads(options.threads)?))
             // Spinning saves little on an idle machine and starves everything else on a busy one.
             .and_then(|b| Ok(b.with_intra_op_spinning(false)?))
+            // Else a file's ending, `.ort`, says what it is, and not what was checked.
+            .and_then(|b| Ok(b.with_config_entry("session.load_model_format", "ONNX")?))
             .and_then(|b| Ok(b.with_operators(operator::domain()?)?))
             .map_err(|e| network_error(&e))?;
         if let Some(registration) = provider.registration(options.threads) {

@@ -5,9 +5,13 @@ use std::fs::Metadata;
 #[cfg(unix)]
 use std::os::unix::fs::MetadataExt;
 #[cfg(unix)]
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::locate::Candidate;
+
+/// More folders than any path to a library has.
+#[cfg(unix)]
+const MOST_DEEP: usize = 64;
 
 /// Refuses a library of the current folder, and one that others may write to or have put there: by
 /// the rights and the owner of the file and of each folder on the way to it, links included.
@@ -28,19 +32,19 @@ pub(super) fn check(library: &Candidate) -> Result<(), String> {
         );
     }
     // What is not there is the loader's to refuse, with its reason.
-    let Ok(target) = path.canonicalize() else {
+    if path.canonicalize().is_err() {
         return Ok(());
-    };
+    }
     let own = rustix::process::geteuid().as_raw();
-    let places: Vec<&Path> = path.ancestors().chain(target.ancestors()).collect();
+    let places = places(path);
     if let Some(place) = places.iter().find(|place| open_to_others(place, own)) {
         return Err(format!(
-            "is not loaded as other users may change {}, take that right from them (`chmod o-w`) or \
+            "is not loaded as other users may change {}, take that right from them (`chmod go-w`) or \
              install ONNX Runtime in a folder of your own",
             place.display()
         ));
     }
-    let foreign = |place: &&&Path| {
+    let foreign = |place: &&PathBuf| {
         place
             .symlink_metadata()
             .is_ok_and(|about| is_foreign(&about, own))
@@ -54,21 +58,45 @@ pub(super) fn check(library: &Candidate) -> Result<(), String> {
     }
 }
 
+/// A path, those that its links lead to, and all folders around these.
+#[cfg(unix)]
+fn places(path: &Path) -> Vec<PathBuf> {
+    let mut places = Vec::new();
+    let mut next = Some(path.to_owned());
+    while let Some(path) = next.take() {
+        let from_root: Vec<PathBuf> = path.ancestors().map(Path::to_owned).collect();
+        let link = from_root.iter().rev().find_map(|place| {
+            let target = place.read_link().ok()?;
+            let rest = path.strip_prefix(place).ok()?;
+            Some(place.parent()?.join(target).join(rest))
+        });
+        places.extend(from_root);
+        // As many as Linux follows.
+        next = link.filter(|_| places.len() < 40 * MOST_DEEP);
+    }
+    places
+}
+
 /// Whether a file belongs neither to this user nor to the system.
 #[cfg(unix)]
 fn is_foreign(about: &Metadata, own: u32) -> bool {
     ![own, 0].contains(&about.uid())
 }
 
-/// Whether others may write a file or folder, or may have made it in a folder for all, as `/tmp`.
+/// Whether others may write a file or folder, or may have made it in a folder for all, as `/tmp`. Of groups,
+/// those of this user and of the system are none of the others.
 #[cfg(unix)]
 fn open_to_others(place: &Path, own: u32) -> bool {
     const OTHERS_WRITE: u32 = 0o002;
+    const GROUP_WRITES: u32 = 0o020;
     const STICKY: u32 = 0o1000;
     let Ok(about) = place.metadata() else {
         return false;
     };
-    let for_all = |about: &Metadata| about.mode() & OTHERS_WRITE != 0;
+    let for_all = |about: &Metadata| {
+        about.mode() & OTHERS_WRITE != 0
+            || (about.mode() & GROUP_WRITES != 0 && is_of_other_people(about.gid()))
+    };
     // What lies in a sticky folder can be replaced by its owner alone.
     if for_all(&about) && !(about.is_dir() && about.mode() & STICKY != 0) {
         return true;
@@ -76,6 +104,16 @@ fn open_to_others(place: &Path, own: u32) -> bool {
     let folder = place.parent().and_then(|folder| folder.metadata().ok());
     let made = place.symlink_metadata().unwrap_or(about);
     folder.is_some_and(|folder| for_all(&folder)) && is_foreign(&made, own)
+}
+
+/// Whether a group has people in it, and this user is none of them.
+#[cfg(unix)]
+fn is_of_other_people(group: u32) -> bool {
+    const FIRST_OF_PEOPLE: u32 = if cfg!(target_os = "macos") { 500 } else { 1000 };
+    let effective = rustix::process::getegid();
+    let mut own = rustix::process::getgroups().unwrap_or_default();
+    own.push(effective);
+    group >= FIRST_OF_PEOPLE && !own.iter().any(|own| own.as_raw() == group)
 }
 
 /// Elsewhere rights are no bits of a file.
@@ -136,6 +174,42 @@ mod tests {
         let someone_else = rustix::process::geteuid().as_raw() + 1;
         let root_made_it = rustix::process::geteuid().is_root();
         assert_eq!(open_to_others(&library, someone_else), !root_made_it);
+    }
+
+    #[test]
+    fn links_on_the_way_are_checked_as_well() {
+        let root = tempfile::tempdir().unwrap();
+        let at = |name: &str| root.path().join(name);
+        for folder in ["mine", "shared", "lib"] {
+            create_dir(at(folder)).unwrap();
+        }
+        write(at("lib/libonnxruntime.so"), "").unwrap();
+        symlink(at("lib/libonnxruntime.so"), at("shared/current.so")).unwrap();
+        symlink("../shared/current.so", at("mine/lib.so")).unwrap();
+        let library = at("mine/lib.so");
+        assert_eq!(check(&found(&library)), Ok(()));
+        set_permissions(at("shared"), Permissions::from_mode(0o777)).unwrap();
+        let problem = check(&found(&library)).unwrap_err();
+        assert!(problem.contains("other users may change"), "{problem}");
+        // Links in a circle lead nowhere.
+        symlink(at("mine/b"), at("mine/a")).unwrap();
+        symlink(at("mine/a"), at("mine/b")).unwrap();
+        assert_eq!(check(&found(&at("mine/a"))), Ok(()));
+    }
+
+    #[test]
+    fn a_group_of_other_people_may_not_write_it() {
+        let root = tempfile::tempdir().unwrap();
+        let library = root.path().join("libonnxruntime.so");
+        write(&library, "").unwrap();
+        set_permissions(&library, Permissions::from_mode(0o664)).unwrap();
+        for (group, safe) in [(50, true), (54_321, false)] {
+            // Only the system's own user may give files away.
+            if chown(&library, None, Some(group)).is_err() {
+                return;
+            }
+            assert_eq!(check(&found(&library)).is_ok(), safe, "{group}");
+        }
     }
 
     #[test]

@@ -61,6 +61,17 @@ fn graphs_that_do_not_fit_the_bundle_are_refused_when_loaded() {
     }
 }
 
+#[test]
+fn what_a_graph_is_called_does_not_say_how_it_is_read() {
+    // ONNX Runtime takes `.ort` for a format of its own, which no check of ONNX covers.
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("features.ort");
+    std::fs::copy(fixture_path("tiny").join("features.onnx"), &path).unwrap();
+    let runtime = mvtop_core::onnx::Runtime::locate(None).unwrap();
+    let session = runtime.session(&path, &Default::default()).unwrap();
+    assert!(session.inputs().iter().any(|name| name == "images"));
+}
+
 /// The images of the given cameras of a rig.
 fn load(rig: &Rig, cameras: &[usize]) -> Vec<ViewImage> {
     let load = |&camera: &usize| ViewImage {
