@@ -16,7 +16,7 @@ from pathlib import Path
 
 import result_file
 import torch
-from mvtop_train.data import batches, objects
+from mvtop_train.data import backgrounds, batches, objects
 from mvtop_train.errors import argument_parser, command
 from mvtop_train.network.precision import autocast
 from mvtop_train.shipped import ConfigParser
@@ -81,7 +81,10 @@ def measure(settings: runconfig.RunConfig, seconds: float, scenes_used: int) -> 
     scenes.refresh = lambda: None
     with tempfile.TemporaryDirectory() as scratch:  # nothing is saved, and none resumed
         state = TrainingState(Path(scratch), config, me.device, settings.init, settings.backbone)
-        stream = loop.batches_of(settings, state, scenes, loop.composer_of(settings), me)
+        composer = loop.composer_of(settings)
+        for path in composer.pictures if composer else ():
+            backgrounds._read(path)  # kept from then on, as they are after some minutes of a run
+        stream = loop.batches_of(settings, state, scenes, composer, me)
         made, figures = [], {"device": me.device, "threads": torch.get_num_threads()}
         begun = time.process_time()
         repeated(lambda: made.append(stream[len(made)]), seconds)
