@@ -53,3 +53,23 @@ fn anipose_maps_world_to_camera_and_says_which_lens_is_a_fisheye() {
     assert_eq!(lens(narrow), Some("brown_conrady"));
     assert_pose(narrow, [0.2, 0.0, 0.0], X, Z);
 }
+
+#[test]
+fn caliscope_has_its_cameras_in_a_table() {
+    let text = "[cameras.0]\ncam_id = 0\nrotation_count = 0\nexposure = -7.0\nignore = true\nsize = [640, 480]\n\n\
+        [cameras.1]\ncam_id = 1\nrotation_count = -1\nerror = 0.4\ngrid_count = 34\nignore = false\n\
+        size = [640, 480]\nmatrix = [[500.0, 0.0, 320.0], [0.0, 510.0, 240.0], [0.0, 0.0, 1.0]]\n\
+        distortions = [0.1, -0.2, 0.01, 0.02, 0.3]\ntranslation = [-1.0, 0.0, 0.0]\n\
+        rotation = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]\n\
+        verified_resolutions = [[640, 480], [1280, 720]]\n";
+    let rig = read(&[("camera_array.toml", text)], &scaled(1.0))
+        .unwrap()
+        .rig;
+    let [camera] = rig.cameras() else {
+        panic!("{:?}", rig.cameras());
+    };
+    assert_eq!(camera.id(), "cam_1");
+    assert_params(camera, &[0.1, -0.2, 0.01, 0.02, 0.3]);
+    // -Rᵀ t of t = (-1, 0, 0) is (0, -1, 0).
+    assert_pose(camera, [0.0, -1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]);
+}
