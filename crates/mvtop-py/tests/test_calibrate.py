@@ -555,3 +555,15 @@ def test_photographs_of_a_chessboard(stereo_images, tmp_path):
     distance = np.linalg.norm(right.world_from_cam[:3, 3] - left.world_from_cam[:3, 3])
     assert distance / 0.025 == pytest.approx(3.34, abs=0.06)
     assert max(camera.px for camera in told.cameras) < 0.6
+
+
+def test_names_of_files_are_shown_with_control_characters_escaped(tmp_path, capsys):
+    board = tmp_path / "board.json"
+    board.write_text(json.dumps(CHESSBOARD | {"x\x1b[2J\x9b\u202e": 1}))
+    code = main(["calibrate", "--board", str(board), str(tmp_path), "-o", str(tmp_path / "r.json")])
+    assert code == 2 and r"`x\u001b[2J\u009b\u202e`: no key of a" in capsys.readouterr().err
+    named = tmp_path / "a\x1b[31m.pdf"
+    size = ["--columns", "5", "--rows", "4", "--square", "30mm"]
+    assert main(["board", "--kind", "chessboard", *size, "-o", str(named)]) == 0
+    told = capsys.readouterr()
+    assert named.exists() and r"a\u001b[31m.pdf" in told.out and "\x1b" not in told.out + told.err

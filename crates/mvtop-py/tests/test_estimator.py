@@ -429,6 +429,15 @@ def test_interrupts_are_none_of_a_value(estimator, rig):
 def test_sets_of_images_and_texts_as_boxes_are_refused(estimator, rig, paths):
     with pytest.raises(ValueError, match="images: expected a list of arrays or paths.*got set"):
         estimator.predict(set(paths), rig)
-    boxes = [{"class": "mvball", "boxes": {rig.cameras[0].id: "1234"}}]
-    with pytest.raises(ValueError, match="boxes: expected .*'1234' is no box"):
-        estimator.predict(paths, rig, boxes=boxes)
+    no_boxes = [
+        "1234",
+        b"1234",
+        bytearray(4),
+        memoryview(b"1234"),
+        {1, 2, 3, 4},
+        ["1", "2", "3", "4"],
+    ]
+    for no_box in [*no_boxes, dict.fromkeys([1, 2, 3, 4])]:
+        boxes = [{"class": "mvball", "boxes": {rig.cameras[0].id: no_box}}]
+        with pytest.raises(ValueError, match="boxes: expected .* is no box"):
+            estimator.predict(paths, rig, boxes=boxes)

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import torch
-from PIL import Image
+from PIL import Image, PngImagePlugin
 
 import mvtop
 
@@ -85,6 +85,26 @@ def test_an_image_that_is_marked_as_turned_is_refused(estimator, rig, pictures):
     turned.getexif()[0x0112] = 6
     with pytest.raises(ValueError, match="EXIF orientation 6.; give it upright"):
         estimator.predict({rig.cameras[0].id: turned}, rig)
+
+
+@pytest.mark.parametrize("chunks", [("gAMA",), ("gAMA", "sRGB"), ("usual",)])
+def test_the_gamma_of_a_png_file_counts_for_paths_and_for_pillow(
+    chunks, estimator, rig, pictures, truth, expected, tmp_path
+):
+    stated = {
+        "gAMA": (b"gAMA", (100_000).to_bytes(4)),
+        "usual": (b"gAMA", (45_455).to_bytes(4)),
+        "sRGB": (b"sRGB", b"\0"),
+    }
+    for camera, picture in zip(rig.cameras, pictures, strict=True):
+        told = PngImagePlugin.PngInfo()
+        for name in chunks:
+            told.add(*stated[name])
+        picture.save(tmp_path / f"{camera.id}.png", pnginfo=told)
+    files = [tmp_path / f"{camera.id}.png" for camera in rig.cameras]
+    by_path = numbers(estimator.predict(files, rig, boxes=truth))
+    assert by_path == numbers(estimator.predict([*map(Image.open, files)], rig, boxes=truth))
+    assert (by_path == expected) == (chunks != ("gAMA",))
 
 
 def test_more_objects_than_100_are_refused_whoever_gives_them(

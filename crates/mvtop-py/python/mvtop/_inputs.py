@@ -29,6 +29,11 @@ if TYPE_CHECKING:
     Boxes = str | os.PathLike[str] | Iterable[Mapping[str, Any]]
 
 
+_TEXTS = (str, bytes, bytearray, memoryview)
+_GAMMA = 1 / 2.2  # exponent of samples that are taken as they are
+_SAME_GAMMA = 0.05  # exponents that differ by this share are the same
+
+
 def refuse_no_rig(rig: object) -> None:
     if not isinstance(rig, Rig):
         raise ValueError(f"rig: expected a mvtop.Rig, got {type(rig).__name__}; see mvtop.Rig.load")
@@ -98,7 +103,8 @@ def _readable(image: Any, camera: str, where: str) -> Any:
 
 
 def _of_pillow(image: Any, name: str) -> Any:
-    """As files are read: grey spread over three channels, without alpha, refused where rotated."""
+    """As files are read: grey spread over three channels, without alpha, by the gamma that a PNG
+    file states, refused where rotated."""
     if image.mode in ("I", "F") or image.mode.startswith("I;"):
         raise ValueError(
             f"{name}: expected 8 bits, got an image of Pillow's mode {image.mode}; scale it to 8 "
@@ -109,7 +115,24 @@ def _of_pillow(image: Any, name: str) -> Any:
             f"{name}: is marked as rotated or mirrored (EXIF orientation {turn}); give it upright, "
             "as calibrated, without the mark"
         )
-    return image.convert("RGB")
+    colors = image.convert("RGB")
+    exponent = _correction(image.info)
+    return colors if exponent is None else colors.point(_gamma_table(exponent) * 3)
+
+
+def _correction(info: Mapping[Any, Any]) -> float | None:
+    """The exponent that turns samples, 0 to 1, into the usual ones, by what Pillow read beside
+    them; None where they are these, or where a profile counts."""
+    stated = info.get("gamma")
+    if not stated or info.get("icc_profile") is not None or "srgb" in info:
+        return None
+    exponent = _GAMMA / float(stated)
+    return exponent if abs(exponent - 1) > _SAME_GAMMA else None
+
+
+def _gamma_table(exponent: float) -> list[int]:
+    """Of each sample of 8 bits, by way of 16 bits as files are read."""
+    return [(round(65535 * (sample / 255) ** exponent) + 128) // 257 for sample in range(256)]
 
 
 def _by_name(images: list[Any], ids: list[str], where: str) -> list[tuple[int, Any]]:
@@ -179,7 +202,10 @@ def boxes_of_groups(boxes: Any, count: int) -> list[Any]:
 
 
 def _box(box: Sequence[float]) -> list[float]:
-    if isinstance(box, (str, bytes)):
+    # Characters of texts would be taken for numbers; sets have no order, mappings no numbers.
+    if isinstance(box, (*_TEXTS, Set, Mapping)):
         raise TypeError(f"{box!r} is no box")
     x0, y0, x1, y1 = box
+    if any(isinstance(x, _TEXTS) for x in (x0, y0, x1, y1)):
+        raise TypeError(f"{box!r} is no box of numbers")
     return [float(x) for x in (x0, y0, x1, y1)]

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from mvtop._mvtop import Rig
+from mvtop._printable import harmless, printable
 from mvtop.calibration import _need
 from mvtop.calibration.lengths import metres
 from mvtop.calibration.lenses import KINDS
@@ -30,10 +31,14 @@ def main(arguments: Sequence[str]) -> int:
     except BrokenPipeError:
         return 0
     except (ValueError, OSError, ModuleNotFoundError) as error:
-        sentence = " ".join(str(error).split())
-        print(f"error: {sentence}", file=sys.stderr)
+        print(f"error: {printable(error)}", file=sys.stderr)
         return 2
     return 0
+
+
+def say(text: str) -> None:
+    """Prints lines, harmless whatever names of files and cameras are in them."""
+    print(harmless(text))
 
 
 class _Lines(argparse.RawDescriptionHelpFormatter):
@@ -52,7 +57,7 @@ class _Parser(argparse.ArgumentParser):
         self.add_argument("-h", "--help", action="help", help="Print help")
 
     def error(self, message: str) -> None:  # type: ignore[override]
-        print(f"error: {message}; see {self.prog} --help", file=sys.stderr)
+        print(f"error: {printable(message)}; see {self.prog} --help", file=sys.stderr)
         raise SystemExit(2)
 
 
@@ -166,13 +171,13 @@ def _run_calibrate(args: argparse.Namespace) -> None:
         trust_unit=args.trust_unit,
         progress=_progress,
     )
-    print(result.text())
+    say(result.text())
     write(args.out, result.rig.to_json())
     if args.page is not None:
         write(args.page, result.page())
     if args.json is not None:
         write(args.json, json.dumps(result.to_dict(), indent=1) + "\n")
-    print(f"{args.out}: written; look at it: mvtop-cli rig show {args.out} --picture rig.svg")
+    say(f"{args.out}: written; look at it: mvtop-cli rig show {args.out} --picture rig.svg")
 
 
 def _progress(done: int, total: int) -> None:
@@ -258,8 +263,8 @@ def _run_board(args: argparse.Namespace) -> None:
         write(args.out, printing.svg(board, paper))
     else:
         write(args.out, printing.pdf(board, paper))
-    print(f"{args.out}: {paper[0]:.0f} x {paper[1]:.0f} mm; {printing.caption(board)}")
-    print(f"{beside}: the board file, for mvtop-cli rig calibrate --board {beside}")
+    say(f"{args.out}: {paper[0]:.0f} x {paper[1]:.0f} mm; {printing.caption(board)}")
+    say(f"{beside}: the board file, for mvtop-cli rig calibrate --board {beside}")
 
 
 def _wanted_board(args: argparse.Namespace) -> dict[str, object]:

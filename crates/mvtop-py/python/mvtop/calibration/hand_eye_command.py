@@ -73,7 +73,7 @@ def add(commands: Any, formatter: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Does what the arguments say."""
     from mvtop.calibration import on_robot, robot_poses
-    from mvtop.calibration.commands import may_write, save_rig, write
+    from mvtop.calibration.commands import may_write, save_rig, say, write
 
     read = [p for p in (args.rig, args.board, args.robot_poses) if p is not None]
     for path in (args.out, args.json):
@@ -86,9 +86,7 @@ def run(args: argparse.Namespace) -> None:
         made = on_robot.at_poses(rig, poses, **reading)
         save_rig(args.out, made)
         count = len(poses.numbers)
-        print(
-            f"{args.out}: {len(made)} cameras, of {count} poses of the hand; its world is the base"
-        )
+        say(f"{args.out}: {len(made)} cameras, of {count} poses of the hand; its world is the base")
         return
     if args.board is None:
         raise ValueError("--board is missing: images show a board that its file describes")
@@ -103,12 +101,12 @@ def run(args: argparse.Namespace) -> None:
         unit=args.unit,
         layout=args.layout,
     )
-    print(text(told))
+    say(text(told))
     save_rig(args.out, told.rig)
     if args.json is not None:
         write(args.json, json.dumps(to_dict(told), indent=1) + "\n")
     world = "the robot's hand" if told.result.eye == "hand" else "the robot's base"
-    print(f"{args.out}: written; its world is {world}")
+    say(f"{args.out}: written; its world is {world}")
 
 
 def _said(args: argparse.Namespace, poses: Any) -> dict[str, str]:
