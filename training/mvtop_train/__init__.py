@@ -3,6 +3,8 @@
 import os
 import sys
 
+from . import children
+
 # Read when ONNX Runtime is loaded, which else writes files and asks for a host:
 # docs/explanation/security.md.
 os.environ["ORT_DISABLE_TELEMETRY"] = "1"
@@ -13,5 +15,7 @@ os.environ.setdefault("LP_NUM_THREADS", "1")  # software rendering: one core per
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 os.environ.setdefault("GOMP_SPINCOUNT", "0")
 # Read when tqdm is imported: progress in a file, which nobody watches, is told now and then.
-if not sys.stderr.isatty():
+if sys.stderr is None or not sys.stderr.isatty():
     os.environ.setdefault("TQDM_MININTERVAL", "20")
+# Read by every Python that this process starts.
+os.environ |= children.environment()

@@ -3,30 +3,97 @@
 import argparse
 import contextlib
 import functools
+import os
+import re
 import sys
+
+# Control characters, by which a terminal can be made to show something else, and those that turn
+# the direction of writing; within the brackets of a regular expression.
+MISLEADING = r"\x00-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069"
 
 
 class UserError(Exception):
-    """One sentence: what was expected, what came, and the fix; a command prints it and exits."""
+    """A sentence, or several: what was expected, what came, and the fix; a command prints each on a
+    line and exits."""
+
+
+def printable(sentence) -> str:
+    """A sentence that is safe to print, whatever names of a stranger's files are in it: one line,
+    with misleading characters as JSON escapes them."""
+    words = " ".join(str(sentence).split())
+    return re.sub(f"[{MISLEADING}]", lambda found: f"\\u{ord(found[0]):04x}", words)
 
 
 def command(main):
-    """Decorates the `main` of a command: a `UserError` becomes one line on stderr, exit code 1; so
-    does a file where a folder is to be."""
+    """Decorates the `main` of a command: a `UserError` becomes a line on stderr, exit code 1; so
+    does a file where a folder is to be, and what is printed where nothing takes it."""
 
     @functools.wraps(main)
     def run(*args):
         try:
-            return main(*args)
+            with _printing():
+                return main(*args)
         except UserError as error:
-            sys.exit(f"error: {error}")
+            sys.exit("\n".join(f"error: {printable(sentence)}" for sentence in error.args))
         except (FileExistsError, NotADirectoryError) as error:
             sys.exit(
-                f"error: {error.filename}: expected a folder, got a file in its place; "
+                f"error: {printable(error.filename)}: expected a folder, got a file in its place; "
                 "fix: name another folder"
             )
 
     return run
+
+
+class _Stdout:
+    """A `UserError` where stdout takes no more of what is printed. A reader that has gone away, as
+    in `| head`, is no failure: what is printed then is dropped."""
+
+    def __init__(self, stream):
+        self._stream = stream
+
+    def __getattr__(self, name: str):
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        with self._asked():
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self):
+        with self._asked():
+            self._stream.flush()
+
+    @contextlib.contextmanager
+    def _asked(self):
+        try:
+            yield
+        except BrokenPipeError:
+            self._drop()
+        except OSError as error:
+            self._drop()
+            raise UserError(
+                f"stdout: expected a stream that takes what is printed, got: {error.strerror}; "
+                "fix: >/dev/null"
+            ) from None
+
+    def _drop(self):
+        """Leaves nothing that Python would write at its end, to end in an error of its own."""
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self._stream.fileno())
+        os.close(nowhere)
+
+
+@contextlib.contextmanager
+def _printing():
+    """A `UserError` where stdout is closed, or takes no more of what is printed within."""
+    if sys.stdout is None:  # the next file that is opened would be in its place
+        raise UserError("stdout: expected a stream, got a closed one; fix: >/dev/null")
+    stdout = _Stdout(sys.stdout)
+    with contextlib.redirect_stdout(stdout):
+        try:
+            yield
+        finally:
+            stdout.flush()
 
 
 @contextlib.contextmanager

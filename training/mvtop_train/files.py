@@ -29,6 +29,12 @@ def read_text(path: Path, fix: str, most: int = 1 << 28) -> str:
         raise UserError(f"{path}: expected text in UTF-8, got: {error}; fix: the file") from None
 
 
+def is_bounded(path: Path, most: int) -> bool:
+    """Whether a path is of a file, no device or pipe, of so many bytes at most."""
+    path = Path(path)
+    return path.is_file() and path.stat().st_size <= most
+
+
 def read_json(path: Path, fix: str):
     """What a file of JSON holds; a key that comes twice is refused."""
     try:

@@ -21,7 +21,7 @@ ALLOWED = {
     "adapt": {"network", "data", "training", "evaluation", "export"},
 }
 COMMANDS = {"calibrate", "cli", "generate", "train", "run"}  # beside `export` and `adapt`
-BASE = {"errors", "files", "description", "shipped"}
+BASE = {"children", "errors", "files", "description", "shipped"}
 
 
 def module_name(path: Path) -> str:

@@ -15,7 +15,7 @@ from packaging.requirements import Requirement
 
 import mvtop_train
 from mvtop_train import cli, shipped
-from mvtop_train.errors import UserError
+from mvtop_train.errors import UserError, command
 
 PACKAGE = Path(mvtop_train.__file__).parent
 PROJECT = Path(__file__).parents[1]
@@ -59,6 +59,29 @@ def test_a_command_that_is_none_is_one_sentence():
     assert re.fullmatch(
         r"error: mvtop-train: expected one of run, .*, got 'fit'; fix: .*\n", done.stderr
     )
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("arguments", ["list", "--help", "generate --help", "fit"])
+def test_what_cannot_be_printed_is_one_sentence(arguments):
+    program = f"{sys.executable} -m mvtop_train.cli {arguments}"
+    for stdout, why in ((">/dev/full", "No space left on device"), (">&-", "a closed one")):
+        done = subprocess.run(["sh", "-c", f"{program} {stdout}"], capture_output=True, text=True)
+        assert done.returncode == 1 and done.stderr.count("\n") == 1, done.stderr
+        if arguments != "fit" or stdout == ">&-":
+            assert re.match(f"error: stdout: expected a stream.*, got.* {why}; fix: ", done.stderr)
+    done = subprocess.run(["sh", "-c", f"{program} | true"], capture_output=True, text=True)
+    assert "Traceback" not in done.stderr
+
+
+def test_messages_are_lines_with_control_characters_escaped(capsys):
+    @command
+    def main():
+        raise UserError("a\x1b[31m\x07.json:\n  none\x9b\u202e", "b")
+
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert str(ended.value) == "error: a\\u001b[31m\\u0007.json: none\\u009b\\u202e\nerror: b"
 
 
 def test_configs_and_rigs_are_found_by_name_and_by_path(tmp_path, monkeypatch):

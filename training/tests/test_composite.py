@@ -1,5 +1,7 @@
 """What is put behind and before an object leaves the object, and its share in sight, alone."""
 
+import os
+
 import cv2
 import numpy as np
 import pytest
@@ -28,6 +30,25 @@ def test_the_pictures_of_a_folder_are_found(pictures, tmp_path):
     broken.write_text("not a picture")
     with pytest.raises(UserError, match="broken.png: expected a picture, .*; fix: "):
         backgrounds.cut([broken], np.random.default_rng(0), 8, 8)
+
+
+def test_pictures_are_files_of_bounded_size(tmp_path, monkeypatch):
+    (tmp_path / "a.png").write_bytes(bytes(100))
+    os.mkfifo(tmp_path / "b.png")
+    with pytest.raises(UserError, match="b.png: expected a file of .* pipe or device; fix: "):
+        backgrounds.fingerprint(tmp_path)
+    (tmp_path / "b.png").unlink()
+    monkeypatch.setattr(backgrounds, "BYTES", 99)
+    with pytest.raises(UserError, match="a.png: expected a file of .* larger one.*; fix: "):
+        backgrounds.pictures(tmp_path)
+
+
+def test_the_fingerprint_is_of_all_that_is_in_a_picture(tmp_path):
+    found = set()
+    for last in (b"a", b"b"):
+        (tmp_path / "a.png").write_bytes(bytes(1 << 17) + last)
+        found.add(backgrounds.fingerprint(tmp_path))
+    assert len(found) == 2
 
 
 @pytest.mark.parametrize("size", [(160, 160), (384, 512), (50, 700)])

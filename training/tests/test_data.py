@@ -1,5 +1,8 @@
 """Scenes keep the rule of the paper, and what is written comes back."""
 
+import json
+import sys
+
 import numpy as np
 import pytest
 
@@ -7,6 +10,8 @@ from mvtop_train.data import bop, mvball, objects, rendered
 from mvtop_train.data.boxes import amodal_boxes
 from mvtop_train.data.crops import Augmentation, Crops
 from mvtop_train.data.views import ViewMaker
+from mvtop_train.errors import UserError
+from mvtop_train.export import __main__ as export
 from mvtop_train.network import config
 from mvtop_train.network.coordinates import decode
 from mvtop_train.synthesis import scenes
@@ -135,3 +140,20 @@ def test_no_coordinates_are_asked_for_where_something_was_put_before(tmp_path, v
     assert asked[:, : column // 4].any() and asked[:, column // 4 :].any()
     assert not screened["coords"][:, : column // 4].any()
     np.testing.assert_array_equal(screened["coords"][:, column // 4 :], asked[:, column // 4 :])
+
+
+@pytest.mark.parametrize("name", ["../../PWNED", "a/b", "a\x1b[31m", "a\nb", "a\x9bb", "a\u202eb"])
+def test_names_of_objects_are_names_that_files_can_have(name, tmp_path, monkeypatch):
+    data, out = tmp_path / "data", tmp_path / "deep/b"
+    objects.write(data, [(objects.ball(), objects.ball_mesh())])
+    path = data / "models" / objects.INFO
+    path.write_text(json.dumps({"1": {"diameter": 98.0, "name": name}}))
+    before = sorted(tmp_path.rglob("*"))
+    for read in (objects.read_all, objects.read):
+        with pytest.raises(UserError, match="models_info.json: expected names .*; fix: "):
+            read(data)
+    options = ["--untrained", "tiny", "--data", str(data), "--out", str(out)]
+    monkeypatch.setattr(sys, "argv", ["export", *options])
+    with pytest.raises(SystemExit, match="error: .*models_info.json: expected names"):
+        export.main()
+    assert sorted(tmp_path.rglob("*")) == before

@@ -1,6 +1,11 @@
 """Meshes of users: what their files give is kept, and what cannot be used is refused."""
 
+import ast
+import json
 import os
+import resource
+import zipfile
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -9,7 +14,7 @@ import scipy.spatial
 import trimesh
 from PIL import Image
 
-from mvtop_train.data import objects
+from mvtop_train.data import memory, objects
 from mvtop_train.errors import UserError
 from mvtop_train.export import mesh as bundled
 from mvtop_train.synthesis import catalogue, parts
@@ -127,6 +132,70 @@ def test_meshes_that_take_too_much_memory_are_refused_with_the_command_that_deci
     monkeypatch.setattr(objects, "MESH_BYTES", 5000)
     with pytest.raises(UserError, match="MiB at most, got a larger one.*; fix: .*decimation"):
         objects.load_mesh(path, "mm")
+
+
+def test_meshes_of_data_sets_are_bounded_as_own_ones_are(tmp_path, monkeypatch):
+    (tmp_path / "models").mkdir()
+    BOX.export(tmp_path / "models/obj_000001.ply")
+    assert len(objects.read_mesh(tmp_path, 1).faces) == 12
+    monkeypatch.setattr(objects, "MESH_TRIANGLES", 2)
+    with pytest.raises(UserError, match="obj_000001.ply: expected 2 triangles at most.*got 12"):
+        objects.read_mesh(tmp_path, 1)
+    trimesh.PointCloud(BOX.vertices).export(tmp_path / "models/obj_000001.ply")
+    with pytest.raises(UserError, match="obj_000001.ply: expected 6 vertices at most.*got 8"):
+        objects.read_mesh(tmp_path, 1)
+    (tmp_path / "models/obj_000001.ply").write_bytes(b"no mesh")
+    with pytest.raises(UserError, match="obj_000001.ply: expected an obj, stl or ply file"):
+        objects.read_mesh(tmp_path, 1)
+
+
+@pytest.mark.skipif(not memory.STATUS.exists(), reason="only Linux bounds memory")
+def test_a_mesh_that_asks_for_more_memory_than_any_is_refused(tmp_path):
+    zeros = {"buffer": 0, "byteLength": 12}
+    sparse = {"count": 1, "values": {"bufferView": 0}}
+    sparse["indices"] = {"bufferView": 0, "componentType": 5125}
+    accessor = {"componentType": 5126, "count": 300_000_000, "type": "VEC3", "sparse": sparse}
+    (tmp_path / "sparse.gltf").write_text(json.dumps({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}], "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [accessor], "bufferViews": [zeros],
+        "buffers": [{"byteLength": 12, "uri": f"data:;base64,{'A' * 16}"}],
+    }))  # fmt: skip
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    with pytest.raises(UserError, match="sparse.gltf: expected a mesh that is read within 3 GiB"):
+        objects.load_mesh(tmp_path / "sparse.gltf", "mm")
+    assert resource.getrlimit(resource.RLIMIT_DATA) == before
+
+
+def test_archives_are_no_meshes(tmp_path):
+    BOX.export(tmp_path / "box.stl")
+    with zipfile.ZipFile(tmp_path / "box.zip", "w") as packed:
+        packed.write(tmp_path / "box.stl", "box.stl")
+    with pytest.raises(UserError, match="box.zip: expected a file of .obj, .stl.*; fix: "):
+        objects.load_mesh(tmp_path / "box.zip", "mm")
+
+
+@pytest.mark.parametrize("name", ["print.png", "print.eps"])
+def test_a_texture_starts_no_program(name, tmp_path, monkeypatch):
+    program, ran = tmp_path / "programs/gs", tmp_path / "ran"
+    program.parent.mkdir()
+    program.write_text(f"#!/bin/sh\ntouch {ran}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(program.parent), prepend=os.pathsep)
+    monkeypatch.setattr("PIL.EpsImagePlugin.gs_binary", None)  # is looked for anew
+    text = "%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 8 8\n%%EndComments\nshowpage\n%%EOF\n"
+    (tmp_path / name).write_text(text)
+    path = wavefront(tmp_path, PRINTED.replace("print.png", name))
+    with pytest.raises(UserError, match=f"expected the picture {name} .*PNG, JPEG"):
+        objects.load_mesh(path, "mm")
+    assert not ran.exists()
+
+
+def test_every_picture_is_opened_as_one_of_a_few_kinds():
+    for path in Path(objects.__file__).parents[1].rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("Image.open"):
+                assert "formats" in [word.arg for word in node.keywords], f"{path}:{node.lineno}"
 
 
 def test_without_a_material_a_mesh_has_the_colors_of_its_vertices_or_none(tmp_path):

@@ -7,10 +7,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from .. import files
 from ..errors import UserError
 
 SIDE = 960  # px, of what is kept of a picture: some hundred fit into memory
-BEGINNING = 1 << 16  # bytes, which differ between any two photographs
+BYTES = 1 << 28  # of a picture's file at most
 ENDINGS = {".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff"}
 
 
@@ -22,16 +23,21 @@ def pictures(folder: Path | str) -> list[Path]:
             f"backgrounds {folder}: expected a folder of pictures ({', '.join(sorted(ENDINGS))}), "
             "got none; fix: photographs of your empty cell are best"
         )
+    for path in found:
+        if not files.is_bounded(path, BYTES):
+            raise UserError(
+                f"backgrounds {path}: expected a file of {BYTES >> 20} MiB at most, got a larger "
+                "one, or a folder, pipe or device; fix: remove it"
+            )
     return found
 
 
 def fingerprint(folder: Path | str) -> bytes:
-    """What tells pictures apart that have the same names: of each its size and its beginning."""
+    """What tells pictures apart that have the same names: all that is in them."""
     digest = hashlib.sha256()
     for path in pictures(folder):
         digest.update(f"{path.relative_to(folder)} {path.stat().st_size}\n".encode())
-        with open(path, "rb") as file:
-            digest.update(file.read(BEGINNING))
+        digest.update(path.read_bytes())
     return digest.digest()
 
 

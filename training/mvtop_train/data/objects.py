@@ -8,6 +8,8 @@ Training, evaluation and export read the object back from there, so that they se
 in BOP layout; without `models_eval/` the points are drawn from the mesh.
 """
 
+import contextlib
+import functools
 import hashlib
 import io
 import json
@@ -17,25 +19,29 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+from PIL import Image
 
-from ..errors import UserError, asking_mvtop
+from .. import files
+from ..errors import MISLEADING, UserError, asking_mvtop
 from ..network.config import ObjectClass
-from . import mvball
-from .backgrounds import ENDINGS
+from . import memory, mvball
 
 POINTS = 1200  # on the surface, for ADD and overlays
 DIRECTIONS = 600  # in which the outermost points are kept
 GREY = 160  # of meshes without color
 FAR = 2.0  # diameters from a mesh's middle to its origin; beyond, coordinates have too few bits
 TRIANGLES = 2000  # of a bundle's mesh at most: what refinement draws some times in each view
-MESH_TRIANGLES = 300_000  # of a mesh that is rendered
+MESHES = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf")  # that trimesh reads without unpacking
+PICTURES = ("PNG", "JPEG", "WEBP", "BMP", "TIFF")  # of materials: Pillow starts programs for others
+MESH_TRIANGLES = 300_000  # of a mesh that is rendered; it has three times as many vertices at most
 MESH_BYTES = 1 << 28  # of a mesh's file, and of each that it names
+MESH_MEMORY = 3 << 30  # bytes, that reading it takes at most
 DECIMATE = (
     'a coarser one, pip install fast-simplification; python -c "import trimesh; trimesh.load('
     "'LARGE', force='mesh').simplify_quadric_decimation(face_count=200000).export('SMALL.ply')\""
 )
 INFO = "models_info.json"
-FILE_NAME = re.compile(r'[^/\\:*?"<>|\x00-\x1f]+')  # as an object's is the name of files
+FILE_NAME = re.compile(rf'[^/\\:*?"<>|{MISLEADING}]+')  # as an object's is the name of files
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
@@ -91,18 +97,16 @@ class _Beside(trimesh.resolvers.FilePathResolver):
 
     def absolute(self, name: str) -> Path:
         path = super().absolute(name)
-        if path.exists() and not _is_bounded(path):
+        if path.exists() and not files.is_bounded(path, MESH_BYTES):
             raise ValueError(name)
         return path
 
     def get(self, name: str) -> bytes:
-        if Path(name).suffix.lower() not in ENDINGS:
+        if Path(name).suffix.lower() not in Image.registered_extensions():
             return self._read(name)
         try:
-            from PIL import Image  # not needed for meshes without texture
-
             content = self._read(name)
-            Image.open(io.BytesIO(content))
+            Image.open(io.BytesIO(content), formats=PICTURES)
             return content
         except Exception:
             self.unread.append(name)
@@ -118,59 +122,85 @@ class _Beside(trimesh.resolvers.FilePathResolver):
         return content
 
 
-def _is_bounded(path: Path) -> bool:
-    """Whether a path is of a file, no device or pipe, that fits into memory."""
-    return path.is_file() and path.stat().st_size <= MESH_BYTES
+@contextlib.contextmanager
+def reading(path: Path):
+    """Within, trimesh may take bounded memory, and pictures of a few kinds; what it raises is a
+    `UserError` of the mesh at `path`."""
+    every, Image.open = Image.open, functools.partial(Image.open, formats=PICTURES)
+    try:
+        with memory.at_most(MESH_MEMORY):
+            yield
+    except UserError:
+        raise
+    except MemoryError:
+        raise UserError(
+            f"mesh {path}: expected a mesh that is read within {MESH_MEMORY >> 30} GiB of memory, "
+            f"got a larger one; fix: {DECIMATE}"
+        ) from None
+    except Exception as error:
+        raise UserError(
+            f"mesh {path}: expected an obj, stl or ply file with triangles, got {error}; "
+            "fix: export the part again as one of these"
+        ) from None
+    finally:
+        Image.open = every
 
 
 def load(path: Path, **options) -> tuple:
-    """What trimesh makes of a file, and the `_Beside` that it read other files by."""
-    if not _is_bounded(path):
+    """What trimesh makes of a file, triangles or points, and the `_Beside` that it read other files
+    by."""
+    path = Path(path)
+    if path.suffix.lower() not in MESHES:
+        raise UserError(
+            f"mesh {path}: expected a file of {', '.join(MESHES)}, got {path.suffix!r}; "
+            "fix: export the part as one of these"
+        )
+    if not files.is_bounded(path, MESH_BYTES):
         raise UserError(
             f"mesh {path}: expected a file of {MESH_BYTES >> 20} MiB at most, got a larger one, or "
             f"none; fix: {DECIMATE}"
         )
     beside = _Beside(path)
-    mesh = trimesh.load(path, resolver=beside, **options)
+    with reading(path):
+        mesh = trimesh.load(path, resolver=beside, **options)
+        if isinstance(mesh, trimesh.Scene):
+            mesh = mesh.to_mesh()
     if beside.refused:
         raise UserError(
             f"mesh {path}: expected files beside it or in a folder there, of "
             f"{MESH_BYTES >> 20} MiB at most, got {beside.refused[0]!r}; "
             "fix: copy it beside the mesh, or take out its line"
         )
+    _refuse_many(path, "triangles", len(getattr(mesh, "faces", ())), MESH_TRIANGLES)
+    _refuse_many(path, "vertices", len(mesh.vertices), 3 * MESH_TRIANGLES)
     return mesh, beside
 
 
+def _refuse_many(path: Path, what: str, count: int, most: int):
+    if count > most:
+        raise UserError(
+            f"mesh {path}: expected {most:,} {what} at most, as each process that renders it takes "
+            f"5 kB for each triangle, got {count:,}; fix: {DECIMATE}"
+        )
+
+
 def load_mesh(path: Path, unit: str) -> trimesh.Trimesh:
-    """A mesh file that trimesh reads (obj, stl, ply, ...), in metres; `metadata["beside"]` is a
-    digest of the other files that it names."""
+    """A mesh file (obj, stl, ply, ...) in metres; `metadata["beside"]` is a digest of the other
+    files that it names."""
     if not Path(path).is_file():
         raise UserError(f"mesh {path}: no such file; fix: check the path")
-    try:
-        # Vertices of STL files are not shared between faces: merge them, for smooth shading.
-        merged = Path(path).suffix.lower() == ".stl"
-        mesh, beside = load(Path(path), force="mesh", process=merged)
-        faces = len(mesh.faces)
-    except UserError:
-        raise
-    except Exception as error:
-        raise UserError(
-            f"mesh {path}: expected an obj, stl or ply file with triangles, got {error}; "
-            "fix: export the part again as one of these"
-        ) from None
-    if faces == 0:
+    # Vertices of STL files are not shared between faces: merge them, for smooth shading.
+    merged = Path(path).suffix.lower() == ".stl"
+    mesh, beside = load(Path(path), force="mesh", process=merged)
+    if len(mesh.faces) == 0:
         raise UserError(
             f"mesh {path}: expected triangles, got none; fix: export the part as a mesh"
-        )
-    if faces > MESH_TRIANGLES:
-        raise UserError(
-            f"mesh {path}: expected {MESH_TRIANGLES:,} triangles at most, as each process that "
-            f"renders it takes 5 kB for each, got {faces:,}; fix: {DECIMATE}"
         )
     if beside.unread:
         raise UserError(
             f"mesh {path}: expected the picture {beside.unread[0]} of a material, got none "
-            "that can be read; fix: put it there, or take its line out of the material"
+            f"that can be read ({', '.join(PICTURES)}); fix: put it there, or take its line out of "
+            "the material"
         )
     corners = np.asarray(mesh.faces)
     if corners.min() < 0 or corners.max() >= len(mesh.vertices):
@@ -249,7 +279,8 @@ def directions(n: int) -> np.ndarray:
 
 def outermost(points: np.ndarray) -> np.ndarray:
     """The points [m, 3] that lie farthest out in some of many directions."""
-    return points[np.unique((points @ directions(DIRECTIONS).T).argmax(0))]
+    some = np.array_split(directions(DIRECTIONS), 20)  # all at once take 5 kB for each point
+    return points[np.unique(np.concatenate([(points @ to.T).argmax(0) for to in some]))]
 
 
 def diameter(points: np.ndarray) -> float:
@@ -387,7 +418,14 @@ def _infos(root: Path) -> dict:
             f"{path}: no such file, expected a data set in BOP layout in {root}; "
             f"fix: mvtop-train generate --out {root}"
         )
-    return read_infos(path)
+    infos = read_infos(path)
+    for number, info in infos.items():
+        if info.name and not FILE_NAME.fullmatch(info.name):
+            raise UserError(
+                f"{path}: expected names that files can have, got {info.name!r} of object "
+                f"{number}; fix: another name there"
+            )
+    return infos
 
 
 def read_infos(path: Path) -> dict:
@@ -446,6 +484,4 @@ def _points(root: Path, file: str, mesh) -> tuple[np.ndarray, np.ndarray]:
 def _read_ply(path: Path):
     """In metres."""
     mesh, _ = load(path, process=False)
-    if isinstance(mesh, trimesh.Scene):
-        mesh = mesh.to_mesh()
     return mesh.apply_scale(1e-3)

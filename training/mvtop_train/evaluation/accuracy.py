@@ -189,7 +189,7 @@ def main():
         print(json.dumps(found) if args.json else compared_text(found))
         sentences = faults(a, found) if args.fail_if_worse else []
         if sentences:
-            raise UserError("\nerror: ".join(sentences))
+            raise UserError(*sentences)
 
 
 if __name__ == "__main__":

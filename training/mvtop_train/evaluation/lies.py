@@ -329,7 +329,7 @@ def main():
     else:
         print(table(told) + "\n" + totals(told), end="")
     if args.fail and (sentences := faults(told, bounds)):
-        raise UserError("\nerror: ".join(sentences))
+        raise UserError(*sentences)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,11 @@
 """The fixed test sets: where they lie, which model they ask for, and how they are made."""
 
-import os
 import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from .. import children
 from ..data import bop
 from ..network.config import ObjectClass
 from . import groups
@@ -87,10 +86,7 @@ class TestSet:
 
 def _command(module: str, *arguments) -> str | None:
     """Runs a command of the training; why it failed, in a sentence."""
-    root = str(Path(__file__).parents[2])
-    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
-    command = [sys.executable, "-m", f"mvtop_train.{module}", *map(str, arguments)]
-    done = subprocess.run(command, env=os.environ | {"PYTHONPATH": path}, check=False)
+    done = subprocess.run(children.python("-m", f"mvtop_train.{module}", *arguments), check=False)
     return f"mvtop_train.{module} failed, see above" if done.returncode else None
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import torch
 
 from ..data import objects
-from ..errors import UserError, argument_parser, command
+from ..errors import UserError, argument_parser, command, printable
 from ..network import config as configs
 from ..network.model import Mvtop
 from ..training.checkpoint import load_weights
@@ -82,7 +82,7 @@ def main():
     try:
         mesh.add(args.out, mesh.meshes_of(args.data, known))
     except UserError as error:  # the bundle is whole without them
-        print(f"without meshes, on which poses are refined: {error}")
+        print(f"without meshes, on which poses are refined: {printable(error)}")
     size = sum(f.stat().st_size for f in args.out.iterdir()) / 1e6
     print(f"{args.out}: {config.preset}, {step} steps, {size:.1f} MB")
 

@@ -12,12 +12,12 @@ each show 300 pixels of a hemisphere hardly exist: those of the easy split have 
 import hashlib
 import shutil
 import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from .. import children
 from ..errors import UserError, argument_parser, command
 from . import results
 
@@ -124,11 +124,11 @@ def measure(args, wanted: list[Condition]) -> dict[Condition, results.Results]:
             name = f"{condition.split}-seed{args.seed}-views{views}-{args.pairs}"
             samples = args.samples / name
             if len(list(samples.glob("*/truth.json"))) < args.pairs:
-                call([
-                    sys.executable, "-m", "mvtop_train.synthesis.samples", "--out", str(samples),
-                    "--split", condition.split, "--seed", str(args.seed),
-                    "--count", str(args.pairs), "--views", str(views),
-                ])  # fmt: skip
+                call(children.python(
+                    "-m", "mvtop_train.synthesis.samples", "--out", samples,
+                    "--split", condition.split, "--seed", args.seed,
+                    "--count", args.pairs, "--views", views,
+                ))  # fmt: skip
             print(f"[{i + 1}/{len(wanted)}] {condition.split} {condition.name}", flush=True)
             path.parent.mkdir(exist_ok=True)
             call([

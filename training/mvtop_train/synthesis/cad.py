@@ -6,13 +6,13 @@ A STEP file states its unit of length. One that does not is taken in that of `--
 import importlib.util
 import re
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 import trimesh
 
-from ..data.objects import MESH_BYTES, UNITS
+from .. import children
+from ..data.objects import MESH_BYTES, UNITS, reading
 from ..errors import UserError
 
 ENDINGS = (".step", ".stp")
@@ -70,14 +70,15 @@ def to_mesh(path: str | Path, unit: str | None, target: Path):
         made = Path(folder) / target.name
         _convert(path, made)
         if not stated and unit != ASSUMED:
-            scene = trimesh.load_scene(made)
-            scene.apply_scale(UNITS[unit] / UNITS[ASSUMED])
-            scene.export(made)
+            with reading(path):
+                scene = trimesh.load_scene(made)
+                scene.apply_scale(UNITS[unit] / UNITS[ASSUMED])
+                scene.export(made)
         made.replace(target)
 
 
 def _convert(path: Path, target: Path):
-    command = [sys.executable, "-c", SCRIPT, str(path), str(target), str(CHORD), str(ANGLE)]
+    command = children.python("-c", SCRIPT, path, target, CHORD, ANGLE)
     try:
         done = subprocess.run(command, capture_output=True, timeout=MINUTES * 60, check=False)
     except subprocess.TimeoutExpired:

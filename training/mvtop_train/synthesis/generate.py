@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from .. import files
 from ..data import backgrounds, bop, objects, pairs, rig
 from ..errors import UserError
 from . import cad
@@ -23,7 +24,7 @@ from .workers import run_workers, while_asked_for
 
 NUMBERED = re.compile(r"obj_(\d{6})")  # as BOP's meshes are
 LAST_ID = 999_999  # of six digits
-MESHES = (".obj", ".stl", ".ply", *cad.ENDINGS)
+MESHES = (*objects.MESHES, *cad.ENDINGS)
 SAME_SIZE = 0.1  # by how much, as a share, a part's diameter may be another than is told of it
 
 
@@ -104,7 +105,7 @@ def prepare(args) -> tuple[Recipe, object]:
     rigs = tuple(map(str, args.rig or ()))
     digest = hashlib.sha256(f"{args.mesh_unit} {args.instances}".encode())
     for path in (*args.mesh, *rigs):
-        if Path(path).is_file():
+        if files.is_bounded(path, objects.MESH_BYTES):  # others are refused where they are read
             digest.update(Path(path).read_bytes())
         if cad.is_step(path):
             digest.update(f"{cad.CHORD} {cad.ANGLE}".encode())

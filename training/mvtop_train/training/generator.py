@@ -4,12 +4,12 @@ import contextlib
 import json
 import os
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 from tqdm import tqdm
 
+from .. import children
 from ..data import bop
 from ..errors import UserError
 from .runconfig import RunConfig
@@ -50,7 +50,7 @@ class Generator:
             for split, scenes, views in parts
         ]  # fmt: skip
         self.before = {split: self._taken_up(split) for split, _, _ in parts}
-        script = [sys.executable, "-c", SCRIPT, str(os.getpid()), json.dumps(commands)]
+        script = children.python("-c", SCRIPT, os.getpid(), json.dumps(commands))
         with open(self.log, "w") as log:
             self.process = subprocess.Popen(script, stdout=log, stderr=log, start_new_session=True)
 
@@ -100,10 +100,10 @@ class Generator:
 def _command(settings: RunConfig) -> list[str]:
     """Of the generator, without the split and its size."""
     recipe = settings.generate
-    command = [
-        sys.executable, "-m", "mvtop_train.generate", "--out", settings.data,
-        "--workers", str(recipe.workers or os.cpu_count()),
-    ]  # fmt: skip
+    command = children.python(
+        "-m", "mvtop_train.generate", "--out", settings.data,
+        "--workers", recipe.workers or os.cpu_count(),
+    )  # fmt: skip
     if not recipe.mesh:
         return command + (["--window", str(recipe.window)] if recipe.window else [])
     for option in ("mesh", "name", "id", "rig"):

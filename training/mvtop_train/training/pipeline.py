@@ -12,6 +12,7 @@ import sys
 import time
 from pathlib import Path
 
+from .. import children
 from ..data import bank, batches, bop, search
 from ..errors import UserError
 from ..files import write_text
@@ -197,12 +198,12 @@ def export(settings: runconfig.RunConfig, weights: Path, bundle: Path, found):
 
     found  the detector's `thresholds.Thresholds`
     """
-    _ended_well([
-        sys.executable, "-m", "mvtop_train.export", "--weights", str(weights), "--data",
-        settings.data, "--out", str(bundle), "--bits", "8", "--score-threshold", str(found.score),
-        "--agree-threshold", str(found.agree), *(["--integers"] if settings.closeup else []),
-        *(["--object", str(settings.object)] if settings.object else []),
-    ])  # fmt: skip
+    _ended_well(children.python(
+        "-m", "mvtop_train.export", "--weights", weights, "--data",
+        settings.data, "--out", bundle, "--bits", 8, "--score-threshold", found.score,
+        "--agree-threshold", found.agree, *(["--integers"] if settings.closeup else []),
+        *(["--object", settings.object] if settings.object else []),
+    ))  # fmt: skip
 
 
 def calibrated(settings: runconfig.RunConfig, bundle: Path) -> int:
@@ -227,7 +228,7 @@ def _ended_well(command: list[str]):
     """Runs it; UserError where it ends in another way, of which it has told itself."""
     code = subprocess.run(command).returncode
     if code:
-        name = " ".join(Path(part).name for part in command[:3])
+        name = " ".join(Path(part).name for part in command[:4] if part[0] != "-")
         raise UserError(
             f"{name}: expected it to end well, got exit code {code}; see above; fix: what it says, "
             "then the same command again, which goes on from there"

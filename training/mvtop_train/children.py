@@ -1,0 +1,27 @@
+"""Pythons that a command starts: none runs a file of the current folder in place of a module.
+
+By Python's own rule `-c` and `-m` look into the current folder first: a file `json.py` there would
+be run. See docs/explanation/security.md.
+"""
+
+import os
+import site
+import sys
+from pathlib import Path
+
+ROOT = str(Path(__file__).resolve().parents[1])  # from which this package is imported
+
+
+def python(*arguments) -> list[str]:
+    """The command that starts this Python with arguments."""
+    return [sys.executable, "-P", *map(str, arguments)]
+
+
+def environment() -> dict[str, str]:
+    """What children find set, those that `multiprocessing` starts too: none looks into the current
+    folder, and each finds this package where it is."""
+    paths = list(filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep)))
+    found = [*paths, *site.getsitepackages(), site.getusersitepackages()]
+    if ROOT not in map(os.path.realpath, found):
+        paths.insert(0, ROOT)
+    return {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(map(os.path.abspath, paths))}
