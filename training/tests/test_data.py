@@ -1,11 +1,13 @@
 """Scenes keep the rule of the paper, and what is written comes back."""
 
 import json
+import subprocess
 import sys
 
 import numpy as np
 import pytest
 
+from mvtop_train import children
 from mvtop_train.data import bop, mvball, objects, rendered
 from mvtop_train.data.boxes import amodal_boxes
 from mvtop_train.data.crops import Augmentation, Crops
@@ -157,3 +159,22 @@ def test_names_of_objects_are_names_that_files_can_have(name, tmp_path, monkeypa
     with pytest.raises(SystemExit, match="error: .*models_info.json: expected names"):
         export.main()
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_workers_start_where_opencv_has_threads_already(tmp_path):
+    """In a process of its own, as one that hangs would never end."""
+    program = (
+        "import cv2, numpy as np, torch\n"
+        "from mvtop_train.data import batches\n"
+        "cv2.setNumThreads(4)\n"
+        "cv2.resize(np.zeros((2000, 2000, 3), np.uint8), (900, 900))\n"
+        "class Items(torch.utils.data.Dataset):\n"
+        "    def __getitem__(self, n):\n"
+        "        cv2.setNumThreads(1)\n"
+        "        return torch.zeros(1)\n"
+        "print(next(batches.loader(Items(), 0, 1, False)).item())\n"
+    )
+    done = subprocess.run(
+        children.python("-c", program), capture_output=True, text=True, timeout=120
+    )
+    assert done.stdout == "0.0\n", done.stderr

@@ -18,7 +18,7 @@ from ..errors import UserError
 from ..network.precision import autocast
 from . import bop
 from .inputs import normalised
-from .views import COORDINATE_STRIDE, ViewMaker
+from .views import COORDINATE_STRIDE, ViewMaker, one_thread
 
 BATCH = 64  # views through the backbone at once
 FULL = errno.ENOSPC, errno.EDQUOT
@@ -117,6 +117,7 @@ class Bank:
         """Computes what is missing; yields how many are there, after each batch."""
         device, config = next(features.parameters()).device, self.config
         rest = torch.utils.data.Subset(views, range(done, len(views)))
+        one_thread()
         loader = torch.utils.data.DataLoader(rest, BATCH, num_workers=workers)
         with tqdm(total=len(views), initial=done, unit="view", desc="features") as bar:
             for batch in loader:

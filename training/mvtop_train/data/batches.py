@@ -170,6 +170,7 @@ class Batches(torch.utils.data.Dataset):
 
 def loader(batches: Batches, start: int, workers: int, pinned: bool):
     """Batches from step `start` on, in order, made ahead by `workers` processes."""
+    views.one_thread()
     return iter(
         torch.utils.data.DataLoader(
             batches,

@@ -76,7 +76,7 @@ class ViewMaker:
         decoder is given, and true_box, both cut off where the picture ends; coords, see
         `coordinates`, and the extent in whose units they are, m; class_index.
         """
-        cv2.setNumThreads(1)  # several processes share the cores
+        one_thread()
         rgb, instance = bop.read_rgb(image.path), image.only
         index = [obj.id for obj in self.objects].index(instance.obj_id)
         bounds = self.objects[index].bounds
@@ -141,6 +141,12 @@ def warp(rgb: np.ndarray, view_from_image: np.ndarray, size: tuple[int, int], ta
 
 def _nearest(values: np.ndarray, view_from_image: np.ndarray, size: int) -> np.ndarray:
     return cv2.warpPerspective(values, view_from_image, (size, size), flags=cv2.INTER_NEAREST)
+
+
+def one_thread():
+    """Lets OpenCV work on one thread: several processes share the cores. Also before processes are
+    forked, in which its threads would be missing and be waited for without end."""
+    cv2.setNumThreads(1)
 
 
 def lies_on(u, v, view_from_image: np.ndarray, shape) -> np.ndarray:

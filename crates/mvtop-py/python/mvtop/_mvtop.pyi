@@ -451,7 +451,7 @@ class Rig:
         Reads the text of a rig file.
         """
     @classmethod
-    def import_file(cls, /, paths: str | PathLike[str] | SupportsGetItem[int, str | PathLike[str]], *, format: str | None = None, scale: SupportsFloat | SupportsIndex | None = None, unit: str | None = None, image_size: tuple[SupportsIndex, SupportsIndex] | None = None, image_sizes: dict[str, tuple[SupportsIndex, SupportsIndex]] | None = None, direction: str | None = None, model: str | None = None, max_angle: SupportsFloat | SupportsIndex | None = None, image: SupportsIndex | None = None, rectified: bool = False, trust_unit: bool = False) -> tuple[Rig, list[str]]:
+    def import_file(cls, /, paths: str | PathLike[str] | SupportsGetItem[int, str | PathLike[str]], *, format: str | None = None, scale: SupportsFloat | SupportsIndex | None = None, unit: str | None = None, image_size: tuple[SupportsIndex, SupportsIndex] | None = None, image_sizes: dict[str, tuple[SupportsIndex, SupportsIndex]] | None = None, direction: str | None = None, model: str | None = None, max_angle: SupportsFloat | SupportsIndex | None = None, image: SupportsIndex | None = None, rectified: bool = False, trust_unit: bool = False, ignore: SupportsGetItem[int, str] = ...) -> tuple[Rig, list[str]]:
         """
         Makes a rig of the calibration files of another program.
 
@@ -487,6 +487,8 @@ class Rig:
             Of ROS, whether images are rectified rather than raw.
         trust_unit
             As of Rig.
+        ignore
+            Keys that state neither a lens nor a place nor a size; unknown keys are refused otherwise.
 
         Returns
         -------
@@ -503,6 +505,8 @@ class Rig:
     def load(cls, /, path: str | PathLike[str]) -> Rig:
         """
         Reads a rig file (docs/reference/rig-file.md).
+
+        Warns of a lens that folds inside its image (`MvtopWarning`).
 
         Raises
         ------
