@@ -138,6 +138,8 @@ def test_an_interrupt_ends_a_prediction_and_the_next_one_is_whole(in_new_process
     # Many boxes, so that it would take long; the first prediction takes the bounded way.
     script = """
 import json, os, signal, threading, time, mvtop
+# What is started in the background finds the signal ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 rig, images = mvtop.example()
 estimator = mvtop.Estimator.load("mvball")
 truth = json.load(open("examples/mvball/truth.json"))["objects"]
