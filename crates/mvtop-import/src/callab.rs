@@ -98,13 +98,10 @@ fn camera(place: &str, number: u32, fields: &Fields, options: &Options) -> Check
         }
     };
     let known = |key: &str| ["k1", "k2", "k3", "p1", "p2"].contains(&key);
-    let unread = fields
-        .iter()
-        .filter(|(key, _)| !known(key) && unread::is_suspicious(key) && !options.ignores(key))
-        .filter_map(|(key, text)| unread::first(key, &text.as_str().into()));
-    if let unread @ [_, ..] = unread.collect::<Vec<_>>().as_slice() {
-        return Err(of(unread::sentence(unread)));
-    }
+    let unread = fields.iter().filter(|(key, text)| {
+        !known(key) && unread::is_suspicious(key) && unread::matters(key, &text.as_str().into())
+    });
+    unread::refuse_all(unread.map(|(key, _)| key.clone()), options).map_err(of)?;
     let [k1, k2, k3] = [one("k1")?, one("k2")?, one("k3")?];
     let [p1, p2] = [one("p1")?, one("p2")?];
     if [p1, p2] != [0.0; 2] {

@@ -101,12 +101,7 @@ fn camera(source: &Source, options: &Options) -> Checked<DraftCamera> {
     let rest = values
         .iter()
         .filter(|(key, value)| !known(key) && **value != 0.0);
-    let rest = rest
-        .map(|(key, _)| key.clone())
-        .filter(|key| !options.ignores(key));
-    if let unread @ [_, ..] = rest.collect::<Vec<_>>().as_slice() {
-        return Err(of(unread::sentence(unread)));
-    }
+    unread::refuse_all(rest.map(|(key, _)| key.clone()), options).map_err(of)?;
     let focus = need("focus")?;
     if focus <= 0.0 {
         return Err(of("a telecentric lens (Focus 0) cannot be expressed".into()));

@@ -189,7 +189,7 @@ const TURNING: &[&str] = &[
 const AXES: &[&str] = &[
     "opengl", "blender", "unity", "unreal", "maya", "arkit", "yup", "directx",
 ];
-/// Programs' files with many keys of their own: those whose keys hold such words are about a camera.
+/// Words in keys about cameras, in files with many keys of other kinds.
 const SUSPICIOUS: &[&str] = &[
     "dist",
     "coef",
@@ -208,15 +208,21 @@ const SUSPICIOUS: &[&str] = &[
 ///
 /// - `known`: keys that were read
 pub fn refuse(node: &Node, known: &[&str], options: &Options) -> Checked<()> {
-    let rest = node.entries();
-    let rest = rest.iter().filter(|(key, _)| !known.contains(key));
-    let found = rest.filter_map(|(key, inner)| first(key, inner.value));
-    match found
+    let entries = node.entries();
+    let rest = entries.iter().filter(|(key, _)| !known.contains(key));
+    let unread = rest.filter(|(key, inner)| matters(key, inner.value));
+    refuse_all(unread.map(|(key, _)| (*key).to_owned()), options)
+        .map_err(|problem| format!("{}: {problem}", node.place))
+}
+
+/// Refuses these keys, each with the name of its camera before it where it has one.
+pub fn refuse_all(unread: impl Iterator<Item = String>, options: &Options) -> Checked<()> {
+    match unread
         .filter(|path| !options.ignores(path))
         .collect::<Vec<_>>()
     {
-        found if found.is_empty() => Ok(()),
-        found => Err(format!("{}: {}", node.place, sentence(&found))),
+        unread if unread.is_empty() => Ok(()),
+        unread => Err(sentence(&unread)),
     }
 }
 
@@ -237,8 +243,7 @@ pub fn is_suspicious(key: &str) -> bool {
         || SUSPICIOUS.iter().any(|word| plain.contains(word))
 }
 
-/// What to do about these, by their paths.
-pub fn sentence(paths: &[String]) -> String {
+fn sentence(paths: &[String]) -> String {
     let named: Vec<_> = paths
         .iter()
         .take(4)
@@ -262,21 +267,20 @@ pub fn sentence(paths: &[String]) -> String {
     )
 }
 
-/// The key, if it is not harmless and its value states something.
-pub fn first(key: &str, value: &Value) -> Option<String> {
+/// Whether a key is not harmless and its value states something.
+pub fn matters(key: &str, value: &Value) -> bool {
     if is_harmless(key, value) {
-        return None;
+        return false;
     }
-    let found = match value {
-        Value::Object(map) if !map.contains_key("data") => map
-            .iter()
-            .any(|(inner, value)| first(inner, value).is_some()),
+    match value {
+        Value::Object(map) if !map.contains_key("data") => {
+            map.iter().any(|(inner, value)| matters(inner, value))
+        }
         Value::Array(list) if list.iter().any(Value::is_object) => {
-            list.iter().any(|value| first(key, value).is_some())
+            list.iter().any(|value| matters(key, value))
         }
         value => states(key, value),
-    };
-    found.then(|| key.to_owned())
+    }
 }
 
 /// Whether a key is about something else than a camera's lens, place and size.
@@ -288,18 +292,31 @@ pub fn is_harmless(key: &str, value: &Value) -> bool {
 }
 
 /// Whether it is a matrix of rectified images or of a pair.
-pub fn is_of_rectified(plain: &str, value: &Value) -> bool {
-    let base = plain.trim_end_matches(|c: char| c.is_ascii_digit());
-    let of_sides = ["left", "right", "l", "r"]
-        .into_iter()
-        .filter_map(|side| base.strip_suffix(side));
-    let mut names = of_sides.chain([base]);
+fn is_of_rectified(plain: &str, value: &Value) -> bool {
     let count = count_of_numbers(value);
-    names.any(|name| {
-        RECTIFIED
-            .iter()
-            .any(|(known, numbers)| *known == name && count == Some(*numbers))
-    })
+    let known = |name: &str| {
+        let mut known = RECTIFIED.iter();
+        known.any(|(known, numbers)| *known == name && count == Some(*numbers))
+    };
+    cuts(plain).any(|(name, _)| known(name))
+}
+
+/// A plain key as a name and the camera after it: "" where it is a name as a whole, "1" of `m1`, "left" of
+/// `kleft` and `kl`.
+pub fn cuts(plain: &str) -> impl Iterator<Item = (&str, &str)> {
+    const SIDES: [(&str, &str); 4] = [
+        ("left", "left"),
+        ("right", "right"),
+        ("l", "left"),
+        ("r", "right"),
+    ];
+    let digits = plain.trim_end_matches(|c: char| c.is_ascii_digit());
+    let sides = SIDES
+        .iter()
+        .filter_map(|(end, side)| Some((plain.strip_suffix(end)?, *side)));
+    [(plain, ""), (digits, &plain[digits.len()..])]
+        .into_iter()
+        .chain(sides)
 }
 
 /// Whether a value states anything: numbers that are not 0, also as text; the name of a lens or of axes; a

@@ -8,7 +8,7 @@ use super::keys::{in_parts, is_in_order, is_section, is_unit, split};
 use crate::unread::{self, plain};
 use crate::{Checked, Options, Unit, draft};
 
-/// What is said of one camera, by the names of [`super::keys`].
+/// Values of one camera, by the names of [`super::keys`].
 pub type Fields = Map<String, Value>;
 
 /// Of [`Fields`]: what the size's key is called.
@@ -42,7 +42,7 @@ pub struct Pair {
     pub fields: Fields,
 }
 
-/// What is said of a camera apart from its matrix, or of all of them.
+/// Values of a camera whose matrix is elsewhere, or of all cameras.
 struct Part {
     name: String,
     fields: Fields,
@@ -57,7 +57,7 @@ pub struct Found {
     /// Of two cameras, whether nothing says which one comes first.
     pub unordered: bool,
     parts: Vec<Part>,
-    /// Paths of what is none of the names and states something.
+    /// Keys that are none of the names and state something, the camera before them where there is one.
     unread: Vec<String>,
     units: Vec<Unit>,
 }
@@ -198,10 +198,10 @@ impl Found {
                 if has_camera(inner) {
                     by_key.push(id.to_owned());
                 }
-            } else if let Some(path) = unread::first(&key, inner) {
+            } else if unread::matters(&key, inner) {
                 self.unread.push(match whole {
-                    true => path,
-                    false => format!("{name}: {path}"),
+                    true => key,
+                    false => format!("{name}: {key}"),
                 });
             }
         }
@@ -237,7 +237,7 @@ impl Found {
         Ok(())
     }
 
-    /// Whether a value is about cameras, or a part of what is said of one.
+    /// Whether a value is about cameras, or has values of one.
     fn is_part(&self, key: &str, value: &Value) -> bool {
         let placed = |fields: &BTreeMap<&str, String>| is_placed(|key| fields.get(key));
         has_camera(value)
@@ -256,11 +256,9 @@ impl Found {
         let mut cameras = Vec::new();
         for (suffix, of_one) in numbered {
             if !of_one.iter().any(|(_, field, _)| *field == "K") {
-                let rest = of_one.iter();
-                let rest =
-                    rest.filter(|(key, _, value)| !unread::is_of_rectified(&plain(key), value));
-                self.unread
-                    .extend(rest.filter_map(|(key, _, value)| unread::first(key, value)));
+                let rest = of_one.into_iter();
+                let rest = rest.filter(|(key, _, value)| unread::matters(key, value));
+                self.unread.extend(rest.map(|(key, ..)| key));
                 continue;
             }
             let mut fields = Fields::new();
@@ -351,11 +349,7 @@ impl Found {
 
     /// Refuses what is stated and was not read.
     pub fn refuse_unread(&self, options: &Options) -> Checked<()> {
-        let unread = self.unread.iter().filter(|path| !options.ignores(path));
-        match unread.cloned().collect::<Vec<_>>() {
-            unread if unread.is_empty() => Ok(()),
-            unread => Err(unread::sentence(&unread)),
-        }
+        unread::refuse_all(self.unread.iter().cloned(), options)
     }
 
     /// Metres per unit of length, where the file says it.
@@ -384,7 +378,7 @@ fn unit(key: &str, value: &Value) -> Checked<Unit> {
     known.ok_or_else(|| format!("`{key}`: expected m, cm or mm, got {value}"))
 }
 
-/// Puts what is said elsewhere of a camera to the rest.
+/// Adds values of a camera from another place.
 fn merge(id: &str, camera: &mut Fields, more: Fields) -> Checked<()> {
     for (field, value) in more {
         let twice = PLACE.contains(&field.as_str()) && camera.contains_key(&field);
@@ -397,7 +391,7 @@ fn merge(id: &str, camera: &mut Fields, more: Fields) -> Checked<()> {
     Ok(())
 }
 
-/// Gives cameras what is said of all of them.
+/// Gives each camera the values of all.
 fn share(cameras: &mut [(String, Fields)], of_all: &Fields) -> Checked<()> {
     for (id, camera) in cameras {
         merge(id, camera, of_all.clone())?;

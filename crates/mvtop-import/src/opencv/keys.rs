@@ -5,7 +5,7 @@ use serde_json::{Map, Value};
 use crate::ImageSize;
 use crate::lens::Lens;
 use crate::node::count_of_numbers;
-use crate::unread::{names_a_lens, plain};
+use crate::unread::{cuts, names_a_lens, plain};
 
 /// What programs call the same thing, without case and underscores.
 const NAMES: &[(&str, &[&str])] = &[
@@ -217,20 +217,7 @@ pub fn split(key: &str, value: &Value) -> Option<(&'static str, String)> {
             return Some((name, String::new()));
         }
     }
-    let digits = plain.trim_end_matches(|c: char| c.is_ascii_digit());
-    let mut cuts = vec![(plain.as_str(), ""), (digits, &plain[digits.len()..])];
-    let sides = [
-        ("left", "left"),
-        ("right", "right"),
-        ("l", "left"),
-        ("r", "right"),
-    ];
-    cuts.extend(
-        sides
-            .iter()
-            .filter_map(|(end, side)| Some((plain.strip_suffix(end)?, *side))),
-    );
-    cuts.into_iter().find_map(|(base, of)| {
+    cuts(&plain).find_map(|(base, of)| {
         let known = NAMES.iter().find(|(_, names)| names.contains(&base));
         let (name, _) = known.filter(|(name, _)| fits(name, value))?;
         Some((field(name), of.to_owned()))
@@ -290,8 +277,8 @@ pub fn is_unit(key: &str) -> bool {
     UNITS.contains(&plain(key).as_str())
 }
 
-/// A document whose kinds hold cameras (`{"K": {"left": ...}, "dist": {"left": ...}}`) as one whose cameras
-/// hold what is said of them.
+/// A document by kinds (`{"K": {"left": ...}, "dist": {"left": ...}}`) as one by cameras (`{"left": {"K": ...,
+/// "dist": ...}}`).
 pub fn by_camera(value: Value) -> Value {
     let Value::Object(map) = value else {
         return value;
@@ -311,6 +298,12 @@ pub fn by_camera(value: Value) -> Value {
         let Value::Object(of_cameras) = inner else {
             continue;
         };
+        // What is called like one of them and is no object leaves no room for it.
+        let mut names = of_cameras.keys();
+        if !names.all(|camera| cameras.get(camera).is_none_or(Value::is_object)) {
+            cameras.insert(key, Value::Object(of_cameras));
+            continue;
+        }
         for (camera, value) in of_cameras {
             let own = cameras
                 .entry(camera)

@@ -179,6 +179,13 @@ fn lenses_are_read_wherever_they_stand() {
 }
 
 #[test]
+fn a_kind_is_not_dropped_where_another_thing_is_called_like_its_camera() {
+    let text = format!(r#"{{"a": {{{K}, {SIZE}}}, "left": 0, "dist": {{"left": {D}}}}}"#);
+    let error = refusal(&[("rig.json", &text)], &Options::default());
+    assert!(error.contains("`dist`"), "{error}");
+}
+
+#[test]
 fn lists_are_joined_by_what_names_their_entries() {
     let camera = |key: &str, name: &str, focal: f64| {
         format!(
