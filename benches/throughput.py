@@ -53,7 +53,7 @@ class Stages:
 
 
 def repeated(make, seconds: float) -> tuple[float, int]:
-    """Seconds of one `make()` in the mean, and how many were made; the first call warms up."""
+    """Seconds of one `make()` on average, and how many were made; the first call warms up."""
     make()
     begun, count = time.monotonic(), 0
     while time.monotonic() - begun < seconds:

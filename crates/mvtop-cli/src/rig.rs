@@ -58,13 +58,12 @@ fn import(args: &Import) -> Result<()> {
 }
 
 fn check(args: &Check) -> Result<()> {
-    let doubt = show(&args.show, &observed::files(&args.images))?;
+    let Shown { warned, doubt } = show(&args.show, &observed::files(&args.images))?;
     let told = match args.images.is_empty() {
         true => Told::Little,
         false => observed::check(args)?,
     };
     let hinted = doubt.is_some();
-    let warned = !Rig::load(&args.show.rig)?.warnings().is_empty();
     let refused = doubt.filter(|doubt| doubt.refuses);
     let problem = match told {
         Told::Off(problem) => Some(problem),
@@ -84,10 +83,18 @@ fn check(args: &Check) -> Result<()> {
     }
 }
 
-/// What hints at swapped poses, if anything; it is printed.
+/// What was doubtful of a rig that was shown.
+struct Shown {
+    /// Of its lenses.
+    warned: bool,
+    /// What hints at swapped poses.
+    doubt: Option<Doubt>,
+}
+
+/// Prints a rig, and what is doubtful of it.
 ///
 /// - `images`: files that are read as well
-fn show(args: &Show, images: &[PathBuf]) -> Result<Option<Doubt>> {
+fn show(args: &Show, images: &[PathBuf]) -> Result<Shown> {
     if let Some(path) = &args.picture {
         write::may_write(path, args.force)?;
         let read = images.iter().chain([&args.rig]);
@@ -96,7 +103,8 @@ fn show(args: &Show, images: &[PathBuf]) -> Result<Option<Doubt>> {
     let rig = Rig::load(&args.rig)?;
     let views = Views::of(&rig);
     write::print(views.text(&rig).trim_end())?;
-    for warning in rig.warnings() {
+    let warnings = rig.warnings();
+    for warning in &warnings {
         write::print(&format!("warning: {warning}"))?;
     }
     let doubt = views.doubt(&rig);
@@ -106,5 +114,8 @@ fn show(args: &Show, images: &[PathBuf]) -> Result<Option<Doubt>> {
     if let Some(path) = &args.picture {
         write::whole(path, picture::svg(&rig).as_bytes())?;
     }
-    Ok(doubt)
+    Ok(Shown {
+        warned: !warnings.is_empty(),
+        doubt,
+    })
 }
