@@ -144,8 +144,9 @@ test-ros: .venv/ros.done $(WHEELS)/built  ## the ROS 2 nodes as processes over D
 	$(ROS_PY) -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps $(WHEELS)/mvtop-*.whl
 	PYTHONPATH=ros2/mvtop_ros ROS_LOG_DIR="$(CURDIR)/out/ros" $(ROS_PY) -m pytest -q ros2/mvtop_ros/test
 
-fuzz: .venv/run.done  ## readers of every kind of file, rigs, meshes, trackers, changed at random: CASES=n for each
+fuzz: .venv/test.done  ## readers of every kind of file, rigs, meshes, trackers, changed at random: CASES=n for each
 	$(RUNTIME) PROPTEST_CASES=$(CASES) PROPTEST_RNG_SEED=$$RANDOM cargo test --release -p mvtop-core -p mvtop-eval -p mvtop-import --test fuzz
+	$(RUNTIME) CASES=$(CASES) $(PY) -m pytest -q training/tests/test_mesh_fuzz.py
 
 soak: $(MVTOP)  ## many predictions, reloads, kills and resumes: PREDICTIONS=n KILLED=n
 	$(PY) scripts/soak.py --predictions $(PREDICTIONS) --killed $(KILLED)

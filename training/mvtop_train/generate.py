@@ -13,7 +13,7 @@ import dataclasses
 import os
 
 from . import shipped
-from .data.objects import UNITS
+from .data.meshfile import UNITS
 from .errors import UserError, argument_parser, command
 from .synthesis import generate
 from .synthesis.recipe import SPLITS

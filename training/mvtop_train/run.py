@@ -14,7 +14,7 @@ parts `report/`, and all that `train.py` writes. See docs/tutorials/your-own-par
 import math
 
 from . import shipped
-from .data.objects import UNITS
+from .data.meshfile import UNITS
 from .errors import UserError, argument_parser, command
 from .synthesis import cad
 from .training import own_parts, pipeline, runconfig

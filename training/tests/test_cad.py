@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mvtop_train import run
-from mvtop_train.data import objects
+from mvtop_train.data import meshfile
 from mvtop_train.errors import UserError
 from mvtop_train.synthesis import cad
 
@@ -44,7 +44,7 @@ def pin(folder: Path, unit: str | None) -> Path:
 )
 def test_a_step_file_has_its_shape_in_metres(stated, asked, size, tmp_path):
     cad.to_mesh(pin(tmp_path, stated), asked, tmp_path / "cad/pin.glb")
-    mesh = objects.load_mesh(tmp_path / "cad/pin.glb", "m")
+    mesh = meshfile.load_mesh(tmp_path / "cad/pin.glb", "m")
     assert np.allclose(mesh.bounds[:, 2], [0, size], atol=1e-6)
     assert np.allclose(mesh.extents[:2], size / 1.5, rtol=2 * cad.CHORD)
     assert mesh.volume == pytest.approx(np.pi * size**3 / 9, rel=0.01)

@@ -16,7 +16,7 @@ import trimesh
 from tqdm import tqdm
 
 from mvtop_train import generate as command
-from mvtop_train.data import bop, objects, pairs, rendered
+from mvtop_train.data import bop, meshfile, objects, pairs, rendered
 from mvtop_train.errors import UserError
 from mvtop_train.evaluation import dataset_report
 from mvtop_train.synthesis import catalogue, generate, recipe, scenes, workers
@@ -210,7 +210,7 @@ def test_scenes_are_not_added_to_those_of_other_symmetries_or_textures(monkeypat
 
 
 def test_meshes_that_would_fill_the_memory_are_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr(objects, "MESH_TRIANGLES", 10)
+    monkeypatch.setattr(meshfile, "MESH_TRIANGLES", 10)
     monkeypatch.setattr("sys.argv", ["generate", *box_beside_its_origin(tmp_path)])
     with pytest.raises(SystemExit, match="box.stl: expected 10 triangles at most, .*, got 12; fix"):
         command.main()

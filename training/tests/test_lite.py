@@ -11,7 +11,7 @@ import pytest
 import torch
 from conftest import random_views
 
-from mvtop_train.data import objects
+from mvtop_train.data import surface
 from mvtop_train.data.objects import classes_of
 from mvtop_train.export.bundle import write_bundle
 from mvtop_train.network import config, fixed, lite
@@ -148,7 +148,7 @@ def test_a_bundle_of_several_classes_is_loaded(tmp_path, parts):
     assert [(c["id"], c["name"]) for c in manifest["classes"]] == [(p.id, p.name) for p in parts]
     estimator = mvtop.Estimator.load(tmp_path)
     assert [c.name for c in estimator.classes] == [p.name for p in parts]
-    assert np.isclose(estimator.classes[2].diameter_m, objects.diameter(parts[2].bounds))
+    assert np.isclose(estimator.classes[2].diameter_m, surface.diameter(parts[2].bounds))
 
 
 @pytest.mark.parametrize("frozen", [False, True])

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from mvtop_train.data import mvball, objects
+from mvtop_train.data import mvball, objects, surface
 from mvtop_train.errors import UserError
 from mvtop_train.export import mesh
 
 
 def test_the_ball_is_where_its_points_are():
     ball = mesh.ball()
-    assert len(ball.faces) <= objects.TRIANGLES
+    assert len(ball.faces) <= surface.TRIANGLES
     points, _ = mvball.surface_points(500)
     _, distance, _ = trimesh.proximity.closest_point_naive(ball, points)
     assert distance.max() < 0.0003  # metres
@@ -46,7 +46,7 @@ def test_small_meshes_stay_and_large_ones_are_decimated_to_the_bound():
     pytest.importorskip("fast_simplification")
     ball = objects.ball_mesh()
     coarse = mesh.decimated(ball)
-    assert len(ball.faces) > 10 * objects.TRIANGLES and len(coarse.faces) <= objects.TRIANGLES
+    assert len(ball.faces) > 10 * surface.TRIANGLES and len(coarse.faces) <= surface.TRIANGLES
     assert np.abs(coarse.bounds - ball.bounds).max() < 0.001
     top = coarse.vertices[:, 0].argmax()
     red, green, blue = coarse.visual.vertex_colors[top, :3]

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from mvtop_train.data import objects
+from mvtop_train.data import meshfile
 from mvtop_train.errors import UserError
 
 CASES = int(os.environ.get("CASES", 60))
+KINDS = ["ply", "ply_ascii", "stl", "stl_ascii", "obj", "off", "glb", "gltf"]
 NUMBERS = [b"nan", b"inf", b"-1", b"0", b"1e38", b"99999999999", b"", b"4294967295"]
 
 
@@ -22,7 +23,10 @@ def file_of(kind: str) -> bytes:
     mesh.visual.vertex_colors = np.arange(mesh.vertices.size).reshape(-1, 3) % 255
     if kind == "ply_ascii":
         return mesh.export(file_type="ply", encoding="ascii")
-    made = mesh.export(file_type=kind)
+    if kind == "gltf":  # one file, its numbers within
+        made = mesh.export(file_type="gltf", embed_buffers=True)["model.gltf"]
+    else:
+        made = mesh.export(file_type=kind)
     return made.encode() if isinstance(made, str) else made
 
 
@@ -46,17 +50,17 @@ def changed(good: bytes, draw: random.Random) -> bytes:
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("kind", ["ply", "ply_ascii", "stl", "stl_ascii", "obj", "off"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_changed_meshes_are_meshes_or_refused(kind, tmp_path):
     good, draw = file_of(kind), random.Random(kind)
     path = tmp_path / f"part.{kind.split('_')[0]}"
     path.write_bytes(good)
-    assert len(objects.load_mesh(path, "m").faces) == 80
+    assert len(meshfile.load_mesh(path, "m").faces) == 80
     refused = 0
     for case in range(CASES):
         path.write_bytes(changed(good, draw))
         try:
-            mesh = objects.load_mesh(path, "m")
+            mesh = meshfile.load_mesh(path, "m")
         except UserError as error:
             refused += 1
             assert f"mesh {path}: expected" in str(error), case

@@ -14,7 +14,7 @@ import scipy.spatial
 import trimesh
 from PIL import Image
 
-from mvtop_train.data import memory, objects
+from mvtop_train.data import memory, meshfile, objects, surface
 from mvtop_train.errors import UserError
 from mvtop_train.export import mesh as bundled
 from mvtop_train.synthesis import catalogue, parts
@@ -49,7 +49,7 @@ def colors_of(mesh) -> set[tuple[int, ...]]:
 
 @pytest.mark.parametrize("uv", [True, False])
 def test_colors_of_materials_are_kept(tmp_path, uv):
-    mesh = objects.load_mesh(wavefront(tmp_path, COLORED, uv), "mm")
+    mesh = meshfile.load_mesh(wavefront(tmp_path, COLORED, uv), "mm")
     assert colors_of(mesh) == {(204, 26, 26)}
     objects.write(tmp_path, [(objects.from_mesh(mesh, 1, "box"), mesh)])
     assert colors_of(objects.read_mesh(tmp_path, 1)) == {(204, 26, 26)}
@@ -60,7 +60,7 @@ def test_colors_of_gltf_are_linear(tmp_path):
     box = BOX.copy()
     box.visual = trimesh.visual.TextureVisuals(material=material)
     box.export(tmp_path / "box.glb")
-    assert colors_of(objects.load_mesh(tmp_path / "box.glb", "mm")) == {(188, 0, 255)}
+    assert colors_of(meshfile.load_mesh(tmp_path / "box.glb", "mm")) == {(188, 0, 255)}
 
 
 @pytest.mark.parametrize("picture", [None, b"no picture"])
@@ -69,14 +69,14 @@ def test_a_texture_that_cannot_be_read_is_refused(tmp_path, picture):
     if picture is not None:
         (tmp_path / "print.png").write_bytes(picture)
     with pytest.raises(UserError, match="box.obj: expected the picture print.png .*; fix: "):
-        objects.load_mesh(path, "mm")
+        meshfile.load_mesh(path, "mm")
 
 
 def test_a_texture_in_a_folder_below_is_found(tmp_path):
     (tmp_path / "prints").mkdir()
     cv2.imwrite(str(tmp_path / "prints/print.png"), np.full((8, 8, 3), (30, 20, 10), np.uint8))
     path = wavefront(tmp_path, PRINTED.replace("print", "prints/print"))
-    assert colors_of(objects.load_mesh(path, "mm")) == {(10, 20, 30)}
+    assert colors_of(meshfile.load_mesh(path, "mm")) == {(10, 20, 30)}
 
 
 def test_only_files_beside_a_mesh_are_read(tmp_path, monkeypatch):
@@ -92,15 +92,15 @@ def test_only_files_beside_a_mesh_are_read(tmp_path, monkeypatch):
         if name == "/dev/zero":
             path.write_text(path.read_text().replace("box.mtl", name))
         with pytest.raises(UserError, match=refused.format(name)):
-            objects.load_mesh(path, "mm")
+            meshfile.load_mesh(path, "mm")
     # Copied there, it is found by the name that the material gives.
     cv2.imwrite(str(folder / "private.png"), np.full((8, 8, 3), (30, 20, 10), np.uint8))
     path = wavefront(folder, PRINTED.replace("print.png", "../private.png"))
-    assert colors_of(objects.load_mesh(path, "mm")) == {(10, 20, 30)}
-    monkeypatch.setattr(objects, "MESH_BYTES", 2000)
+    assert colors_of(meshfile.load_mesh(path, "mm")) == {(10, 20, 30)}
+    monkeypatch.setattr(meshfile, "MESH_BYTES", 2000)
     (folder / "private.png").write_bytes(bytes(3000))
     with pytest.raises(UserError, match=refused.format("private.png")):
-        objects.load_mesh(path, "mm")
+        meshfile.load_mesh(path, "mm")
 
 
 def test_pictures_of_a_data_set_s_meshes_lie_beside_them_too(tmp_path):
@@ -118,7 +118,7 @@ def test_coordinates_that_are_none_are_no_matter_of_units(tmp_path, number):
     path = wavefront(tmp_path, None)
     path.write_text(path.read_text().replace("v 20.0 ", f"v {number} "))
     with pytest.raises(UserError, match="box.obj: expected three finite coordinates of each"):
-        objects.load_mesh(path, "mm")
+        meshfile.load_mesh(path, "mm")
 
 
 def test_meshes_that_take_too_much_memory_are_refused_with_the_command_that_decimates(
@@ -126,19 +126,19 @@ def test_meshes_that_take_too_much_memory_are_refused_with_the_command_that_deci
 ):
     path = tmp_path / "fine.stl"
     trimesh.creation.icosphere(4, 50).export(path)
-    monkeypatch.setattr(objects, "MESH_TRIANGLES", 5000)
+    monkeypatch.setattr(meshfile, "MESH_TRIANGLES", 5000)
     with pytest.raises(UserError, match="5,000 triangles at most.* got 5,120; fix: .*decimation"):
-        objects.load_mesh(path, "mm")
-    monkeypatch.setattr(objects, "MESH_BYTES", 5000)
+        meshfile.load_mesh(path, "mm")
+    monkeypatch.setattr(meshfile, "MESH_BYTES", 5000)
     with pytest.raises(UserError, match="MiB at most, got a larger one.*; fix: .*decimation"):
-        objects.load_mesh(path, "mm")
+        meshfile.load_mesh(path, "mm")
 
 
 def test_meshes_of_data_sets_are_bounded_as_own_ones_are(tmp_path, monkeypatch):
     (tmp_path / "models").mkdir()
     BOX.export(tmp_path / "models/obj_000001.ply")
     assert len(objects.read_mesh(tmp_path, 1).faces) == 12
-    monkeypatch.setattr(objects, "MESH_TRIANGLES", 2)
+    monkeypatch.setattr(meshfile, "MESH_TRIANGLES", 2)
     with pytest.raises(UserError, match="obj_000001.ply: expected 2 triangles at most.*got 12"):
         objects.read_mesh(tmp_path, 1)
     trimesh.PointCloud(BOX.vertices).export(tmp_path / "models/obj_000001.ply")
@@ -163,7 +163,7 @@ def test_a_mesh_that_asks_for_more_memory_than_any_is_refused(tmp_path):
     }))  # fmt: skip
     before = resource.getrlimit(resource.RLIMIT_DATA)
     with pytest.raises(UserError, match="sparse.gltf: expected a mesh that is read within 3 GiB"):
-        objects.load_mesh(tmp_path / "sparse.gltf", "mm")
+        meshfile.load_mesh(tmp_path / "sparse.gltf", "mm")
     assert resource.getrlimit(resource.RLIMIT_DATA) == before
 
 
@@ -172,7 +172,7 @@ def test_archives_are_no_meshes(tmp_path):
     with zipfile.ZipFile(tmp_path / "box.zip", "w") as packed:
         packed.write(tmp_path / "box.stl", "box.stl")
     with pytest.raises(UserError, match="box.zip: expected a file of .obj, .stl.*; fix: "):
-        objects.load_mesh(tmp_path / "box.zip", "mm")
+        meshfile.load_mesh(tmp_path / "box.zip", "mm")
 
 
 @pytest.mark.parametrize("name", ["print.png", "print.eps"])
@@ -187,7 +187,7 @@ def test_a_texture_starts_no_program(name, tmp_path, monkeypatch):
     (tmp_path / name).write_text(text)
     path = wavefront(tmp_path, PRINTED.replace("print.png", name))
     with pytest.raises(UserError, match=f"expected the picture {name} .*PNG, JPEG"):
-        objects.load_mesh(path, "mm")
+        meshfile.load_mesh(path, "mm")
     assert not ran.exists()
 
 
@@ -199,19 +199,19 @@ def test_every_picture_is_opened_as_one_of_a_few_kinds():
 
 
 def test_without_a_material_a_mesh_has_the_colors_of_its_vertices_or_none(tmp_path):
-    assert colors_of(objects.load_mesh(wavefront(tmp_path, None), "mm")) == set()
-    red = objects.load_mesh(wavefront(tmp_path, None, color="0.8 0.1 0.1"), "mm")
+    assert colors_of(meshfile.load_mesh(wavefront(tmp_path, None), "mm")) == set()
+    red = meshfile.load_mesh(wavefront(tmp_path, None, color="0.8 0.1 0.1"), "mm")
     assert colors_of(red) == {(204, 26, 26)}
 
 
 def test_vertices_without_triangles_do_not_count(tmp_path):
     stray = trimesh.Trimesh([*BOX.vertices, [500, 0, 0]], BOX.faces, process=False)
     stray.export(tmp_path / "stray.ply")
-    obj = objects.from_mesh(objects.load_mesh(tmp_path / "stray.ply", "mm"), 1, "box")
+    obj = objects.from_mesh(meshfile.load_mesh(tmp_path / "stray.ply", "mm"), 1, "box")
     assert obj.diameter_m == pytest.approx(np.linalg.norm([0.04, 0.03, 0.02]))
     trimesh.PointCloud(BOX.vertices).export(tmp_path / "points.ply")
     with pytest.raises(UserError, match="points.ply: expected triangles, got none; fix: "):
-        objects.load_mesh(tmp_path / "points.ply", "mm")
+        meshfile.load_mesh(tmp_path / "points.ply", "mm")
 
 
 @pytest.mark.parametrize("turned", [np.arange(12), np.array([1, 2, 7]), np.array([0])])
@@ -225,7 +225,7 @@ def test_triangles_are_wound_outwards(turned, tmp_path):
     lid = BOX.face_normals[:, 2] > 0.5
     for n, mesh in enumerate((box, apart, trimesh.Trimesh(box.vertices, box.faces[~lid]))):
         mesh.export(tmp_path / f"{n}.ply")
-        loaded = objects.load_mesh(tmp_path / f"{n}.ply", "mm")
+        loaded = meshfile.load_mesh(tmp_path / f"{n}.ply", "mm")
         outwards = loaded.triangles_center - [0.06, 0, 0]
         assert ((loaded.face_normals * outwards).sum(1) > 0).all()
 
@@ -235,11 +235,11 @@ def test_an_origin_far_from_the_part_is_refused(tmp_path):
     for diameters in (1.9, 2.1):
         away = BOX.copy().apply_translation([0, 0, diameters * diameter])
         away.export(tmp_path / f"{diameters}.stl")
-    objects.load_mesh(tmp_path / "1.9.stl", "mm")
+    meshfile.load_mesh(tmp_path / "1.9.stl", "mm")
     with pytest.raises(
         UserError, match="2.1.stl: expected its origin in the part or near it, .* fix"
     ):
-        objects.load_mesh(tmp_path / "2.1.stl", "mm")
+        meshfile.load_mesh(tmp_path / "2.1.stl", "mm")
 
 
 def printed_box() -> trimesh.Trimesh:
@@ -259,12 +259,12 @@ def test_a_print_on_few_triangles_is_kept(tmp_path):
     obj = objects.from_mesh(box, 1, "box")
     objects.write(tmp_path, [(obj, box)])
     mesh = bundled.meshes_of(tmp_path, objects.read_all(tmp_path))["box"]
-    assert len(box.faces) < len(mesh.faces) <= objects.TRIANGLES
+    assert len(box.faces) < len(mesh.faces) <= surface.TRIANGLES
     np.testing.assert_allclose(mesh.bounds, box.bounds, atol=1e-8)
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     assert mesh.is_watertight and mesh.volume == pytest.approx(box.volume)
     # Most of the surface is not next to a border of two squares.
-    points, colors = objects.sample_surface(box, 2000)
+    points, colors = surface.sample_surface(box, 2000)
     _, face = scipy.spatial.KDTree(mesh.triangles_center).query(points)
     assert (abs(mesh.visual.face_colors[face, :3] - colors).max(1) < 30).mean() > 0.5
 
@@ -273,7 +273,7 @@ def test_meshes_of_many_triangles_are_not_made_finer():
     fine = trimesh.creation.icosphere(4, 0.05)
     image = Image.fromarray(np.zeros((4, 4, 3), np.uint8))
     fine.visual = trimesh.visual.TextureVisuals(fine.vertices[:, :2], image=image)
-    assert np.array_equal(objects.finer(fine).faces, fine.faces)
+    assert np.array_equal(surface.finer(fine).faces, fine.faces)
 
 
 def test_parts_of_the_catalogue_have_no_color_of_their_own(tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from mvtop_train.data import batches, bop, objects, rig
+from mvtop_train.data import batches, bop, meshfile, objects, rig
 from mvtop_train.data.bop import load_index
 from mvtop_train.data.choice import choose_views, fixed_views
 from mvtop_train.data.crops import Augmentation, Crops
@@ -57,7 +57,7 @@ def files(tmp_path_factory):
 @pytest.fixture(scope="module")
 def dataset(files):
     out = files / "data"
-    mesh = objects.load_mesh(files / "bracket.ply", "mm")
+    mesh = meshfile.load_mesh(files / "bracket.ply", "mm")
     obj = objects.from_mesh(mesh, 1, "bracket")
     kit = parts.Kit([parts.Part(mesh, obj)])
     objects.write(out, [(obj, mesh)])
@@ -244,18 +244,18 @@ def test_a_scene_that_is_not_whole_is_one_sentence(dataset, tmp_path):
 
 def test_a_mesh_in_the_wrong_unit_is_refused(files):
     with pytest.raises(UserError, match="expected a part of 2 mm to 5 m, got 60 m .* fix: "):
-        objects.load_mesh(files / "bracket.ply", "m")
+        meshfile.load_mesh(files / "bracket.ply", "m")
     with pytest.raises(UserError, match="no such file; fix: "):
-        objects.load_mesh(files / "none.ply", "mm")
+        meshfile.load_mesh(files / "none.ply", "mm")
 
 
 @pytest.mark.parametrize("end", ["stl", "obj", "ply"])
 def test_mesh_formats_give_the_same_part(files, tmp_path, end):
     path = tmp_path / f"bracket.{end}"
     bracket().export(path)
-    obj = objects.from_mesh(objects.load_mesh(path, "mm"), 1, "bracket")
+    obj = objects.from_mesh(meshfile.load_mesh(path, "mm"), 1, "bracket")
     assert obj.diameter_m == pytest.approx(0.06, abs=1e-5)
-    part = parts.Part(objects.load_mesh(path, "mm"), obj)
+    part = parts.Part(meshfile.load_mesh(path, "mm"), obj)
     assert (part.texture is None) == (end == "stl")  # which has no colors
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from mvtop_train.data import objects, rig
+from mvtop_train.data import objects, rig, surface
 from mvtop_train.synthesis import parts
 from mvtop_train.synthesis.gl import open_gl
 from mvtop_train.synthesis.render import FAR, NEAR, Renderer
@@ -79,7 +79,7 @@ def test_triangles_have_two_sides(gl):
 def test_what_a_long_lens_sees_is_before_the_far_plane():
     box = trimesh.creation.box([0.02] * 3)
     kit = parts.Kit([parts.Part(box, objects.from_mesh(box, 1, "box"))])
-    size = objects.diameter(np.asarray(box.vertices)) * kit.scale
+    size = surface.diameter(np.asarray(box.vertices)) * kit.scale
     for focal, far in ((600.0, FAR), (12_000.0, 12_000 / 480 * size / 0.1 * 1.5)):
         k = np.array([[focal, 0, 320], [0, focal, 240], [0, 0, 1]])
         camera = rig.Camera("a", 640, 480, k, np.eye(4), False)

@@ -9,7 +9,7 @@ import onnxruntime
 import torch
 
 from .. import description
-from ..data import objects
+from ..data import meshfile, surface
 from ..data.boxes import around
 from ..data.letterbox import image_tensor, input_size, letterbox
 from ..errors import UserError
@@ -129,7 +129,7 @@ def cut_box(pixels: np.ndarray, camera) -> np.ndarray | None:
 def _bounds(bundle: Path, known: dict) -> np.ndarray:
     """The outermost points [n, 3] of a class, m."""
     if "mesh" in known:
-        mesh, _ = objects.load(bundle / known["mesh"], process=False)
-        return objects.outermost(np.asarray(mesh.vertices))
+        mesh, _ = meshfile.load(bundle / known["mesh"], process=False)
+        return surface.outermost(np.asarray(mesh.vertices))
     points = read_json(bundle / known["points"], "name another bundle")["points"]
-    return objects.outermost(np.array(points)[:, :3])
+    return surface.outermost(np.array(points)[:, :3])

@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ..data import bop, objects, pairs
+from ..data import bop, objects, pairs, surface
 from ..errors import UserError, argument_parser, command
 
 COLORS = {"green": (60, 200, 60), "red": (230, 60, 60)}  # of boxes, by the hemisphere in sight
@@ -78,7 +78,7 @@ def statistics(scenes: dict) -> dict:
 
     views = [viewpoint(image.cam_from_obj) for image in images]
     directions = np.stack([direction for direction, _ in views])
-    cell = (directions @ objects.directions(DIRECTIONS).T).argmax(1)
+    cell = (directions @ surface.directions(DIRECTIONS).T).argmax(1)
     roll = np.floor((np.array([r for _, r in views]) / (2 * np.pi) % 1) * ROLLS).astype(int)
     shows = [str(image.shows) for image in images]
     found = (pairs.of_scene({n: i.shows for n, i in enumerate(s)}) for s in scenes.values())

@@ -14,7 +14,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from .. import description
-from ..data import mvball, objects
+from ..data import mvball, objects, surface
 from ..errors import UserError, argument_parser, command
 
 COLOR_POINTS = 40_000  # on the surface, from which vertices of decimated meshes take their colors
@@ -53,7 +53,7 @@ def ball() -> trimesh.Trimesh:
     )  # fmt: skip
 
 
-def decimated(mesh: trimesh.Trimesh, triangles: int = objects.TRIANGLES) -> trimesh.Trimesh:
+def decimated(mesh: trimesh.Trimesh, triangles: int = surface.TRIANGLES) -> trimesh.Trimesh:
     """`mesh` with at most so many triangles, and a color of each vertex."""
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     if len(faces) > triangles:
@@ -72,7 +72,7 @@ def decimated(mesh: trimesh.Trimesh, triangles: int = objects.TRIANGLES) -> trim
             np.asarray(whole.faces, np.int32),
             target_count=triangles,
         )
-    points, colors = objects.sample_surface(mesh, COLOR_POINTS)
+    points, colors = surface.sample_surface(mesh, COLOR_POINTS)
     tree, few = cKDTree(points), few_colors(colors)
     if few is not None:
         return in_few_colors(vertices, faces, tree, *few)

@@ -12,7 +12,7 @@ from pathlib import Path
 import trimesh
 
 from .. import children
-from ..data.objects import MESH_BYTES, UNITS, reading
+from ..data.meshfile import MESH_BYTES, UNITS, reading
 from ..errors import UserError
 
 ENDINGS = (".step", ".stp")

@@ -15,7 +15,7 @@ import numpy as np
 from tqdm import tqdm
 
 from .. import files
-from ..data import backgrounds, bop, objects, pairs, rig
+from ..data import backgrounds, bop, meshfile, objects, pairs, rig
 from ..errors import UserError
 from . import cad
 from .gl import open_gl
@@ -24,7 +24,7 @@ from .workers import run_workers, while_asked_for
 
 NUMBERED = re.compile(r"obj_(\d{6})")  # as BOP's meshes are
 LAST_ID = 999_999  # of six digits
-MESHES = (*objects.MESHES, *cad.ENDINGS)
+MESHES = (*meshfile.MESHES, *cad.ENDINGS)
 SAME_SIZE = 0.1  # by how much, as a share, a part's diameter may be another than is told of it
 
 
@@ -57,7 +57,7 @@ def kit_of(recipe: Recipe):
     """The parts of a recipe with their meshes (m), as they fall together."""
     from . import parts
 
-    meshes = [objects.load_mesh(part.mesh, part.unit) for part in recipe.parts]
+    meshes = [meshfile.load_mesh(part.mesh, part.unit) for part in recipe.parts]
     known = [
         objects.from_mesh(mesh, part.id, part.name, *part.symmetries)
         for mesh, part in zip(meshes, recipe.parts, strict=True)
@@ -105,7 +105,7 @@ def prepare(args) -> tuple[Recipe, object]:
     rigs = tuple(map(str, args.rig or ()))
     digest = hashlib.sha256(f"{args.mesh_unit} {args.instances}".encode())
     for path in (*args.mesh, *rigs):
-        if files.is_bounded(path, objects.MESH_BYTES):  # others are refused where they are read
+        if files.is_bounded(path, meshfile.MESH_BYTES):  # others are refused where they are read
             digest.update(Path(path).read_bytes())
         if cad.is_step(path):
             digest.update(f"{cad.CHORD} {cad.ANGLE}".encode())

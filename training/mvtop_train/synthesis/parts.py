@@ -12,7 +12,8 @@ import mujoco
 import numpy as np
 import trimesh
 
-from ..data.objects import Object, picture
+from ..data.meshfile import picture
+from ..data.objects import Object
 from ..data.rendered import Seen, View
 from ..data.rig import Camera
 from ..errors import UserError
