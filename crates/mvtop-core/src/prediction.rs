@@ -23,6 +23,8 @@ pub struct Prediction {
     pub rig_consistency: Option<RigConsistency>,
     /// How long each stage took.
     pub timings: Timings,
+    /// Folder of the model bundle that answered.
+    pub model: String,
     /// What executed the dense layers, for example `cpu`.
     pub provider: String,
     /// What makes the poses doubtful; empty where nothing does.

@@ -34,6 +34,8 @@ pub struct Report {
     pub rig_consistency: Option<ReportedConsistency>,
     /// Wall time of each stage, milliseconds.
     pub timings_ms: Timings,
+    /// Folder of the model bundle.
+    pub model: String,
     /// ONNX Runtime's execution provider.
     pub provider: String,
     /// Reasons to doubt the poses.
@@ -342,6 +344,7 @@ impl Report {
                 worst_camera: fit.worst_camera.map(id),
             }),
             timings_ms: prediction.timings,
+            model: prediction.model.clone(),
             provider: prediction.provider.clone(),
             warnings: prediction.warnings.iter().map(warning).collect(),
             frame: None,

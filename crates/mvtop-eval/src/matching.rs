@@ -97,6 +97,7 @@ pub(crate) mod tests {
             objects: places.iter().map(|x| found("nut", 1, at(*x))).collect(),
             rig_consistency: None,
             timings: Timings::default(),
+            model: String::new(),
             provider: String::new(),
             warnings: Vec::new(),
             near_misses: Vec::new(),

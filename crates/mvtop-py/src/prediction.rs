@@ -29,6 +29,7 @@ pub struct PredictionValues {
     objects: Vec<ObjectValues>,
     rig_consistency: Option<ConsistencyValues>,
     timings_ms: TimingsValues,
+    model: String,
     provider: String,
     warnings: Vec<WarningValues>,
     frame: Option<String>,
@@ -346,6 +347,7 @@ impl NativePrediction {
                 .collect::<PyResult<_>>()?,
             rig_consistency: report.rig_consistency.map(Into::into),
             timings_ms: report.timings_ms.into(),
+            model: report.model,
             provider: report.provider,
             warnings: report
                 .warnings

@@ -209,6 +209,7 @@ fn prediction_is_complete() {
     let json = infer(&IDS, &[]);
     assert_eq!(json["schema_version"], 1);
     assert_eq!(json["reference"], "cam0");
+    assert_eq!(json["model"], "fixtures/tiny");
     assert_eq!(json["provider"], "cpu");
     assert!(json["timings_ms"]["total"].as_f64().unwrap() > 0.0);
     let object = &json["objects"][0];

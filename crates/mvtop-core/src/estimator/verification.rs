@@ -103,6 +103,7 @@ impl Pipeline<'_> {
             objects,
             rig_consistency,
             timings: Timings::default(),
+            model: bundle.dir.display().to_string(),
             provider: self.network.provider().to_owned(),
             warnings,
         })

@@ -82,6 +82,7 @@ fn quarter_turn_seen_by_two_cameras_is_written_as_documented() {
             total: 7.0,
             ..Timings::default()
         },
+        model: "models/one".into(),
         provider: "cpu".into(),
         rig_consistency: Some(RigConsistency {
             px: 1.5,
@@ -115,6 +116,7 @@ fn quarter_turn_seen_by_two_cameras_is_written_as_documented() {
     assert_eq!(json["schema_version"], 1);
     assert_eq!(json["reference"], "right");
     assert_eq!(json["timings_ms"]["total"], 7.0);
+    assert_eq!(json["model"], "models/one");
     assert_eq!(json["provider"], "cpu");
     assert_eq!(
         json["warnings"],

@@ -42,6 +42,7 @@ pub(crate) fn found() -> Prediction {
         ],
         rig_consistency: None,
         timings: Timings::default(),
+        model: "models/one".into(),
         provider: "cpu".into(),
         warnings: vec![Warning {
             code: WarningCode::LinesMiss,

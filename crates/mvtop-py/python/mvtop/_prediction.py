@@ -65,6 +65,8 @@ class Prediction:
     """How well the rig fits what was found; None where no object is seen by two cameras."""
     timings_ms: dict[str, float]
     """Wall time of each stage and their total, milliseconds."""
+    model: str
+    """Folder of the model bundle that answered."""
     provider: str
     """What executed the network."""
     warnings: list[PredictionWarning]

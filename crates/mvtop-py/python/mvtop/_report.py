@@ -67,6 +67,7 @@ def document(prediction: Prediction) -> dict[str, Any]:
         "objects": [_reported(found) for found in prediction.objects],
         "rig_consistency": None if fit is None else dict(fit.__dict__),
         "timings_ms": dict(prediction.timings_ms),
+        "model": prediction.model,
         "provider": prediction.provider,
         "warnings": [dict(warning.__dict__) for warning in prediction.warnings],
         **_asked(frame=prediction.frame, left_out=prediction.left_out, why=why),

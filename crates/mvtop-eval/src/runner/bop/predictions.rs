@@ -93,6 +93,7 @@ impl Predictions {
                 total: 1e3 * time_s.unwrap_or(0.0),
                 ..Timings::default()
             },
+            model: String::new(),
             provider: String::new(),
             warnings: Vec::new(),
             near_misses: Vec::new(),
