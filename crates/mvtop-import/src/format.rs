@@ -8,8 +8,8 @@ use crate::opencv::keys::by_camera;
 use crate::ros::hand_eye;
 use crate::source::Source;
 use crate::{
-    Checked, alicevision, anipose, camodocal, easymocap, matlab, mccalib, metashape, multical,
-    open3d, openmvg, xml, yaml,
+    Checked, alicevision, anipose, camodocal, depthai, easymocap, matlab, mccalib, metashape,
+    multical, open3d, openmvg, xml, yaml, zed,
 };
 
 /// A program's calibration files.
@@ -54,11 +54,15 @@ pub enum Format {
     McCalib,
     /// MATLAB: camera parameters as JSON.
     Matlab,
+    /// ZED: `SN12345678.conf`.
+    Zed,
+    /// DepthAI: the calibration of an OAK camera.
+    DepthAi,
 }
 
 impl Format {
     /// All of them.
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 21] = [
         Self::OpenCv,
         Self::Ros,
         Self::Kalibr,
@@ -78,6 +82,8 @@ impl Format {
         Self::Multical,
         Self::McCalib,
         Self::Matlab,
+        Self::Zed,
+        Self::DepthAi,
     ];
 
     /// What it is called, in lower case.
@@ -102,6 +108,8 @@ impl Format {
             Self::Multical => "multical",
             Self::McCalib => "mccalib",
             Self::Matlab => "matlab",
+            Self::Zed => "zed",
+            Self::DepthAi => "depthai",
         }
     }
 
@@ -174,6 +182,9 @@ fn look(source: &Source) -> Checked<Option<Format>> {
     if xml::is_xml(text) && metashape::is_it(text) {
         return Ok(Some(Format::Metashape));
     }
+    if zed::is_it(text) {
+        return Ok(Some(Format::Zed));
+    }
     let documents = yaml::documents(source)?;
     let Some(value) = documents.first() else {
         return Ok(None);
@@ -206,6 +217,8 @@ fn look(source: &Source) -> Checked<Option<Format>> {
         Some(Format::McCalib)
     } else if matlab::is_it(value) {
         Some(Format::Matlab)
+    } else if depthai::is_it(value) {
+        Some(Format::DepthAi)
     } else if has("frames") || has("camera_angle_x") {
         Some(Format::Nerf)
     } else if in_all("cam_K") || in_all("cam_model") {

@@ -1,6 +1,6 @@
 //! Rigs from the calibration files of other programs: OpenCV, ROS, Kalibr, COLMAP, BOP, NeRF, DLR
 //! CalLab, HALCON, EuRoC, aniposelib, EasyMocap, camodocal, OpenMVG, AliceVision, Open3D, Metashape,
-//! multical, MC-Calib and MATLAB.
+//! multical, MC-Calib, MATLAB, ZED and DepthAI.
 //!
 //! Files differ in axes, direction, unit, order of quaternions, half a pixel and names of lenses. What
 //! a file says decides; what it cannot say is asked for by name ([`Options`]); what a rig cannot
@@ -14,6 +14,7 @@ mod bop;
 mod callab;
 mod camodocal;
 mod colmap;
+mod depthai;
 mod draft;
 mod easymocap;
 mod euroc;
@@ -36,6 +37,7 @@ mod source;
 mod unread;
 mod xml;
 mod yaml;
+mod zed;
 
 use std::path::PathBuf;
 
@@ -117,6 +119,8 @@ pub fn import(paths: &[PathBuf], options: &Options) -> Result<Imported> {
         Format::Multical => multical::read,
         Format::McCalib => mccalib::read,
         Format::Matlab => matlab::read,
+        Format::Zed => zed::read,
+        Format::DepthAi => depthai::read,
     };
     let (rig, notes) = read(&sources, options)
         .and_then(|draft| draft.finish(options))

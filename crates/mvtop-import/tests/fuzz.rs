@@ -302,6 +302,17 @@ fn rigs() -> Vec<(Options, Files)> {
             named(Format::Metashape),
             text(&[("cameras.xml", samples::METASHAPE)]),
         ),
+        (
+            Options {
+                image_sizes: vec![ImageSize::parse("1280x720").unwrap()],
+                ..named(Format::Zed)
+            },
+            text(&[("SN123.conf", samples::ZED)]),
+        ),
+        (
+            named(Format::DepthAi),
+            text(&[("calib.json", samples::DEPTHAI)]),
+        ),
     ]
 }
 

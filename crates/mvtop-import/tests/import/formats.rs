@@ -3,6 +3,7 @@
 mod alicevision;
 mod anipose;
 mod camodocal;
+mod depthai;
 mod easymocap;
 mod hand_eye;
 mod matlab;
@@ -14,6 +15,7 @@ mod opencv_xml;
 mod openmvg;
 mod samples;
 mod scalars;
+mod zed;
 
 const X: [f64; 3] = [1.0, 0.0, 0.0];
 const Y: [f64; 3] = [0.0, 1.0, 0.0];

@@ -147,3 +147,80 @@ pub fn mccalib(kind: u8, group: u8) -> String {
     let second = camera(1, kind, "0.1, 0.02, 0.003, 0.0004", group, THERE);
     format!("%YAML:1.0\n---\nnb_camera: 2\n{first}{second}")
 }
+
+pub const ZED: &str = "[LEFT_CAM_HD]
+fx=700
+fy=701
+cx=640
+cy=360
+k1=-0.17
+k2=0.02
+p1=0.0001
+p2=-0.0002
+k3=0.003
+
+[RIGHT_CAM_HD]
+fx=702
+fy=703
+cx=641
+cy=361
+k1=-0.17
+k2=0.02
+p1=0
+p2=0
+k3=0
+
+[LEFT_CAM_VGA]
+fx=350
+fy=350
+cx=336
+cy=188
+k1=0
+k2=0
+p1=0
+p2=0
+k3=0
+
+[RIGHT_CAM_VGA]
+fx=350
+fy=350
+cx=336
+cy=188
+k1=0
+k2=0
+p1=0
+p2=0
+k3=0
+
+[STEREO]
+Baseline=120
+TY=0
+TZ=0
+CV_HD=0
+RX_HD=0
+RZ_HD=0
+CV_VGA=1.5707963267948966
+RX_VGA=0
+RZ_VGA=0
+
+[MISC]
+Sensor_ID=1
+";
+
+pub const DEPTHAI: &str = r#"{"batchName": "", "boardName": "OAK-D", "version": 7, "cameraData": [
+ [0, {"cameraType": 0, "width": 1920, "height": 1080, "lensPosition": 135, "specHfovDeg": 68.8,
+   "distortionCoeff": [0.1, -0.2, 0.0001, 0.0002, 0.3, 0.01, 0.02, 0.03, 0, 0, 0, 0, 0, 0],
+   "intrinsicMatrix": [[1500, 0, 960], [0, 1501, 540], [0, 0, 1]],
+   "extrinsics": {"rotationMatrix": [], "specTranslation": {"x": 0, "y": 0, "z": 0}, "toCameraSocket": -1,
+     "translation": {"x": 0, "y": 0, "z": 0}}}],
+ [1, {"cameraType": 0, "width": 1280, "height": 800, "lensPosition": 0, "specHfovDeg": 71.9,
+   "distortionCoeff": [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
+   "intrinsicMatrix": [[800, 0, 640], [0, 800, 400], [0, 0, 1]],
+   "extrinsics": {"rotationMatrix": [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+     "specTranslation": {"x": -7.5, "y": 0, "z": 0}, "toCameraSocket": 2, "translation": {"x": -7.5, "y": 0, "z": 0}}}],
+ [2, {"cameraType": 1, "width": 1280, "height": 800, "lensPosition": 0, "specHfovDeg": 71.9,
+   "distortionCoeff": [0.1, 0, 0, 0.01, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
+   "intrinsicMatrix": [[800, 0, 640], [0, 800, 400], [0, 0, 1]],
+   "extrinsics": {"rotationMatrix": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+     "specTranslation": {"x": 3.75, "y": 0, "z": 0}, "toCameraSocket": 0, "translation": {"x": 3.75, "y": 0, "z": 0}}}]],
+ "imuExtrinsics": {"rotationMatrix": [], "toCameraSocket": -1}}"#;
