@@ -16,15 +16,20 @@ MVBALL = objects.classes_of(objects.ball())
 WHOLE = {"closeup": 0, "closeup_strides": ()}  # poses from whole images
 
 
-@pytest.fixture(scope="session")
-def tiny():
-    """The tiny network, of whole images, with random weights, made to use all its inputs."""
+def drawn(**changes) -> Mvtop:
+    """The tiny network with random weights, made to use all its inputs."""
     torch.manual_seed(3)
-    model = Mvtop(config.preset("tiny", MVBALL, **WHOLE)).eval()
+    model = Mvtop(config.preset("tiny", MVBALL, **changes)).eval()
     for name, parameter in model.named_parameters():
         if "offsets.weight" in name or "weights.weight" in name:
             torch.nn.init.normal_(parameter, std=0.05)
     return model
+
+
+@pytest.fixture(scope="session")
+def tiny():
+    """The tiny network, of whole images."""
+    return drawn(**WHOLE)
 
 
 @pytest.fixture(scope="session")

@@ -178,12 +178,6 @@ def test_a_bundle_on_its_example(monkeypatch, capsys, tmp_path):
         detector.main()
 
 
-def test_a_network_of_whole_images_is_refused(tmp_path):
-    (tmp_path / "model.json").write_text('{"graphs": {"features": "features.onnx"}}')
-    with pytest.raises(UserError, match="expected a bundle with close-ups"):
-        boxes.Detector(tmp_path)
-
-
 def test_other_objects_than_those_of_test_sets_need_data():
     args = SimpleNamespace(data=None, set=None, model="m")
     with pytest.raises(UserError, match="expected the objects of a test set, got washer"):

@@ -11,12 +11,11 @@ import onnx
 import onnxruntime
 import pytest
 import torch
-from conftest import MVBALL
+from conftest import WHOLE, drawn
 
+from mvtop_train.errors import UserError
 from mvtop_train.export import __main__ as command
 from mvtop_train.export import bundle, self_test
-from mvtop_train.network import config
-from mvtop_train.network.model import Mvtop
 
 
 def run(session, inputs):
@@ -24,16 +23,16 @@ def run(session, inputs):
     return session.run(None, {n: x.numpy() for n, x in inputs.items() if n in names})
 
 
-def feature_inputs(c, views):
-    n = sum(rows * columns for rows, columns in c.level_shapes())
+def closeup_inputs(c, views):
+    n = sum(rows * columns for rows, columns in c.decoder_shapes())
     return {
-        "images": torch.randn(views, 3, c.height, c.width),
+        "images": torch.randn(views, 3, c.closeup, c.closeup),
         "camera_rays": torch.nn.functional.normalize(torch.randn(views, n, 3), dim=-1),
     }
 
 
 def decoder_inputs(c, views, queries):
-    n = sum(rows * columns for rows, columns in c.level_shapes())
+    n = sum(rows * columns for rows, columns in c.decoder_shapes())
     valid = torch.ones(views, queries)
     if views > 2:
         valid[2, 0] = 0
@@ -49,6 +48,12 @@ def decoder_inputs(c, views, queries):
 
 
 @pytest.fixture(scope="module")
+def tiny():
+    """The tiny network, of close-ups."""
+    return drawn()
+
+
+@pytest.fixture(scope="module")
 def portable(tiny, tmp_path_factory):
     out = tmp_path_factory.mktemp("portable")
     bundle.write_bundle(tiny, out, {}, portable=True)
@@ -61,11 +66,14 @@ def test_self_test_is_in_the_manifest_and_what_the_graphs_answer(tiny, portable)
     assert first == pytest.approx([-1.0, 0.236068, -0.527864], abs=1e-6)
     expected = json.loads((portable / "model.json").read_text())["self_test"]
     c = tiny.config
+    session = onnxruntime.InferenceSession
+    images = {"images": self_test.numbers(1, 3, c.height, c.width)}
+    scores, boxes = run(session(portable / "features.onnx"), images)
     inputs = {
-        "images": self_test.numbers(1, 3, c.height, c.width),
-        "camera_rays": self_test.rays(sum(h * w for h, w in c.level_shapes())),
+        "images": self_test.numbers(1, 3, c.closeup, c.closeup),
+        "camera_rays": self_test.rays(sum(h * w for h, w in c.decoder_shapes())),
     }
-    memory, scores, boxes = run(onnxruntime.InferenceSession(portable / "features.onnx"), inputs)
+    (memory,) = run(session(portable / "closeup.onnx"), inputs)
     got = {
         "det_scores": [scores.mean(), scores.max()],
         "det_boxes": boxes.mean((0, 2, 3)),
@@ -86,12 +94,18 @@ def test_portable_graphs_match_torch(tiny, portable, views, queries):
     torch.manual_seed(views)
     c = tiny.config
     for name, module, inputs in (
-        ("features", bundle.ExportedFeatures(tiny), feature_inputs(c, views)),
+        (
+            "features",
+            bundle.ExportedDetector(tiny),
+            {"images": torch.randn(views, 3, c.height, c.width)},
+        ),
+        ("closeup", bundle.ExportedCloseUps(tiny), closeup_inputs(c, views)),
         ("decoder", bundle.ExportedDecoder(tiny), decoder_inputs(c, views, queries)),
     ):
         session = onnxruntime.InferenceSession(portable / f"{name}.onnx")
         with torch.no_grad():
             expected = module(**inputs)
+            expected = (expected,) if torch.is_tensor(expected) else expected
         for ours, theirs in zip(run(session, inputs), expected, strict=True):
             np.testing.assert_allclose(ours, theirs.numpy(), atol=2e-4, rtol=1e-3)
 
@@ -99,7 +113,7 @@ def test_portable_graphs_match_torch(tiny, portable, views, queries):
 def test_the_bundle_has_no_grid_sample_and_states_operator_shapes(tiny, tmp_path):
     bundle.write_bundle(tiny, tmp_path, {})
     count = 0
-    for name in ("features", "decoder"):
+    for name in ("features", "closeup", "decoder"):
         graph = onnx.load(tmp_path / f"{name}.onnx").graph
         assert "GridSample" not in {node.op_type for node in graph.node}
         known = {info.name: info.type.tensor_type.shape.dim for info in graph.value_info}
@@ -131,20 +145,10 @@ def test_without_git_a_bundle_is_of_no_commit(monkeypatch):
     assert command._commit() is None
 
 
-def test_the_paper_preset_builds_exports_and_runs(tmp_path):
-    torch.manual_seed(0)
-    c = config.preset("paper", MVBALL)
-    model = Mvtop(c).eval()
-    assert (c.encoder_layers, c.decoder_layers, c.heads, c.d_model) == (5, 5, 16, 256)
-    bundle.write_bundle(model, tmp_path, {}, portable=True)
-    inputs = feature_inputs(c, 2)
-    features = onnxruntime.InferenceSession(tmp_path / "features.onnx")
-    memory = run(features, inputs)[0]
-    assert memory.shape == (2, 1600, 256)
-    inputs = decoder_inputs(c, 2, 2) | {"memory": torch.from_numpy(memory)}
-    decoder = onnxruntime.InferenceSession(tmp_path / "decoder.onnx")
-    rotation, translation, sigma = run(decoder, inputs)
-    assert rotation.shape == (2, 6) and translation.shape == (2, 3) and (sigma > 0).all()
+def test_networks_of_whole_images_have_no_bundle(tmp_path):
+    with pytest.raises(UserError, match="expected a network with close-ups, got preset 'tiny'"):
+        bundle.write_bundle(drawn(**WHOLE), tmp_path, {})
+    assert not list(tmp_path.iterdir())
 
 
 def test_onnx_runtime_keeps_nothing_of_its_user(tmp_path):

@@ -93,7 +93,7 @@ def test_of_a_checkpoint_whose_features_are_kept_the_path_may_change(path):
         ("data=3", "key 'data': expected text, got 3"),
         ("crop=100", "key 'crop': expected a multiple of 32, got 100"),
         ("precision=fp16", "key 'precision': expected 'auto', 'bf16' or 'fp32', got 'fp16'"),
-        ("preset=big", "key 'preset': expected 'tiny', 'small', 'lite' or 'paper', got 'big'"),
+        ("preset=big", "key 'preset': expected 'tiny', 'small' or 'lite', got 'big'"),
         ("views=3", "key 'views': expected a list, got 3"),
         ("views=[]", "key 'views': expected shares of 0 to 1, got ()"),
         ("views=[-1, 2]", "key 'views': expected at least 0, got -1"),

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from conftest import MVBALL, random_pose
+from conftest import MVBALL, random_pose, random_views
 
 from mvtop_train.data import bop, mvball, objects
 from mvtop_train.data.bank import Bank
@@ -20,6 +20,7 @@ from mvtop_train.network.model import Mvtop, decoder_boxes
 from mvtop_train.network.voting import rotation_bins
 from mvtop_train.study import baselines, canonical, variants
 from mvtop_train.study.baselines import late_fusion, vote
+from mvtop_train.study.paper import PAPER
 from mvtop_train.training.checkpoint import TrainingState, load_weights
 
 POINTS = mvball.bounding_points(100)
@@ -259,3 +260,16 @@ def test_results_are_judged_by_both_bounds(tmp_path):
     path.write_text("poses")
     with pytest.raises(UserError, match="eval samples --out"):
         reliability.read(path)
+
+
+def test_the_paper_s_network_builds_and_trains():
+    c = dataclasses.replace(PAPER, classes=MVBALL, width=160, height=128)
+    assert (c.encoder_layers, c.decoder_layers, c.heads, c.d_model) == (5, 5, 16, 256)
+    torch.manual_seed(0)
+    model = Mvtop(c)
+    poses = model(random_views(c, 2)).poses
+    assert [rotation.shape for rotation, *_ in poses] == [(1, 1, 6)] * 5
+    sum(part.square().sum() for layer in poses for part in layer).backward()
+    for name, parameter in model.named_parameters():
+        if name.startswith(("features.encoder", "decoder")):
+            assert parameter.grad is not None, name

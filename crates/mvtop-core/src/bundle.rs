@@ -48,10 +48,10 @@ pub struct Bundle {
     pub scorer: Option<Scorer>,
     /// Numbers that steer inference.
     pub inference: InferenceConfig,
-    /// What the poses are decoded from.
-    pub poses: PoseInput,
-    /// The graph that runs on whole images: the detector, and the encoder where poses are decoded from
-    /// these. Absolute or relative to the current folder, like `dir`.
+    /// What poses are found in.
+    pub closeups: CloseUps,
+    /// The graph that runs on whole images, the detector. Absolute or relative to the current folder,
+    /// like `dir`.
     pub features: PathBuf,
     /// The graph that decodes poses, likewise; `None` where close-ups give object coordinates, on which
     /// PnP finds the poses.
@@ -72,19 +72,6 @@ pub struct SelfTest {
     pub tolerance: f64,
     /// Groups of numbers by name.
     pub outputs: BTreeMap<String, Vec<f64>>,
-}
-
-/// What the network is shown of an object to decode its pose from.
-#[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub enum PoseInput {
-    /// The images, as the detector sees them.
-    WholeImages {
-        /// Cell sizes of the feature levels, px of the network's input, finest first.
-        strides: Vec<usize>,
-    },
-    /// A close-up for each of its boxes.
-    CloseUps(CloseUps),
 }
 
 /// How poses are found in close-ups, see [`crate::closeup`].
@@ -222,7 +209,8 @@ impl Bundle {
             problem,
         };
         let unreadable = |e| format!("{e}, expected a model bundle there");
-        let text = manifest::read_text(&path).map_err(|e| refuse(unreadable(e)))?;
+        let text = manifest::read_text(&path, manifest::MAX_TEXT_BYTES)
+            .map_err(|e| refuse(unreadable(e)))?;
         let header: Header = json::from_str(&text)
             .map_err(|e| refuse(format!("is not the description of a model bundle: {e}")))?;
         if header.format != FORMAT || header.version != VERSION {
@@ -235,7 +223,7 @@ impl Bundle {
         let manifest: Manifest =
             json::from_str(&text).map_err(|e| refuse(format!("is not valid: {e}")))?;
         manifest.check().map_err(refuse)?;
-        let poses = manifest.poses(dir).map_err(refuse)?;
+        let closeups = manifest.closeups(dir).map_err(refuse)?;
         for (name, record) in &manifest.files {
             record.check(dir, name)?;
         }
@@ -268,7 +256,7 @@ impl Bundle {
             detector: manifest.detector,
             scorer: manifest.scorer,
             inference: manifest.inference,
-            poses,
+            closeups,
             features: dir.join(manifest.graphs.features),
             decoder: manifest.graphs.decoder.map(|name| dir.join(name)),
             portable: manifest.portable,

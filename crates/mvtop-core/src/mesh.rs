@@ -5,6 +5,7 @@ mod ply;
 use nalgebra::Point3;
 
 pub use ply::load_ply;
+pub(crate) use ply::load_ply_within;
 
 use crate::{Error, Result};
 

@@ -13,20 +13,15 @@ use crate::{Error, Result};
 
 /// What runs the network. [`crate::Estimator`] needs no more of it than this.
 pub trait Network: Send + Sync {
-    /// Backbone and detector, once for all whole images together.
-    ///
-    /// Called alone where poses are decoded from close-ups.
+    /// Backbone and detector, once for all images together.
     ///
     /// - `images`: `[V, 3, Hn, Wn]`, normalised
     fn detect(&self, images: ArrayView4<f32>) -> Result<DetectorMaps>;
 
-    /// Backbone and encoder, once for some pictures together, of bundles with a decoder.
+    /// Backbone and encoder, once for some close-ups together, of bundles with a decoder.
     ///
-    /// Called alone where poses are decoded from close-ups, which these then are.
-    ///
-    /// - `pictures`: `[P, 3, Hp, Wp]`, normalised: whole images, or
-    ///   [`crate::closeup::CloseUp::picture`]
-    /// - `camera_rays`: `[P, N, 3]`, of their feature cells, from [`crate::rays::camera_rays`] or
+    /// - `pictures`: `[P, 3, S, S]`, normalised, from [`crate::closeup::CloseUp::picture`]
+    /// - `camera_rays`: `[P, N, 3]`, of their feature cells, from
     ///   [`crate::closeup::CloseUp::camera_rays`]
     /// - returns: the memory, `[P, N, C]`
     fn encode(
@@ -45,21 +40,6 @@ pub trait Network: Send + Sync {
     ///   poses that look alike, it is in the frame of the one most upright in the close-up
     fn coordinates(&self, _pictures: ArrayView4<f32>) -> Result<Array4<f32>> {
         Err(without("object coordinates"))
-    }
-
-    /// [`Network::detect`] and [`Network::encode`] of the same whole images, where poses are decoded
-    /// from these. The backbone need run only once.
-    ///
-    /// - `images`: `[V, 3, Hn, Wn]`, normalised
-    /// - `camera_rays`: `[V, N, 3]`, from [`crate::rays::camera_rays`]
-    /// - returns: with the memory, `[V, N, C]`
-    fn detect_and_encode(
-        &self,
-        images: ArrayView4<f32>,
-        camera_rays: ArrayView3<f32>,
-    ) -> Result<(DetectorMaps, Array3<f32>)> {
-        let maps = self.detect(images.view())?;
-        Ok((maps, self.encode(images, camera_rays)?))
     }
 
     /// The pose decoder, for objects that share an anchor: the view that comes first.

@@ -13,7 +13,7 @@ onnx = pytest.importorskip("onnx")
 
 def bundle(folder, change):
     """A copy of a bundle with another first graph, whose checksum is right."""
-    shutil.copytree(ROOT / "fixtures/whole", folder)
+    shutil.copytree(ROOT / "fixtures/tiny", folder)
     path = folder / "features.onnx"
     model = onnx.load(path)
     change(model.graph)

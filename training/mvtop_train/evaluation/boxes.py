@@ -12,7 +12,6 @@ from .. import description
 from ..data import meshfile, surface
 from ..data.boxes import around
 from ..data.letterbox import image_tensor, input_size, letterbox
-from ..errors import UserError
 from ..files import read_json
 from .groups import Group
 from .matching import peaks
@@ -49,11 +48,6 @@ class Detector:
 
     def __init__(self, bundle: Path):
         about = description.read(bundle)
-        if "closeup" not in about["graphs"]:
-            raise UserError(
-                f"{bundle}: expected a bundle with close-ups, whose detector is a network by "
-                "itself, got one without; fix: a network of preset lite or small"
-            )
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = torch.get_num_threads()
         file = bundle / about["graphs"]["features"]

@@ -34,20 +34,6 @@ OPSET = 17
 LARGE = 1024  # weights of a tensor from which on it is worth storing them in fewer bits
 
 
-class ExportedFeatures(nn.Module):
-    """images [V, 3, H, W], camera_rays [V, N, 3] -> memory, det_scores, det_boxes."""
-
-    def __init__(self, model: Mvtop):
-        super().__init__()
-        self.features = model.features
-
-    def forward(self, images, camera_rays):
-        levels = self.features.backbone(images)
-        scores, boxes = self.features.detector(levels[0])
-        memory = self.features.encoder(self.features.of_poses(levels), camera_rays)
-        return memory, scores.sigmoid(), boxes
-
-
 class ExportedDetector(nn.Module):
     """images [V, 3, H, W] -> det_scores, det_boxes."""
 
@@ -129,9 +115,6 @@ def graphs_of(model: Mvtop) -> dict[str, onnx.ModelProto]:
         return graph_of(module(model), inputs, outputs, free)
 
     size, shapes = (config.height, config.width), config.decoder_shapes()
-    if not config.closeup:
-        features = of_pictures(ExportedFeatures, *size, shapes, ["memory", *found])
-        return {"features": features, "decoder": _decoder_of(model)}
     side = config.closeup
     if config.gives_coordinates:
         return {
@@ -301,6 +284,12 @@ def write_bundle(
     pictures  of `integers.pictures_of`: convolutions are computed in 8 bits
     """
     config = model.config
+    if not config.closeup:
+        raise UserError(
+            f"export: expected a network with close-ups, got preset {config.preset!r} without, "
+            "which is for research alone (docs/decisions/0004-crops-instead-of-whole-images.md); "
+            "fix: preset lite or small"
+        )
     known = known or (objects.ball(),)
     check_objects("weights know", [c.name for c in config.classes], known)
     out.mkdir(parents=True, exist_ok=True)
@@ -343,7 +332,7 @@ def write_bundle(
             for c, extent in zip(config.classes, extents, strict=True)
         ],
         "detector": {"score_threshold": score_threshold, **agree, "nms_iou": 0.5},
-        **({"closeup": closeup} if config.closeup else {}),
+        "closeup": closeup,
         "graphs": {name: f"{name}.onnx" for name in graphs},
         "portable": portable,
         "files": {name: _entry(out / name) for name in files},

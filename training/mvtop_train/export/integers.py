@@ -20,7 +20,6 @@ from ..data.inputs import normalised
 from ..data.objects import Object
 from ..data.search import Searches
 from ..data.views import ViewMaker
-from ..errors import UserError
 from ..network.config import Config
 
 PICTURES = "images"  # the input that all of this depends on
@@ -31,11 +30,6 @@ COUNT = 64  # pictures that ranges are measured on, of each kind
 
 def pictures_of(config: Config, known: tuple[Object, ...], data: Path) -> dict[str, np.ndarray]:
     """By graph, what it may be shown: pictures of the training split, varied as in training."""
-    if not config.closeup:
-        raise UserError(
-            f"--integers: expected a network with close-ups, got preset {config.preset!r} without; "
-            "fix: leave it out"
-        )
     scenes = batches.Scenes(data, known, 0)
     rng = np.random.default_rng(0)
 

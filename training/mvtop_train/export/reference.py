@@ -42,20 +42,6 @@ def _over(box, width: int, height: int) -> dict:
     return {"center": (low + high) / 2, "half_size": (high - low) / 2}
 
 
-def whole_image(config, camera: Camera, rgb: np.ndarray, box: np.ndarray) -> Picture:
-    _, scale = letterbox(rgb, config.width, config.height)
-    cells = rays.cell_centers(config.level_shapes(), config.strides).double().numpy()
-    pixels = (cells + 0.5) / scale - 0.5
-    return Picture(
-        image_tensor(config, rgb),
-        camera.unproject(pixels) * camera.shows(pixels)[:, None],
-        rays_of_box(camera, box),
-        **_over((box + 0.5) * np.tile(scale, 2) - 0.5, config.width, config.height),
-        extent=max(box[2:] - box[:2]) / camera.k[0, 0],
-        world_from_cam=camera.world_from_cam,
-    )
-
-
 def close_up(config, camera: Camera, rgb: np.ndarray, box: np.ndarray) -> Picture:
     size = config.closeup
     virtual, bounds, step = closeup_of(camera, box, size)
@@ -182,9 +168,8 @@ def predict(model: Mvtop, cameras: list[Camera], images, boxes) -> dict:
         that are one, by view; `world_from_obj` [4, 4] and `sigma` [2], the error of this pose
     """
     config = model.config
-    show = close_up if config.closeup else whole_image
     views = zip(cameras, images, boxes, strict=True)
-    pictures = [show(config, camera, rgb, np.array(box)) for camera, rgb, box in views]
+    pictures = [close_up(config, camera, rgb, np.array(box)) for camera, rgb, box in views]
     tensors = torch.from_numpy(np.stack([picture.tensor for picture in pictures]))
     camera_rays = torch.from_numpy(np.stack([picture.camera_rays for picture in pictures]))
     memory = ExportedCloseUps(model)(tensors.float(), camera_rays.float())

@@ -43,7 +43,7 @@ def outputs(network: "OfModel | OfGraphs") -> dict[str, list[float]]:
         "det_scores": [probable.mean().item(), probable.max().item()],
         "det_boxes": [boxes[:, side].mean().item() for side in range(4)],
     }
-    pictures = numbers(1, 3, config.closeup, config.closeup) if config.closeup else images
+    pictures = numbers(1, 3, config.closeup, config.closeup)
     if config.gives_coordinates:
         coordinates = network.coordinates(pictures)
         return found | {"coordinates": coordinates.mean((0, 2, 3)).tolist()}

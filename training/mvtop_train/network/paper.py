@@ -1,7 +1,7 @@
-"""The paper's and PoET's own choices, which the shipped network has left behind.
+"""The paper's and PoET's own choices, which no shipped network has.
 
 Positions are fractions of the image, the translation is regressed in metres, and lines of sight
-enter through the features alone. Preset `paper` and the study's variants have these classes.
+enter through the features alone. The study has these classes (`study/paper.py`, `variants.py`).
 """
 
 import torch

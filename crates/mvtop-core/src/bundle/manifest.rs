@@ -8,10 +8,10 @@ use nalgebra::{Point3, Unit, Vector3};
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
-use super::{CloseUps, Detector, Input, PoseInput, SelfTest, SurfacePoint};
+use super::{CloseUps, Detector, Input, SelfTest, SurfacePoint};
 use crate::config::{InferenceConfig, PIPELINE_VERSION};
 use crate::error::misleads;
-use crate::mesh::{Mesh, load_ply};
+use crate::mesh::{Mesh, load_ply_within};
 use crate::rays::LosEncoding;
 use crate::scorer::Scorer;
 use crate::symmetry::{Axis, Symmetry};
@@ -29,7 +29,14 @@ const MAX_PIXELS: u32 = 1 << 24;
 /// drawn some times in each view.
 const MAX_TRIANGLES: usize = 20_000;
 /// Largest text of a bundle that is read, bytes.
-const MAX_TEXT_BYTES: u64 = 1 << 28;
+pub(super) const MAX_TEXT_BYTES: u64 = 1 << 28;
+/// Of a file of points, of which the training writes 1200, and of a mesh.
+const MAX_POINTS_BYTES: u64 = 1 << 21;
+const MAX_MESH_BYTES: u64 = 1 << 23;
+/// Each reads its files.
+const MAX_CLASSES: usize = 256;
+/// Of an object.
+const MAX_SYMMETRIES: usize = 1000;
 
 /// `model.json` as written, with `format` and `version` of [`Header`].
 #[derive(Deserialize)]
@@ -60,9 +67,8 @@ pub(super) struct Manifest {
     /// Replaced [settings](inference.md).
     #[serde(default)]
     pub inference: InferenceConfig,
-    /// Crops, if the network has them.
-    #[serde(default)]
-    pub closeup: Option<ManifestCloseUp>,
+    /// Crops, which poses are found in.
+    pub closeup: ManifestCloseUp,
     /// Files of the network.
     pub graphs: Graphs,
     /// Whether the graphs have standard operators only.
@@ -159,7 +165,8 @@ impl ManifestClass {
             path: path.clone(),
             problem,
         };
-        let mesh = load_ply(&path, 1.0).map_err(|error| refuse(format!("is no mesh: {error}")))?;
+        let mesh = load_ply_within(&path, 1.0, MAX_MESH_BYTES)
+            .map_err(|error| refuse(format!("is no mesh: {error}")))?;
         let (count, colored) = (mesh.triangles().len(), !mesh.colors().is_empty());
         if !(1..=MAX_TRIANGLES).contains(&count) || !colored {
             return Err(refuse(format!(
@@ -224,8 +231,7 @@ pub(super) struct Graphs {
     /// Backbone and detector on whole images.
     pub features: String,
     /// Crops to features for the decoder, or to object coordinates.
-    #[serde(default)]
-    pub closeup: Option<String>,
+    pub closeup: String,
     /// Features of all views to poses; missing in bundles with object coordinates.
     #[serde(default)]
     pub decoder: Option<String>,
@@ -233,9 +239,8 @@ pub(super) struct Graphs {
 
 impl Graphs {
     pub fn files(&self) -> impl Iterator<Item = &String> {
-        [&self.features]
+        [&self.features, &self.closeup]
             .into_iter()
-            .chain(&self.closeup)
             .chain(&self.decoder)
     }
 }
@@ -313,8 +318,19 @@ impl Manifest {
         self.check_pipeline()?;
         self.inference.check()?;
         self.scorer.as_ref().map_or(Ok(()), Scorer::check)?;
-        if self.classes.is_empty() {
-            return Err("classes are empty, expected at least one".into());
+        if !(1..=MAX_CLASSES).contains(&self.classes.len()) {
+            let got = self.classes.len();
+            return Err(format!("classes are {got}, expected 1 to {MAX_CLASSES}"));
+        }
+        let most = self
+            .classes
+            .iter()
+            .map(|class| class.symmetries_discrete.len())
+            .max();
+        if let Some(most) = most.filter(|most| *most > MAX_SYMMETRIES) {
+            return Err(format!(
+                "symmetries_discrete are {most}, expected {MAX_SYMMETRIES} at most"
+            ));
         }
         let written = self.classes.iter().map(|class| &class.name);
         if let Some(text) = written
@@ -349,9 +365,9 @@ impl Manifest {
             }
         }
         let coordinates = self.classes[0].coordinates_extent_m.is_some();
-        if coordinates == self.graphs.decoder.is_some() || coordinates && self.closeup.is_none() {
+        if coordinates == self.graphs.decoder.is_some() {
             return Err(format!(
-                "has graphs {:?} {} coordinates_extent_m, expected a `decoder`, or a `closeup` with \
+                "has graphs {:?} {} coordinates_extent_m, expected either a `decoder` or \
                  coordinates_extent_m; export the bundle again with `mvtop-train export`",
                 self.graphs,
                 if coordinates { "and" } else { "without" },
@@ -380,19 +396,11 @@ impl Manifest {
         Ok(())
     }
 
-    /// What poses are decoded from; the text is the problem.
+    /// What poses are found in; the text is the problem.
     ///
     /// - `dir`: the bundle's folder
-    pub fn poses(&self, dir: &Path) -> Result<PoseInput, String> {
-        let cells = |strides: &[u32]| strides.iter().map(|&stride| stride as usize).collect();
-        let (size, strides, graph) = match (&self.closeup, &self.graphs.closeup) {
-            (None, None) => {
-                let strides = cells(&self.strides);
-                return Ok(PoseInput::WholeImages { strides });
-            }
-            (Some(closeup), Some(graph)) => (closeup.size, &closeup.strides, graph),
-            _ => return Err("closeup: expected its size and its graph, got one of them".into()),
-        };
+    pub fn closeups(&self, dir: &Path) -> Result<CloseUps, String> {
+        let (size, strides) = (self.closeup.size, &self.closeup.strides);
         let fits = |&stride: &u32| stride > 0 && size.is_multiple_of(stride);
         if !(1..=MAX_SIDE).contains(&size)
             || size * size > MAX_PIXELS
@@ -405,11 +413,11 @@ impl Manifest {
                  and rising strides that divide it"
             ));
         }
-        Ok(PoseInput::CloseUps(CloseUps {
+        Ok(CloseUps {
             size,
-            strides: cells(strides),
-            graph: dir.join(graph),
-        }))
+            strides: strides.iter().map(|&stride| stride as usize).collect(),
+            graph: dir.join(&self.graphs.closeup),
+        })
     }
 }
 
@@ -452,8 +460,8 @@ impl FileRecord {
 }
 
 /// Text of the bundle; the error is the problem.
-pub(super) fn read_text(path: &Path) -> Result<String, String> {
-    file::read_text(path, MAX_TEXT_BYTES).map_err(|error| match error {
+pub(super) fn read_text(path: &Path, most: u64) -> Result<String, String> {
+    file::read_text(path, most).map_err(|error| match error {
         mvtop_geometry::Error::Read { cause, .. } => format!("cannot be read: {cause}"),
         other => other.to_string(),
     })
@@ -471,7 +479,7 @@ pub(super) fn read_points(path: &Path) -> Result<Vec<SurfacePoint>> {
         path: path.to_owned(),
         problem,
     };
-    let text = read_text(path).map_err(refuse)?;
+    let text = read_text(path, MAX_POINTS_BYTES).map_err(refuse)?;
     let file: PointsFile =
         json::from_str(&text).map_err(|e| refuse(format!("is not a points file: {e}")))?;
     if file.unit != "m" {

@@ -27,7 +27,8 @@ fn bundle(change: impl FnOnce(&mut Value)) -> tempfile::TempDir {
         "los_encoding": "plucker_origin",
         "classes": [{"id": 1, "name": "mvball", "diameter_m": 0.138, "points": "p.json"}],
         "detector": {"score_threshold": 0.3, "nms_iou": 0.5},
-        "graphs": {"features": "f.onnx", "decoder": "d.onnx"},
+        "closeup": {"size": 160, "strides": [16, 32]},
+        "graphs": {"features": "f.onnx", "closeup": "f.onnx", "decoder": "d.onnx"},
         "portable": false,
         "files": files,
         "provenance": {"seed": 1},
@@ -53,29 +54,17 @@ fn the_sha256_is_that_of_the_standard() {
 #[test]
 fn poses_come_of_a_decoder_or_of_coordinates() {
     let coordinates = |model: &mut Value| model["classes"][0]["coordinates_extent_m"] = 0.1.into();
-    let closeup = |model: &mut Value| {
-        model["closeup"] = json!({"size": 160, "strides": [16, 32]});
-        model["graphs"]["closeup"] = "f.onnx".into();
-    };
     let without_decoder = |model: &mut Value| {
         model["graphs"].as_object_mut().unwrap().remove("decoder");
     };
     let dir = bundle(|model| {
         coordinates(model);
-        closeup(model);
         without_decoder(model);
     });
     let loaded = Bundle::load(dir.path()).unwrap();
     assert!(loaded.has_coordinates() && loaded.decoder.is_none());
-    let expected = "expected a `decoder`, or a `closeup` with coordinates_extent_m";
-    for refused in [
-        refusal(coordinates),
-        refusal(without_decoder),
-        refusal(|model| {
-            coordinates(model);
-            without_decoder(model);
-        }),
-    ] {
+    let expected = "expected either a `decoder` or coordinates_extent_m";
+    for refused in [refusal(coordinates), refusal(without_decoder)] {
         assert!(refused.contains(expected), "{refused}");
     }
 }
@@ -84,8 +73,6 @@ fn poses_come_of_a_decoder_or_of_coordinates() {
 fn a_bundle_is_read() {
     let dir = bundle(|_| ());
     let bundle = Bundle::load(dir.path()).unwrap();
-    let strides = vec![8, 16, 32];
-    assert_eq!(bundle.poses, PoseInput::WholeImages { strides });
     assert_eq!(bundle.los_encoding, LosEncoding::PluckerOrigin);
     assert_eq!(bundle.features, dir.path().join("f.onnx"));
     assert_eq!(bundle.class_index("mvball"), Some(0));
@@ -98,28 +85,24 @@ fn a_bundle_is_read() {
 }
 
 #[test]
-fn closeups_have_a_size_and_a_graph_or_there_are_none() {
-    let closeup = || json!({"size": 160, "strides": [16, 32]});
-    let dir = bundle(|m| {
-        m["closeup"] = closeup();
-        m["graphs"]["closeup"] = json!("f.onnx");
-    });
+fn closeups_have_a_size_strides_and_a_graph() {
+    let dir = bundle(|_| ());
     let expected = CloseUps {
         size: 160,
         strides: vec![16, 32],
         graph: dir.path().join("f.onnx"),
     };
-    let poses = Bundle::load(dir.path()).unwrap().poses;
-    assert_eq!(poses, PoseInput::CloseUps(expected));
+    assert_eq!(Bundle::load(dir.path()).unwrap().closeups, expected);
 
-    let no_graph = refusal(|m| m["closeup"] = closeup());
-    assert!(no_graph.contains("got one of them"), "{no_graph}");
-    let no_size = refusal(|m| m["graphs"]["closeup"] = json!("f.onnx"));
-    assert!(no_size.contains("got one of them"), "{no_size}");
-    let uneven = refusal(|m| {
-        m["closeup"] = json!({"size": 160, "strides": [16, 48]});
-        m["graphs"]["closeup"] = json!("f.onnx");
-    });
+    let without = |of: fn(&mut Value) -> &mut Value| {
+        refusal(|m| {
+            of(m).as_object_mut().unwrap().remove("closeup");
+        })
+    };
+    for error in [without(|m| m), without(|m| &mut m["graphs"])] {
+        assert!(error.contains("missing field `closeup`"), "{error}");
+    }
+    let uneven = refusal(|m| m["closeup"] = json!({"size": 160, "strides": [16, 48]}));
     assert!(uneven.contains("strides that divide it"), "{uneven}");
 }
 
@@ -332,7 +315,7 @@ fn impossible_numbers_are_refused() {
             json!({"score_threshold": 0.3, "agree_threshold": -0.1, "nms_iou": 0.5}),
             "from 0 to 1",
         ),
-        ("/classes", json!([]), "classes are empty"),
+        ("/classes", json!([]), "classes are 0, expected 1 to 256"),
         ("/classes/0/diameter_m", json!(-1.0), "diameter"),
         ("/los_encoding", json!("polar"), "polar"),
     ];
@@ -350,7 +333,17 @@ fn impossible_numbers_are_refused() {
 #[test]
 fn names_that_mislead_a_terminal_are_refused() {
     for place in ["/preset", "/classes/0/name"] {
-        for name in ["small\nall well", "\u{1b}[2J", "\u{9b}2J", "\u{202e}llab"] {
+        for name in [
+            "small\nall well",
+            "\u{1b}[2J",
+            "\u{9b}2J",
+            "\u{202e}llab",
+            "ball\u{200b}",
+            "b\u{ad}all",
+            "ball\u{e0061}",
+            "\u{61c}ball",
+            "\u{2028}",
+        ] {
             let error = refusal(|m| *m.pointer_mut(place).unwrap() = json!(name));
             assert!(error.contains("control characters"), "{place}: {error}");
             assert!(!error.contains(name), "{place}: {error}");
@@ -497,15 +490,50 @@ fn settings_of_inference_are_read_and_checked() {
 
 #[test]
 fn bundles_of_the_fixtures_are_read() {
-    for (name, closeups) in [("tiny", true), ("tiny/portable", true), ("whole", false)] {
+    for name in ["tiny", "tiny/portable"] {
         let dir = Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("../../fixtures")
             .join(name);
         let bundle = Bundle::load(&dir).unwrap();
-        assert_eq!(matches!(bundle.poses, PoseInput::CloseUps(_)), closeups);
+        assert_eq!(bundle.closeups.size, 64);
         assert_eq!(
             (bundle.scorer, bundle.inference),
             (None, InferenceConfig::default())
         );
     }
+}
+
+#[test]
+fn parts_larger_than_any_is_are_refused_before_they_are_read() {
+    let with_file = |name: &str, key: &str, size: usize| {
+        let dir = bundle(|m| m["classes"][0][key] = name.into());
+        std::fs::write(dir.path().join(name), vec![b' '; size]).unwrap();
+        let file = File::open(dir.path().join(name)).unwrap();
+        let path = dir.path().join("model.json");
+        let text = std::fs::read_to_string(&path).unwrap();
+        let mut model: Value = serde_json::from_str(&text).unwrap();
+        model["files"][name] = json!({"bytes": size, "sha256": digest(file).unwrap()});
+        std::fs::write(&path, model.to_string()).unwrap();
+        Bundle::load(dir.path()).unwrap_err().to_string()
+    };
+    for (name, key, size) in [("q.json", "points", 3 << 20), ("m.ply", "mesh", 9 << 20)] {
+        let error = with_file(name, key, size);
+        assert!(
+            error.contains(name) && error.contains("larger than"),
+            "{error}"
+        );
+    }
+    let many = refusal(|m| {
+        let class = |i: usize| json!({"id": i, "name": i.to_string(), "diameter_m": 0.1, "points": "p.json"});
+        m["classes"] = (0..257).map(class).collect();
+    });
+    assert!(
+        many.contains("classes are 257, expected 1 to 256"),
+        "{many}"
+    );
+    let turns = refusal(|m| {
+        let turn = json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]);
+        m["classes"][0]["symmetries_discrete"] = vec![turn; 1001].into();
+    });
+    assert!(turns.contains("symmetries_discrete are 1001"), "{turns}");
 }

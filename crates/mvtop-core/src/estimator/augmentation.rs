@@ -5,19 +5,13 @@ use nalgebra::Point3;
 use super::crops::CropRequest;
 use super::instance::Instance;
 use super::pipeline::Pipeline;
-use crate::bundle::CloseUps;
 use crate::closeup::CloseUp;
 
 impl Pipeline<'_> {
     /// Requests for the rolled crops of an instance where its best pose puts it.
     ///
     /// - `object`: index of the requests
-    pub(super) fn rolled(
-        &self,
-        closeups: &CloseUps,
-        object: usize,
-        instance: &Instance,
-    ) -> Vec<CropRequest<'_>> {
+    pub(super) fn rolled(&self, object: usize, instance: &Instance) -> Vec<CropRequest<'_>> {
         let Some(best) = instance.best() else {
             return Vec::new();
         };
@@ -31,7 +25,12 @@ impl Pipeline<'_> {
                 let points = points.iter().map(|one| Point3::from(one.position));
                 let points: Vec<_> = points.map(|point| cam_from_obj * point).collect();
                 let roll = degrees.to_radians();
-                let closeup = CloseUp::rolled(view.camera, &points, roll, closeups.size)?;
+                let closeup = CloseUp::rolled(
+                    view.camera,
+                    &points,
+                    roll,
+                    self.estimator.bundle.closeups.size,
+                )?;
                 Some((index, view, closeup))
             });
             let request = CropRequest {

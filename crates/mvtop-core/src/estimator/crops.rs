@@ -1,18 +1,15 @@
-//! What poses are decoded from: whole images or crops of objects, encoded by the network.
+//! What poses are found in: crops of objects, encoded by the network.
 
 use std::ops::Range;
 
 use ndarray::{Array, Array2, Array3, Array4, ArrayView, Axis, RemoveAxis, concatenate};
 
-use super::instance::Instance;
 use super::view::View;
-use crate::bundle::{Bundle, CloseUps};
+use crate::bundle::Bundle;
 use crate::camera::Camera;
 use crate::closeup::CloseUp;
-use crate::image::Letterbox;
 use crate::network::Network;
 use crate::parallel;
-use crate::rays::camera_rays;
 use crate::{BBox, Error, Result};
 
 /// Crops that go through the network at once: bounds the memory.
@@ -20,14 +17,12 @@ const BATCH: usize = 32;
 /// Index of the trust among a cell's object coordinates.
 pub const TRUST: usize = 3;
 
-/// What the network is shown: a whole image, or a crop of it.
+/// A crop of an image, as the network is shown it.
 pub struct Crop {
     /// Index of the view that it is of.
     pub view: usize,
-    /// The camera that takes it: the real one, or the crop's virtual one.
+    /// The virtual camera that takes it.
     pub camera: Camera,
-    /// How it lies in the network's input.
-    pub letterbox: Letterbox,
     /// Where its feature cells look, in the camera's frame, `[N, 3]`.
     pub camera_rays: Array2<f32>,
 }
@@ -46,69 +41,28 @@ pub enum Features {
     Coordinates(Array4<f32>),
 }
 
-impl Crops {
-    /// - `memory`: `[P, N, C]`, refused where it is of another number of crops
-    pub fn new(list: Vec<Crop>, memory: Array3<f32>) -> Result<Self> {
-        let features = Features::Memory(checked(memory, list.len())?);
-        Ok(Self { list, features })
-    }
-}
-
-/// Objects that the same crops show. They are decoded together: the decoder lets them attend to each
-/// other.
+/// The crops of one object.
 pub struct Group {
     /// Of the list, in the rig's order.
     pub crops: Range<usize>,
-    pub objects: Vec<Query>,
-}
-
-/// An object to decode.
-pub struct Query {
-    /// Its index among all objects.
+    /// The object's index among all objects.
     pub object: usize,
     /// Index into the bundle's classes.
     pub class: usize,
-    /// In each of the group's crops; at least one is known.
-    pub boxes: Vec<Option<BBox>>,
+    /// In each of the crops, px of these.
+    pub boxes: Vec<BBox>,
 }
 
 impl Crop {
-    /// Center and half size of a box, as shares of the network's input.
+    /// Center and half size of a box, as shares of the crop.
     pub fn relative(&self, bbox: BBox) -> ([f64; 2], [f64; 2]) {
-        let bbox = self.letterbox.net_box(bbox);
-        let size = [self.letterbox.net_width, self.letterbox.net_height].map(f64::from);
+        let size = [self.camera.width(), self.camera.height()].map(f64::from);
         let center = bbox.center();
         (
             [(center.x + 0.5) / size[0], (center.y + 0.5) / size[1]],
             [bbox.width() / 2.0 / size[0], bbox.height() / 2.0 / size[1]],
         )
     }
-}
-
-/// The whole images.
-///
-/// - `strides`: of the feature levels
-pub fn whole_images(views: &[View], strides: &[usize]) -> Vec<Crop> {
-    let crop = |(index, view): (usize, &View)| Crop {
-        view: index,
-        camera: view.camera.clone(),
-        letterbox: view.letterbox.clone(),
-        camera_rays: camera_rays(view.camera, &view.letterbox, strides),
-    };
-    views.iter().enumerate().map(crop).collect()
-}
-
-/// All objects as one group, which all views show.
-pub fn in_whole_images(views: &[View], objects: &[Instance]) -> Vec<Group> {
-    let query = |(object, seen): (usize, &Instance)| Query {
-        object,
-        class: seen.class,
-        boxes: seen.boxes(),
-    };
-    vec![Group {
-        crops: 0..views.len(),
-        objects: objects.iter().enumerate().map(query).collect(),
-    }]
 }
 
 /// Crops that are to be taken of an object; at least one.
@@ -123,16 +77,14 @@ pub struct CropRequest<'a> {
 
 impl<'a> CropRequest<'a> {
     /// Crops of boxes, px of each image.
-    ///
-    /// - `size`: of the crops, px
     pub fn boxes(
         bundle: &Bundle,
         views: &'a [View],
         object: usize,
         class: usize,
         boxes: &[Option<BBox>],
-        size: u32,
     ) -> Result<Self> {
+        let size = bundle.closeups.size;
         let each = views.iter().enumerate().zip(boxes);
         let crop = |((index, view), bbox): ((usize, &'a View<'a>), &Option<BBox>)| {
             Some((index, view, CloseUp::new(view.camera, (*bbox)?, size)?))
@@ -157,7 +109,6 @@ impl<'a> CropRequest<'a> {
 pub fn encoded(
     network: &dyn Network,
     bundle: &Bundle,
-    closeups: &CloseUps,
     requests: Vec<CropRequest>,
 ) -> Result<(Crops, Vec<Group>)> {
     let mut taken: Vec<(usize, &View, CloseUp)> = Vec::new();
@@ -165,24 +116,19 @@ pub fn encoded(
     for request in requests {
         let start = taken.len();
         taken.extend(request.taken);
-        let boxes = taken[start..]
-            .iter()
-            .map(|(.., closeup)| Some(closeup.bbox));
+        let boxes = taken[start..].iter().map(|(.., closeup)| closeup.bbox);
         groups.push(Group {
             crops: start..taken.len(),
-            objects: vec![Query {
-                object: request.object,
-                class: request.class,
-                boxes: boxes.collect(),
-            }],
+            object: request.object,
+            class: request.class,
+            boxes: boxes.collect(),
         });
     }
 
-    let has_coordinates = bundle.has_coordinates();
+    let (closeups, has_coordinates) = (&bundle.closeups, bundle.has_coordinates());
     let crop = |(index, view, closeup): &(usize, &View, CloseUp)| Crop {
         view: *index,
         camera: closeup.camera.clone(),
-        letterbox: closeup.letterbox(),
         camera_rays: match has_coordinates {
             true => Array2::zeros((0, 3)),
             false => closeup.camera_rays(view.camera, &closeups.strides),
@@ -264,7 +210,7 @@ fn on_images(mut codes: Array4<f32>, taken: &[(usize, &View, CloseUp)]) -> Resul
 }
 
 /// Rays of some crops, `[P, N, 3]`.
-pub fn rays(crops: &[Crop]) -> Array3<f32> {
+fn rays(crops: &[Crop]) -> Array3<f32> {
     let cells = crops.first().map_or(0, |p| p.camera_rays.nrows());
     let mut rays = Array3::zeros((crops.len(), cells, 3));
     for (crop, mut row) in crops.iter().zip(rays.outer_iter_mut()) {

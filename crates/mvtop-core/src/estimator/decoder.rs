@@ -3,9 +3,9 @@
 use std::iter;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
-use ndarray::{Array2, Array3, ArrayView1, Axis, s};
+use ndarray::{Array1, Array2, Array3, ArrayView1, Axis, s};
 
-use super::crops::{Crop, Group, Query};
+use super::crops::{Crop, Group};
 use super::grouping::{groups, means};
 use crate::bundle::Bundle;
 use crate::config::SearchConfig;
@@ -13,7 +13,7 @@ use crate::network::{Decoded, Network, Queries};
 use crate::pose::rotation_from_6d;
 use crate::prediction::{Hypothesis, Sigma};
 use crate::rays::{BoxRays, LosEncoding, encode};
-use crate::{Error, Result};
+use crate::{BBox, Error, Result};
 
 /// The hypotheses of every object, by its index, the most probable first, with probabilities up to a
 /// factor.
@@ -33,40 +33,20 @@ pub fn hypotheses(
     grouped: &[Group],
     classes: &[usize],
 ) -> Result<Vec<Vec<Hypothesis>>> {
-    let encoding = bundle.los_encoding;
     let mut anchored: Vec<Vec<Hypothesis>> = vec![Vec::new(); classes.len()];
-    for Group {
-        crops: range,
-        objects,
-    } in grouped
-    {
-        for anchor in range.clone() {
-            let place = anchor - range.start;
-            let queries: Vec<&Query> = objects
-                .iter()
-                .filter(|query| {
-                    query
-                        .anchors(config.max_anchors, &crops[range.clone()])
-                        .contains(&place)
-                })
-                .collect();
-            if queries.is_empty() {
-                continue;
-            }
-            let others = range.clone().filter(|&crop| crop != anchor);
+    for group in grouped {
+        let crops = &crops[group.crops.clone()];
+        for anchor in group.anchors(config.max_anchors, crops) {
+            let others = (0..crops.len()).filter(|&crop| crop != anchor);
             let order: Vec<usize> = iter::once(anchor).chain(others).collect();
-            let memory = memory.select(Axis(0), &order);
-            let shown: Vec<(&Crop, usize)> = order
-                .iter()
-                .map(|&crop| (&crops[crop], crop - range.start))
-                .collect();
-            let decoded = network.decode(memory.view(), &inputs(&shown, &queries, encoding))?;
-            decoded.check(queries.len())?;
-            let world_from_anchor = &crops[anchor].camera.world_from_cam();
-            for (q, query) in queries.iter().enumerate() {
-                let found = Hypothesis::of_query(world_from_anchor, &decoded, q)?;
-                anchored[query.object].extend(found);
-            }
+            let rows: Vec<usize> = order.iter().map(|at| group.crops.start + at).collect();
+            let memory = memory.select(Axis(0), &rows);
+            let queries = inputs(crops, group, &order, bundle.los_encoding);
+            let decoded = network.decode(memory.view(), &queries)?;
+            decoded.check(1)?;
+            let world_from_anchor = crops[anchor].camera.world_from_cam();
+            let found = Hypothesis::of_query(world_from_anchor, &decoded, 0)?;
+            anchored[group.object].extend(found);
         }
     }
     let of_class = |(all, class): (_, &usize)| {
@@ -77,60 +57,53 @@ pub fn hypotheses(
     Ok(anchored.into_iter().zip(classes).map(of_class).collect())
 }
 
-impl Query {
-    /// Which of the group's crops are anchors: those with the largest boxes, which show most.
+impl Group {
+    /// Which of its crops are anchors, in their order: those with the largest boxes, which show most.
     fn anchors(&self, most: usize, crops: &[Crop]) -> Vec<usize> {
-        let size = |(at, (bbox, crop)): (usize, (&Option<crate::BBox>, &Crop))| {
-            let angle =
-                bbox.as_ref()?.width().max(bbox.as_ref()?.height()) / crop.camera.intrinsics().fx();
-            Some((at, angle))
+        let size = |(bbox, crop): (&BBox, &Crop)| {
+            bbox.width().max(bbox.height()) / crop.camera.intrinsics().fx()
         };
-        let sizes = self.boxes.iter().zip(crops).enumerate();
-        let mut sizes: Vec<(usize, f64)> = sizes.filter_map(size).collect();
+        let sizes = self.boxes.iter().zip(crops).map(size).enumerate();
+        let mut sizes: Vec<(usize, f64)> = sizes.collect();
         sizes.sort_by(|a, b| b.1.total_cmp(&a.1));
-        sizes.truncate(most);
-        sizes.into_iter().map(|(at, _)| at).collect()
+        let mut anchors: Vec<usize> = sizes.into_iter().map(|(at, _)| at).take(most).collect();
+        anchors.sort_unstable();
+        anchors
     }
 }
 
-/// The decoder's input for objects anchored in the first of `crops`.
-///
-/// - `pictures`: each with its place in the objects' boxes
-fn inputs(crops: &[(&Crop, usize)], objects: &[&Query], encoding: LosEncoding) -> Queries {
-    let (v_len, q_len) = (crops.len(), objects.len());
-    let (anchor, _) = crops[0];
+/// The decoder's input for an object anchored in the first of its crops in this order.
+fn inputs(crops: &[Crop], group: &Group, order: &[usize], encoding: LosEncoding) -> Queries {
+    let views = order.len();
+    let anchor = &crops[order[0]];
     let cells = anchor.camera_rays.nrows();
     let mut queries = Queries {
-        rays: Array3::zeros((v_len, cells, encoding.width())),
-        centers: Array3::from_elem((v_len, q_len, 2), 0.5),
-        half_sizes: Array3::zeros((v_len, q_len, 2)),
-        box_rays: Array3::zeros((v_len, q_len, 12)),
-        valid: Array2::zeros((v_len, q_len)),
-        class_index: objects.iter().map(|query| query.class as i64).collect(),
+        rays: Array3::zeros((views, cells, encoding.width())),
+        centers: Array3::from_elem((views, 1, 2), 0.5),
+        half_sizes: Array3::zeros((views, 1, 2)),
+        box_rays: Array3::zeros((views, 1, 12)),
+        valid: Array2::zeros((views, 1)),
+        class_index: Array1::from_elem(1, group.class as i64),
     };
-    for (row, (crop, place)) in crops.iter().enumerate() {
+    for (row, &at) in order.iter().enumerate() {
+        let (crop, bbox) = (&crops[at], group.boxes[at]);
         let world_from_cam = &crop.camera.world_from_cam();
         let anchor_from_cam = anchor.camera.world_from_cam().inv_mul(world_from_cam);
         let rays = encode(crop.camera_rays.view(), &anchor_from_cam, encoding);
         queries.rays.index_axis_mut(Axis(0), row).assign(&rays);
-        for (q, query) in objects.iter().enumerate() {
-            let Some(bbox) = query.boxes[*place] else {
-                continue;
-            };
-            // Boxes without rays are no detections, and are refused where they are given.
-            let Some(rays) = BoxRays::new(&crop.camera, bbox) else {
-                continue;
-            };
-            let (center, half_size) = crop.relative(bbox);
-            for axis in 0..2 {
-                queries.centers[(row, q, axis)] = center[axis] as f32;
-                queries.half_sizes[(row, q, axis)] = half_size[axis] as f32;
-            }
-            for (i, number) in rays.encode(&anchor_from_cam).into_iter().enumerate() {
-                queries.box_rays[(row, q, i)] = number;
-            }
-            queries.valid[(row, q)] = 1.0;
+        // Boxes without rays are no detections, and are refused where they are given.
+        let Some(rays) = BoxRays::new(&crop.camera, bbox) else {
+            continue;
+        };
+        let (center, half_size) = crop.relative(bbox);
+        for axis in 0..2 {
+            queries.centers[(row, 0, axis)] = center[axis] as f32;
+            queries.half_sizes[(row, 0, axis)] = half_size[axis] as f32;
         }
+        for (i, number) in rays.encode(&anchor_from_cam).into_iter().enumerate() {
+            queries.box_rays[(row, 0, i)] = number;
+        }
+        queries.valid[(row, 0)] = 1.0;
     }
     queries
 }

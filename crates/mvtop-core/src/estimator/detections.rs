@@ -6,7 +6,7 @@ use super::instance::Instance;
 use super::view::View;
 use crate::annotations::GivenBoxes;
 use crate::associate::{LineOfSight, associate};
-use crate::bundle::{Bundle, PoseInput};
+use crate::bundle::Bundle;
 use crate::closeup::CloseUp;
 use crate::config::AssociationConfig;
 use crate::detect::{Detection, peaks};
@@ -55,13 +55,12 @@ pub fn detected(
     boxes: &[Vec<Detection>],
 ) -> Vec<Instance> {
     let threshold = f64::from(bundle.detector.score_threshold);
-    let closeups = matches!(bundle.poses, PoseInput::CloseUps(_));
     let mut detections: Vec<Vec<Detection>> = Vec::new();
     let mut lines_of_sight = Vec::new();
     for (view, boxes) in views.iter().zip(boxes) {
         let (found, lines) = boxes
             .iter()
-            .filter(|seen| !closeups || CloseUp::is_of(view.camera, seen.bbox))
+            .filter(|seen| CloseUp::is_of(view.camera, seen.bbox))
             .filter_map(|seen| Some((*seen, LineOfSight::new(seen.class, view.camera, seen.bbox)?)))
             .unzip();
         detections.push(found);

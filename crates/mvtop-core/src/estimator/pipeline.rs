@@ -2,14 +2,12 @@
 
 use std::time::Instant;
 
-use super::crops::{self, Crops};
 use super::instance::{Candidate, Instance};
 use super::near_miss::NearMisses;
 use super::view::View;
 use super::wanted::Wanted;
 use super::{Estimator, PredictOptions};
 use super::{detections, nms, tiling, view};
-use crate::bundle::PoseInput;
 use crate::config::InferenceConfig;
 use crate::image::ViewImage;
 use crate::network::{DetectorMaps, Network};
@@ -72,12 +70,12 @@ impl<'a> Pipeline<'a> {
     /// - `reference`: index of the camera in whose frame poses are given
     pub fn predict(mut self, reference: usize) -> Result<Prediction> {
         let mut clock = Clock::start();
-        let whole_images = self.detect(&mut clock)?;
+        self.detect(&mut clock)?;
         let mut misses = NearMisses::new(self.estimator.bundle.classes.len());
         let mut instances = self.instances(&mut misses)?;
         clock.lap(|timings| &mut timings.detect);
 
-        self.first_candidates(whole_images, &mut instances, &mut clock)?;
+        self.first_candidates(&mut instances, &mut clock)?;
         self.propose_priors(&mut instances, &mut clock)?;
         for proposer in &self.config().search.schedule {
             self.search(*proposer, &mut instances, &mut clock)?;
@@ -99,28 +97,17 @@ impl<'a> Pipeline<'a> {
         })
     }
 
-    /// Shows the whole images to the detector, and encodes them for bundles without crops.
-    fn detect(&mut self, clock: &mut Clock) -> Result<Option<Crops>> {
+    /// Shows the whole images to the detector.
+    fn detect(&mut self, clock: &mut Clock) -> Result<()> {
         let (bundle, views) = (&self.estimator.bundle, &self.views);
         let images = view::tensor(views, &bundle.input)?;
-        let (maps, whole_images) = match &bundle.poses {
-            PoseInput::WholeImages { strides } => {
-                let list = crops::whole_images(views, strides);
-                let rays = crops::rays(&list);
-                clock.lap(|timings| &mut timings.prepare);
-                let (maps, memory) = self.network.detect_and_encode(images.view(), rays.view())?;
-                (maps, Some(Crops::new(list, memory)?))
-            }
-            PoseInput::CloseUps(_) => {
-                clock.lap(|timings| &mut timings.prepare);
-                (self.network.detect(images.view())?, None)
-            }
-        };
+        clock.lap(|timings| &mut timings.prepare);
+        let maps = self.network.detect(images.view())?;
         let faintest = bundle.detector.faintest();
         maps.check(views.len(), bundle.classes.len(), faintest)?;
         self.maps = Some(maps);
         clock.lap(|timings| &mut timings.features);
-        Ok(whole_images)
+        Ok(())
     }
 
     /// The instances that the boxes of all views show, without poses yet.
@@ -136,9 +123,7 @@ impl<'a> Pipeline<'a> {
         };
         let mut boxes = detections::in_whole_images(bundle, &self.views, maps);
         let config = self.config();
-        if let PoseInput::CloseUps(_) = bundle.poses {
-            tiling::detect(self, &mut boxes)?;
-        }
+        tiling::detect(self, &mut boxes)?;
         let association = &config.association;
         let mut found = detections::detected(bundle, association, radii, &self.views, &boxes);
         self.note_undetected(misses, &boxes, &found);
@@ -167,23 +152,11 @@ impl<'a> Pipeline<'a> {
     }
 
     /// The network's candidates from the detected boxes.
-    fn first_candidates(
-        &self,
-        whole_images: Option<Crops>,
-        instances: &mut [Instance],
-        clock: &mut Clock,
-    ) -> Result<()> {
+    fn first_candidates(&self, instances: &mut [Instance], clock: &mut Clock) -> Result<()> {
         let rois: Vec<_> = instances.iter().map(Instance::boxes).collect();
-        let (crops, groups) = match (whole_images, &self.estimator.bundle.poses) {
-            (Some(crops), _) => (crops, crops::in_whole_images(&self.views, instances)),
-            (None, PoseInput::CloseUps(closeups)) => {
-                let requests = instances.iter().zip(&rois).enumerate();
-                let requests = requests
-                    .map(|(object, (one, rois))| self.request(closeups, object, one.class, rois));
-                self.encoded(closeups, requests.collect::<Result<_>>()?, clock)?
-            }
-            (None, PoseInput::WholeImages { .. }) => return Ok(()),
-        };
+        let requests = instances.iter().zip(&rois).enumerate();
+        let requests = requests.map(|(object, (one, rois))| self.request(object, one.class, rois));
+        let (crops, groups) = self.encoded(requests.collect::<Result<_>>()?, clock)?;
         let classes: Vec<usize> = instances.iter().map(|one| one.class).collect();
         let proposed = self.network_candidates(&crops, &groups, &classes, &rois)?;
         clock.lap(|timings| &mut timings.propose);

@@ -4,7 +4,6 @@ use super::crops::CropRequest;
 use super::instance::{Candidate, Instance};
 use super::pipeline::{Clock, Pipeline};
 use super::reprojection;
-use crate::bundle::PoseInput;
 use crate::prediction::Sigma;
 use crate::request::Prior;
 use crate::scorer::Scored;
@@ -81,14 +80,11 @@ impl Pipeline<'_> {
         rois: Vec<Option<BBox>>,
         clock: &mut Clock,
     ) -> Result<Vec<Candidate>> {
-        let mut candidates = Vec::new();
-        if let PoseInput::CloseUps(closeups) = &self.estimator.bundle.poses {
-            let request: CropRequest = self.request(closeups, 0, class, &rois)?;
-            let (crops, groups) = self.encoded(closeups, vec![request], clock)?;
-            let rois = std::slice::from_ref(&rois);
-            let found = self.network_candidates(&crops, &groups, &[class], rois)?;
-            candidates.extend(found.into_iter().flatten());
-        }
+        let request: CropRequest = self.request(0, class, &rois)?;
+        let (crops, groups) = self.encoded(vec![request], clock)?;
+        let each = std::slice::from_ref(&rois);
+        let found = self.network_candidates(&crops, &groups, &[class], each)?;
+        let mut candidates: Vec<Candidate> = found.into_iter().flatten().collect();
         let refined =
             self.estimator.refiners[class].is_some() && self.options.refine != Some(false);
         if refined {

@@ -9,7 +9,7 @@ use super::instance::{Candidate, Instance};
 use super::pipeline::{Clock, Pipeline};
 use super::pnp::{self, Correspondences};
 use super::{decoder, grouping, reprojection};
-use crate::bundle::{Class, CloseUps, PoseInput};
+use crate::bundle::Class;
 use crate::config::Proposer;
 use crate::prediction::{Hypothesis, Sigma};
 use crate::scorer::Scored;
@@ -18,28 +18,19 @@ use crate::{BBox, Result};
 impl Pipeline<'_> {
     pub(super) fn request(
         &self,
-        closeups: &CloseUps,
         object: usize,
         class: usize,
         rois: &[Option<BBox>],
     ) -> Result<CropRequest<'_>> {
-        CropRequest::boxes(
-            &self.estimator.bundle,
-            &self.views,
-            object,
-            class,
-            rois,
-            closeups.size,
-        )
+        CropRequest::boxes(&self.estimator.bundle, &self.views, object, class, rois)
     }
 
     pub(super) fn encoded(
         &self,
-        closeups: &CloseUps,
         requests: Vec<CropRequest>,
         clock: &mut Clock,
     ) -> Result<(Crops, Vec<Group>)> {
-        let encoded = crops::encoded(self.network, &self.estimator.bundle, closeups, requests);
+        let encoded = crops::encoded(self.network, &self.estimator.bundle, requests);
         clock.lap(|timings| &mut timings.crop);
         encoded
     }
@@ -67,17 +58,14 @@ impl Pipeline<'_> {
             }
             Features::Coordinates(codes) => {
                 for group in groups {
-                    for query in &group.objects {
-                        let class = &bundle.classes[query.class];
-                        let Some(extent) = class.coordinates_extent_m else {
-                            continue;
-                        };
-                        let (codes, least) = (codes.view(), config.pnp.min_trust);
-                        let mut all =
-                            Correspondences::new(list, codes, group, extent, class, least);
-                        hypotheses[query.object] = pnp::solve(config, &mut all);
-                        correspondences[query.object] = Some(Arc::new(all));
-                    }
+                    let class = &bundle.classes[group.class];
+                    let Some(extent) = class.coordinates_extent_m else {
+                        continue;
+                    };
+                    let (codes, least) = (codes.view(), config.pnp.min_trust);
+                    let mut all = Correspondences::new(list, codes, group, extent, class, least);
+                    hypotheses[group.object] = pnp::solve(config, &mut all);
+                    correspondences[group.object] = Some(Arc::new(all));
                 }
             }
         }
@@ -140,16 +128,13 @@ impl Pipeline<'_> {
         instances: &mut [Instance],
         clock: &mut Clock,
     ) -> Result<()> {
-        let PoseInput::CloseUps(closeups) = &self.estimator.bundle.poses else {
-            return Ok(());
-        };
         let mut open = self.open(proposer, instances);
         if open.is_empty() {
             return Ok(());
         }
         let proposed = match proposer {
-            Proposer::Reprojected => self.reprojected(closeups, &open, clock)?,
-            Proposer::Augmented => self.augmented(closeups, &open, clock)?,
+            Proposer::Reprojected => self.reprojected(&open, clock)?,
+            Proposer::Augmented => self.augmented(&open, clock)?,
             Proposer::Perturbed => self.perturbed(&open),
         };
         clock.lap(|timings| &mut timings.propose);
@@ -189,7 +174,6 @@ impl Pipeline<'_> {
     /// The network's candidates from the crops where the best pose projects the object.
     fn reprojected(
         &self,
-        closeups: &CloseUps,
         open: &[&mut Instance],
         clock: &mut Clock,
     ) -> Result<Vec<Vec<Candidate>>> {
@@ -206,27 +190,22 @@ impl Pipeline<'_> {
                 .map(|(new, old)| new.map(|one| one.bbox).or(*old))
                 .collect();
             if !reprojection::same_rois(&new, &best.rois, search.same_crop_iou) {
-                requests.push(self.request(closeups, object, one.class, &new)?);
+                requests.push(self.request(object, one.class, &new)?);
                 rois[object] = new;
             }
         }
-        self.proposed_by_crops(closeups, open, requests, &rois, clock)
+        self.proposed_by_crops(open, requests, &rois, clock)
     }
 
     /// The network's candidates from rolled crops.
-    fn augmented(
-        &self,
-        closeups: &CloseUps,
-        open: &[&mut Instance],
-        clock: &mut Clock,
-    ) -> Result<Vec<Vec<Candidate>>> {
+    fn augmented(&self, open: &[&mut Instance], clock: &mut Clock) -> Result<Vec<Vec<Candidate>>> {
         let each = open.iter().enumerate();
-        let requests = each.flat_map(|(object, one)| self.rolled(closeups, object, one));
+        let requests = each.flat_map(|(object, one)| self.rolled(object, one));
         let rois = open
             .iter()
             .map(|one| one.best().map(|best| best.rois.clone()));
         let rois: Vec<_> = rois.map(Option::unwrap_or_default).collect();
-        self.proposed_by_crops(closeups, open, requests.collect(), &rois, clock)
+        self.proposed_by_crops(open, requests.collect(), &rois, clock)
     }
 
     /// The network's candidates from crops; those of all crops of an instance are grouped.
@@ -234,14 +213,13 @@ impl Pipeline<'_> {
     /// - `rois`: of each instance
     fn proposed_by_crops(
         &self,
-        closeups: &CloseUps,
         open: &[&mut Instance],
         requests: Vec<CropRequest>,
         rois: &[Vec<Option<BBox>>],
         clock: &mut Clock,
     ) -> Result<Vec<Vec<Candidate>>> {
         let classes: Vec<usize> = open.iter().map(|one| one.class).collect();
-        let (crops, groups) = self.encoded(closeups, requests, clock)?;
+        let (crops, groups) = self.encoded(requests, clock)?;
         self.network_candidates(&crops, &groups, &classes, rois)
     }
 

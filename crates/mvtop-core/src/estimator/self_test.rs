@@ -10,7 +10,7 @@ use ndarray::{
     Array, Array1, Array2, Array3, Array4, ArrayView2, Axis, Dimension, ShapeBuilder, s,
 };
 
-use crate::bundle::{Bundle, PoseInput};
+use crate::bundle::Bundle;
 use crate::network::{Network, Queries};
 use crate::{Error, Result};
 
@@ -70,35 +70,23 @@ fn rays(cells: usize) -> Array3<f32> {
 fn answers(bundle: &Bundle, network: &dyn Network) -> Result<BTreeMap<&'static str, Vec<f64>>> {
     let (width, height) = (bundle.input.width as usize, bundle.input.height as usize);
     let images: Array4<f32> = numbers((1, 3, height, width));
-    let cells = |strides: &[usize], width: usize, height: usize| -> usize {
-        let level = |stride: &usize| width.div_ceil(*stride) * height.div_ceil(*stride);
-        strides.iter().map(level).sum()
-    };
     let mut answers = BTreeMap::new();
-    let (maps, memory) = match &bundle.poses {
-        PoseInput::WholeImages { strides } => {
-            let rays = rays(cells(strides, width, height));
-            let (maps, memory) = network.detect_and_encode(images.view(), rays.view())?;
-            (maps, Some(memory))
+    let side = bundle.closeups.size as usize;
+    let pictures: Array4<f32> = numbers((1, 3, side, side));
+    let memory = match bundle.has_coordinates() {
+        true => {
+            let coordinates = network.coordinates(pictures.view())?;
+            let mean = |channel| mean(&mut coordinates.index_axis(Axis(1), channel).iter());
+            answers.insert("coordinates", (0..4).map(mean).collect());
+            None
         }
-        PoseInput::CloseUps(closeups) => {
-            let side = closeups.size as usize;
-            let pictures: Array4<f32> = numbers((1, 3, side, side));
-            let memory = match bundle.has_coordinates() {
-                true => {
-                    let coordinates = network.coordinates(pictures.view())?;
-                    let mean = |channel| mean(&mut coordinates.index_axis(Axis(1), channel).iter());
-                    answers.insert("coordinates", (0..4).map(mean).collect());
-                    None
-                }
-                false => {
-                    let rays = rays(cells(&closeups.strides, side, side));
-                    Some(network.encode(pictures.view(), rays.view())?)
-                }
-            };
-            (network.detect(images.view())?, memory)
+        false => {
+            let level = |stride: &usize| side.div_ceil(*stride).pow(2);
+            let rays = rays(bundle.closeups.strides.iter().map(level).sum());
+            Some(network.encode(pictures.view(), rays.view())?)
         }
     };
+    let maps = network.detect(images.view())?;
     maps.check(1, bundle.classes.len(), f32::INFINITY)?;
     let most = maps.scores.iter().fold(0.0, |most: f32, &x| most.max(x));
     let side = |side| mean(&mut maps.boxes.index_axis(Axis(1), side).iter());

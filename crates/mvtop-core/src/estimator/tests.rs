@@ -2,7 +2,6 @@
 
 mod arguments;
 mod closer;
-mod closeups;
 mod coordinates;
 mod detected;
 mod doubts;
@@ -15,19 +14,20 @@ mod wanted;
 
 use super::grouping::mean_rotation;
 use super::*;
-use crate::bundle::{Class, CloseUps, Detector, Input, PoseInput};
+use crate::bundle::{Class, CloseUps, Detector, Input};
 use crate::image::Letterbox;
 use crate::network::{Decoded, DetectorMaps, Queries};
 use crate::rays::LosEncoding;
 use crate::symmetry::Symmetry;
 use crate::{BBox, Camera, Error, Intrinsics, Projection};
 use image::RgbImage;
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use ndarray::{Array2, Array3, Array4, ArrayView2, ArrayView3, ArrayView4, array, s};
+use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
+use ndarray::{Array2, Array3, Array4, ArrayView1, ArrayView2, ArrayView3, ArrayView4, array, s};
 
 const RADIUS: f64 = 0.07;
 const STRIDE: usize = 8;
 const NET: (u32, u32) = (320, 240);
+const CLOSE: u32 = 96;
 
 fn bundle() -> Bundle {
     Bundle {
@@ -56,8 +56,10 @@ fn bundle() -> Bundle {
         },
         scorer: None,
         inference: InferenceConfig::default(),
-        poses: PoseInput::WholeImages {
+        closeups: CloseUps {
+            size: CLOSE,
             strides: vec![STRIDE, 16],
+            graph: "closeup.onnx".into(),
         },
         features: "features.onnx".into(),
         decoder: Some("decoder.onnx".into()),
@@ -112,13 +114,14 @@ fn ball_box(camera: &Camera, ball: [f64; 3]) -> BBox {
     }
 }
 
-/// A network that knows where the balls are, and checks that all it is given agrees with that.
+/// Detects the balls, and puts every object where the axes of its close-ups meet, which look at the
+/// middles of its boxes; what one view sees as far away as the ball of about that size.
 struct Geometry {
     /// Boxes of each image, in the rig's order.
     boxes: Vec<Vec<BBox>>,
     letterboxes: Vec<Letterbox>,
-    /// Positions of every ball in the frame of every camera.
-    in_cameras: Vec<Vector3<f64>>,
+    /// Of all balls from the cameras of the images, metres.
+    distances: Vec<f64>,
     /// What a network in disorder does to its answer.
     disorder: fn(&mut Decoded),
     /// Likewise, to the detector's.
@@ -128,19 +131,19 @@ struct Geometry {
 impl Geometry {
     /// - `seen`: for each image, the camera's index and the balls seen there
     fn new(rig: &Rig, seen: &[(usize, &[[f64; 3]])]) -> Self {
-        let in_cameras = rig.cameras().iter().flat_map(|camera| {
-            let cam_from_world = camera.world_from_cam().inverse();
-            BALLS.map(|ball| (cam_from_world * Point3::from(ball)).coords)
-        });
         let cameras = || seen.iter().map(|&(index, _)| &rig.cameras()[index]);
         let boxes = cameras()
             .zip(seen)
             .map(|(camera, (_, balls))| balls.iter().map(|&ball| ball_box(camera, ball)).collect());
+        let distances = |camera: &Camera| {
+            let center = camera.world_from_cam().translation.vector;
+            BALLS.map(|ball| (Vector3::from(ball) - center).norm())
+        };
         let letterbox = |c: &Camera| Letterbox::new(c.width(), c.height(), NET.0, NET.1);
         Self {
             boxes: boxes.collect(),
             letterboxes: cameras().map(letterbox).collect(),
-            in_cameras: in_cameras.collect(),
+            distances: cameras().flat_map(distances).collect(),
             disorder: |_| (),
             detector_disorder: |_| (),
         }
@@ -173,64 +176,46 @@ impl Network for Geometry {
     }
 
     /// The memory is the cells' rays, so that the decoder can tell whose they are.
-    fn encode(&self, _: ArrayView4<f32>, camera_rays: ArrayView3<f32>) -> Result<Array3<f32>> {
+    fn encode(
+        &self,
+        pictures: ArrayView4<f32>,
+        camera_rays: ArrayView3<f32>,
+    ) -> Result<Array3<f32>> {
+        let size = CLOSE as usize;
+        assert_eq!(pictures.dim(), (camera_rays.dim().0, 3, size, size));
         Ok(camera_rays.to_owned())
     }
 
-    /// Objects where they are, turned as the anchor camera is.
+    /// The object where it is, turned as the anchor is.
     fn decode(&self, memory: ArrayView3<f32>, queries: &Queries) -> Result<Decoded> {
-        let objects = queries.class_index.len();
-        assert!(objects > 0, "nothing to decode");
+        assert_eq!(queries.class_index.len(), 1, "each object has its memory");
+        assert!(queries.valid.iter().all(|&valid| valid == 1.0));
         // Rotations keep angles: the one between two cells' rays tells the cameras apart.
-        let angle = |rays: ArrayView2<f32>| rays.row(105).dot(&rays.row(125));
+        let angle = |rays: ArrayView2<f32>| rays.row(70).dot(&rays.row(83));
         for (rays, memory) in queries.rays.outer_iter().zip(memory.outer_iter()) {
-            let encoded = angle(rays.slice(s![.., 3..]));
-            assert!(
-                (encoded - angle(memory)).abs() < 1e-5,
-                "memory and rays of different views"
-            );
+            assert!((angle(rays.slice(s![.., 3..])) - angle(memory)).abs() < 1e-5);
         }
+        let views = queries.rays.outer_iter().zip(queries.box_rays.outer_iter());
+        let axes: Vec<_> = views.map(|(rays, one)| axis(rays, one.row(0))).collect();
+        assert!(axes[0].0.norm() < 1e-6, "the anchor is the origin");
+        let center = match &axes[..] {
+            [(_, direction)] => {
+                let half_width = queries.box_rays.slice(s![0, 0, 6..9]);
+                let half_width = half_width.mapv(|x| f64::from(x).powi(2)).sum().sqrt() / 10.0;
+                let by_size = RADIUS / half_width;
+                let nearest =
+                    |a: &f64, b: &f64| (a - by_size).abs().total_cmp(&(b - by_size).abs());
+                let known = self.distances.iter().copied().min_by(nearest);
+                direction * known.unwrap_or(by_size)
+            }
+            axes => nearest_point(axes),
+        };
         let mut decoded = Decoded {
-            rotation_6d: Array2::zeros((objects, 6)),
-            translation: Array2::zeros((objects, 3)),
-            sigma: Array2::from_elem((objects, 2), 0.5),
+            rotation_6d: array![[2.0, 0.0, 0.0, 0.0, 3.0, 0.0]],
+            translation: array![[center.x as f32, center.y as f32, center.z as f32]],
+            sigma: array![[0.5, 0.5]],
             hypotheses: None,
         };
-        for q in 0..objects {
-            let line = |v: usize| {
-                let numbers = queries.box_rays.slice(s![v, q, ..]);
-                let vector = |i: usize| Vector3::from_fn(|row, _| f64::from(numbers[3 * i + row]));
-                (vector(0), vector(1))
-            };
-            let off = |v: usize, point: &Vector3<f64>| {
-                let (origin, direction) = line(v);
-                (point - origin).cross(&direction).norm()
-            };
-            let nearest = |a: &&Vector3<f64>, b: &&Vector3<f64>| off(0, a).total_cmp(&off(0, b));
-            let center = *self.in_cameras.iter().min_by(nearest).unwrap();
-            assert_eq!(queries.valid[(0, q)], 1.0, "the anchor sees its objects");
-            assert!(line(0).0.norm() < 1e-6, "the anchor is the origin");
-            for v in 0..queries.valid.nrows() {
-                if queries.valid[(v, q)] == 1.0 {
-                    assert!(off(v, &center) < 1e-4, "a box of another object");
-                } else {
-                    assert!(
-                        queries
-                            .box_rays
-                            .slice(s![v, q, ..])
-                            .iter()
-                            .all(|&x| x == 0.0)
-                    );
-                    assert_eq!(queries.centers.slice(s![v, q, ..]), array![0.5, 0.5]);
-                    assert_eq!(queries.half_sizes.slice(s![v, q, ..]), array![0.0, 0.0]);
-                }
-            }
-            for axis in 0..3 {
-                decoded.translation[(q, axis)] = center[axis] as f32;
-            }
-            decoded.rotation_6d[(q, 0)] = 2.0;
-            decoded.rotation_6d[(q, 4)] = 3.0;
-        }
         (self.disorder)(&mut decoded);
         Ok(decoded)
     }
@@ -238,6 +223,36 @@ impl Network for Geometry {
     fn provider(&self) -> &str {
         "geometry"
     }
+}
+
+/// Origin and direction of a close-up's axis: between its four cells in the middle, or where these are off
+/// the image, through the middle of its box.
+///
+/// - `rays`: `[N, 6]`, origin and direction of each cell
+fn axis(rays: ArrayView2<f32>, box_rays: ArrayView1<f32>) -> (Vector3<f64>, Vector3<f64>) {
+    let vector = |numbers: ArrayView1<f32>| Vector3::from_fn(|i, _| f64::from(numbers[i]));
+    let cells = CLOSE as usize / STRIDE;
+    let middle = [cells / 2 - 1, cells / 2];
+    let four = middle
+        .iter()
+        .flat_map(|row| middle.map(|column| row * cells + column));
+    let four: Vec<_> = four.map(|cell| vector(rays.slice(s![cell, 3..]))).collect();
+    let direction = match four.iter().all(|ray| ray.norm() > 0.5) {
+        true => four.iter().sum(),
+        false => vector(box_rays.slice(s![3..6])),
+    };
+    (vector(box_rays.slice(s![..3])), direction.normalize())
+}
+
+/// The point with the least squared distance to lines.
+fn nearest_point(lines: &[(Vector3<f64>, Vector3<f64>)]) -> Vector3<f64> {
+    let (mut a, mut b) = (Matrix3::zeros(), Vector3::zeros());
+    for (origin, direction) in lines {
+        let across = Matrix3::identity() - direction * direction.transpose();
+        a += across;
+        b += across * origin;
+    }
+    a.try_inverse().unwrap() * b
 }
 
 fn images(rig: &Rig, cameras: &[usize]) -> Vec<ViewImage> {

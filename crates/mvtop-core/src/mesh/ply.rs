@@ -53,13 +53,18 @@ struct Body<'a> {
 /// [`Error::Geometry`] where the file cannot be read, [`Error::Data`] where it is no PLY file with
 /// vertices or a face names a vertex that is not there.
 pub fn load_ply(path: &Path, unit: f64) -> Result<Mesh> {
+    load_ply_within(path, unit, MAX_FILE_BYTES)
+}
+
+/// [`load_ply`] of a file of at most so many bytes.
+pub(crate) fn load_ply_within(path: &Path, unit: f64, most: u64) -> Result<Mesh> {
     let refuse = |problem: String| {
         Error::Data(format!(
             "{}: expected a PLY file with vertices and faces, got: {problem}",
             path.display()
         ))
     };
-    let bytes = file::read(path, MAX_FILE_BYTES)?;
+    let bytes = file::read(path, most)?;
     let Contents {
         vertices,
         colors,

@@ -15,7 +15,6 @@ pub struct Answers {
     detector: Mutex<Vec<Answer>>,
     encoder: Mutex<Vec<Answer>>,
     coordinates: Mutex<Vec<Answer>>,
-    both: Mutex<Vec<Answer>>,
 }
 
 /// What a graph said of one picture.
@@ -42,7 +41,7 @@ pub struct Cached<'a> {
 impl Answers {
     /// Forgets the pictures that were not asked for since it was last called.
     pub fn forget_unused(&self) {
-        for table in [&self.detector, &self.encoder, &self.coordinates, &self.both] {
+        for table in [&self.detector, &self.encoder, &self.coordinates] {
             let mut table = table.lock().unwrap_or_else(PoisonError::into_inner);
             table.retain_mut(|answer| std::mem::take(&mut answer.used));
         }
@@ -159,28 +158,6 @@ impl Network for Cached<'_> {
         let table = &self.answers.coordinates;
         let outputs = looked_up(table, pictures, no_rays.view(), run)?;
         next(&mut outputs.into_iter())
-    }
-
-    fn detect_and_encode(
-        &self,
-        images: ArrayView4<f32>,
-        camera_rays: ArrayView3<f32>,
-    ) -> Result<(DetectorMaps, Array3<f32>)> {
-        let run = |images: ArrayView4<f32>, rays: ArrayView3<f32>| {
-            let (maps, memory) = self.network.detect_and_encode(images, rays)?;
-            Ok(vec![
-                maps.scores.into_dyn(),
-                maps.boxes.into_dyn(),
-                memory.into_dyn(),
-            ])
-        };
-        let outputs = looked_up(&self.answers.both, images, camera_rays, run)?;
-        let mut outputs = outputs.into_iter();
-        let maps = DetectorMaps {
-            scores: next(&mut outputs)?,
-            boxes: next(&mut outputs)?,
-        };
-        Ok((maps, next(&mut outputs)?))
     }
 
     fn decode(&self, memory: ArrayView3<f32>, queries: &Queries) -> Result<Decoded> {

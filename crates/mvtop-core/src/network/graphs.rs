@@ -4,14 +4,14 @@ use ndarray::{Array3, Array4, ArrayView3, ArrayView4};
 
 use super::{Decoded, DetectorMaps, Hypotheses, Network, Queries, without};
 use crate::Result;
-use crate::bundle::{Bundle, PoseInput};
+use crate::bundle::Bundle;
 use crate::onnx::{Outputs, Port, Runtime, Session, SessionOptions};
 
 /// The graphs of a bundle in ONNX Runtime.
 pub(crate) struct OnnxNetwork {
-    /// On whole images; gives memory as well where there is no `closeup`.
+    /// On whole images.
     features: Session,
-    closeup: Option<Session>,
+    closeup: Session,
     /// `None` where `closeup` gives object coordinates.
     decoder: Option<Session>,
     /// Whether `decoder` gives several poses of each object.
@@ -34,10 +34,7 @@ impl OnnxNetwork {
         let network = Self {
             hypotheses: outputs.into_iter().any(|x| x == "hypotheses_score"),
             features: runtime.session(&bundle.features, options)?,
-            closeup: match &bundle.poses {
-                PoseInput::WholeImages { .. } => None,
-                PoseInput::CloseUps(closeups) => Some(runtime.session(&closeups.graph, options)?),
-            },
+            closeup: runtime.session(&bundle.closeups.graph, options)?,
             decoder,
             provider: options.provider.to_string(),
         };
@@ -62,29 +59,15 @@ impl OnnxNetwork {
         };
         let pictures =
             |shape: &[Option<usize>]| [port("images", shape), port("camera_rays", &rays)];
-        let maps = || [port("det_scores", &scores), port("det_boxes", &boxes)];
-        match (&bundle.poses, &self.closeup) {
-            (PoseInput::CloseUps(closeups), Some(graph)) => {
-                self.features.check(&pictures(&images)[..1], &maps())?;
-                let side = Some(closeups.size as usize);
-                let pictures = pictures(&[any, Some(3), side, side]);
-                match &self.decoder {
-                    Some(_) => graph.check(&pictures, &[port("memory", &memory)])?,
-                    None => {
-                        let coordinates = port("coordinates", &boxes);
-                        graph.check(&pictures[..1], &[coordinates])?;
-                    }
-                }
-            }
-            _ => {
-                let [scores, boxes] = maps();
-                let outputs = [scores, boxes, port("memory", &memory)];
-                self.features.check(&pictures(&images), &outputs)?;
-            }
-        }
+        let maps = [port("det_scores", &scores), port("det_boxes", &boxes)];
+        self.features.check(&pictures(&images)[..1], &maps)?;
+        let side = Some(bundle.closeups.size as usize);
+        let pictures = pictures(&[any, Some(3), side, side]);
         let Some(decoder) = &self.decoder else {
-            return Ok(());
+            let coordinates = port("coordinates", &boxes);
+            return self.closeup.check(&pictures[..1], &[coordinates]);
         };
+        self.closeup.check(&pictures, &[port("memory", &memory)])?;
         let [pair, dozen] = [2, 12].map(|length| [any, any, Some(length)]);
         let inputs = [
             port("memory", &memory),
@@ -123,28 +106,12 @@ impl Network for OnnxNetwork {
             ("images", pictures.into()),
             ("camera_rays", camera_rays.into()),
         ];
-        let graph = self.closeup.as_ref().unwrap_or(&self.features);
-        graph.run(&inputs)?.take("memory")
+        self.closeup.run(&inputs)?.take("memory")
     }
 
     fn coordinates(&self, pictures: ArrayView4<f32>) -> Result<Array4<f32>> {
-        let graph = self.closeup.as_ref().unwrap_or(&self.features);
-        graph
-            .run(&[("images", pictures.into())])?
-            .take("coordinates")
-    }
-
-    fn detect_and_encode(
-        &self,
-        images: ArrayView4<f32>,
-        camera_rays: ArrayView3<f32>,
-    ) -> Result<(DetectorMaps, Array3<f32>)> {
-        let inputs = [
-            ("images", images.into()),
-            ("camera_rays", camera_rays.into()),
-        ];
-        let mut outputs = self.features.run(&inputs)?;
-        Ok((DetectorMaps::take(&mut outputs)?, outputs.take("memory")?))
+        let inputs = [("images", pictures.into())];
+        self.closeup.run(&inputs)?.take("coordinates")
     }
 
     fn decode(&self, memory: ArrayView3<f32>, queries: &Queries) -> Result<Decoded> {
@@ -170,7 +137,7 @@ impl Network for OnnxNetwork {
     }
 
     fn takes_any_size(&self) -> bool {
-        self.closeup.is_some() && self.features.leaves_open("images", &[2, 3])
+        self.features.leaves_open("images", &[2, 3])
     }
 
     fn provider(&self) -> &str {

@@ -44,9 +44,9 @@ const SCORER: &str = r#""pipeline_version": 2, "scorer": {"within_deg": 5.0, "wi
  "correlation": 0.0}}"#;
 
 /// A copy of the fixture's bundle.
-fn whole() -> tempfile::TempDir {
+fn copy() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    for entry in std::fs::read_dir(repo("fixtures/whole")).unwrap() {
+    for entry in std::fs::read_dir(repo("fixtures/tiny")).unwrap() {
         let from = entry.unwrap().path();
         if from.is_file() && from.extension().is_some_and(|end| end != "pt") {
             std::fs::copy(&from, folder.path().join(from.file_name().unwrap())).unwrap();
@@ -57,8 +57,8 @@ fn whole() -> tempfile::TempDir {
 
 /// The fixture's bundle with a calibration.
 fn calibrated(scorer: &str) -> tempfile::TempDir {
-    let folder = whole();
-    let manifest = String::from_utf8(good("fixtures/whole/model.json")).unwrap();
+    let folder = copy();
+    let manifest = String::from_utf8(good("fixtures/tiny/model.json")).unwrap();
     let manifest = manifest.replacen('{', &format!("{{{scorer}, "), 1);
     std::fs::write(folder.path().join("model.json"), manifest).unwrap();
     folder
@@ -66,7 +66,7 @@ fn calibrated(scorer: &str) -> tempfile::TempDir {
 
 /// Changes a graph of a bundle, whose manifest then has its checksum.
 fn with_graph(folder: &Path, name: &str, edits: &[mutate::Edit]) {
-    let bytes = changed(&good(&format!("fixtures/whole/{name}")), edits);
+    let bytes = changed(&good(&format!("fixtures/tiny/{name}")), edits);
     let path = folder.join("model.json");
     let mut manifest: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     let sum = Sha256::digest(&bytes);
@@ -92,7 +92,7 @@ proptest! {
     /// What passes the check of the graph is loaded and run: ONNX Runtime answers or refuses it.
     #[test]
     fn graphs_that_are_run(edits in edits(), which in 0..2usize) {
-        let folder = whole();
+        let folder = copy();
         with_graph(folder.path(), ["features.onnx", "decoder.onnx"][which], &edits);
         if let Some(estimator) = answered(Estimator::load(folder.path(), &Options::default())) {
             answered(estimator.self_test());
@@ -125,9 +125,9 @@ proptest! {
 
     #[test]
     fn manifests_and_points(edits in edits(), which in 0..2usize) {
-        let folder = whole();
+        let folder = copy();
         let name = ["model.json", "mvball.points.json"][which];
-        let bytes = changed(&good(&format!("fixtures/whole/{name}")), &edits);
+        let bytes = changed(&good(&format!("fixtures/tiny/{name}")), &edits);
         std::fs::write(folder.path().join(name), bytes).unwrap();
         if let Some(bundle) = answered(Bundle::load(folder.path())) {
             let classes = bundle.classes.iter();
@@ -138,7 +138,7 @@ proptest! {
 
     #[test]
     fn graphs(edits in edits(), which in 0..2usize) {
-        let folder = whole();
+        let folder = copy();
         with_graph(folder.path(), ["features.onnx", "decoder.onnx"][which], &edits);
         answered(Bundle::load(folder.path()));
     }

@@ -5,21 +5,19 @@ use crate::fixtures::{Fixture, fixture_path, gap, sample_boxes, sample_image, sa
 use mvtop_core::closeup::CloseUp;
 use mvtop_core::image::{Letterbox, Pyramid, to_tensor};
 use mvtop_core::onnx::{Runtime, Session, SessionOptions, Tensor};
-use mvtop_core::rays::{BoxRays, LosEncoding, camera_rays, encode};
+use mvtop_core::rays::{BoxRays, LosEncoding, encode};
 use mvtop_core::{BBox, Camera, Rig};
 use ndarray::{Array1, Array2, Array3, Array4, ArrayD, Axis, Ix3, stack};
 use rstest::rstest;
 
-/// Of `fixtures/tiny` and `fixtures/whole`.
+/// Of `fixtures/tiny`.
 const INPUT: [u32; 2] = [160, 128];
 const MEAN: [f32; 3] = [0.5; 3];
 const STD: [f32; 3] = [0.25; 3];
 const ENCODING: LosEncoding = LosEncoding::PluckerOrigin;
 
-/// The fixture of a bundle, `tiny`, `tiny/portable` or `whole`.
-fn fixture(bundle: &str) -> Fixture {
-    let kind = bundle.split('/').next().unwrap();
-    Fixture::load(&format!("pipeline_{kind}.safetensors"))
+fn fixture() -> Fixture {
+    Fixture::load("pipeline_tiny.safetensors")
 }
 
 fn session(bundle: &str, graph: &str) -> Session {
@@ -47,51 +45,37 @@ struct Shown {
     camera: Camera,
     bbox: BBox,
     camera_rays: Array2<f32>,
-    picture: Option<Array3<f32>>,
+    picture: Array3<f32>,
 }
 
 impl Shown {
-    fn of(bundle: &str, real: &Camera) -> Self {
+    fn of(real: &Camera) -> Self {
         let bbox = sample_boxes()[real.id()];
-        if bundle == "whole" {
-            return Self {
-                camera: real.clone(),
-                bbox,
-                camera_rays: camera_rays(real, &letterbox(real), &[8, 16, 32]),
-                picture: None,
-            };
-        }
         let closeup = CloseUp::new(real, bbox, 64).unwrap();
         Self {
             bbox: closeup.bbox,
             camera_rays: closeup.camera_rays(real, &[16, 32]),
-            picture: Some(closeup.picture(real, &Pyramid::new(&sample_image(real)), MEAN, STD)),
+            picture: closeup.picture(real, &Pyramid::new(&sample_image(real)), MEAN, STD),
             camera: closeup.camera,
         }
     }
 }
 
-#[rstest]
-fn pictures_and_lines_of_sight(#[values("tiny", "whole")] bundle: &str) {
-    let fixture = fixture(bundle);
+#[test]
+fn pictures_and_lines_of_sight() {
+    let fixture = fixture();
     let rig = sample_rig();
     let first = images(&rig).mapv(f64::from).index_axis_move(Axis(0), 0);
     let theirs = fixture.f64("images").index_axis_move(Axis(0), 0);
     assert!(gap(first.into_dyn(), theirs) < 1e-6);
-    let shown: Vec<Shown> = rig
-        .cameras()
-        .iter()
-        .map(|real| Shown::of(bundle, real))
-        .collect();
+    let shown: Vec<Shown> = rig.cameras().iter().map(Shown::of).collect();
     for (view, ours) in shown.iter().enumerate() {
         let close = |ours: ArrayD<f32>, name: &str| {
             let theirs = fixture.f64(name).index_axis_move(Axis(0), view);
             let gap = gap(ours.mapv(f64::from), theirs);
             assert!(gap < 2e-6, "view {view}, {name}: {gap:.1e}"); // float32
         };
-        if let Some(picture) = &ours.picture {
-            close(picture.clone().into_dyn(), "pictures");
-        }
+        close(ours.picture.clone().into_dyn(), "pictures");
         close(ours.camera_rays.clone().into_dyn(), "camera_rays");
         for (a, anchor) in shown.iter().enumerate() {
             let anchor_from_world = anchor.camera.world_from_cam().inverse();
@@ -107,41 +91,34 @@ fn pictures_and_lines_of_sight(#[values("tiny", "whole")] bundle: &str) {
 }
 
 #[rstest]
-fn features_are_pytorch_s(#[values("tiny", "tiny/portable", "whole")] bundle: &str) {
-    let fixture = fixture(bundle);
+fn features_are_pytorch_s(#[values("tiny", "tiny/portable")] bundle: &str) {
+    let fixture = fixture();
     let close = |ours: ArrayD<f32>, name: &str, tolerance: f64| {
         let gap = gap(ours.mapv(f64::from), fixture.f64(name));
         assert!(gap < tolerance, "{bundle}, {name}: {gap:.1e}");
     };
     let (images, camera_rays) = (images(&sample_rig()), fixture.f32("camera_rays"));
-    let mut inputs: Vec<(&str, Tensor)> = vec![("images", images.view().into())];
-    if bundle == "whole" {
-        inputs.push(("camera_rays", camera_rays.view().into()));
-    }
-    let mut out = session(bundle, "features.onnx").run(&inputs).unwrap();
+    let detector = session(bundle, "features.onnx");
+    let mut out = detector.run(&[("images", images.view().into())]).unwrap();
     // Sums of some hundred float32 products in another order.
     let scores: Array4<f32> = out.take("det_scores").unwrap();
     close(scores.into_dyn(), "det_scores", 1e-5);
     let boxes: Array4<f32> = out.take("det_boxes").unwrap();
     close(boxes.into_dyn(), "det_boxes", 1e-3); // pixels
-    if bundle != "whole" {
-        let pictures = fixture.f32("pictures");
-        out = session(bundle, "closeup.onnx")
-            .run(&[
-                ("images", pictures.view().into()),
-                ("camera_rays", camera_rays.view().into()),
-            ])
-            .unwrap();
-    }
+    let pictures = fixture.f32("pictures");
+    let mut out = session(bundle, "closeup.onnx")
+        .run(&[
+            ("images", pictures.view().into()),
+            ("camera_rays", camera_rays.view().into()),
+        ])
+        .unwrap();
     let memory = out.take::<Ix3>("memory").unwrap();
     close(memory.into_dyn(), "memory", 2e-5);
 }
 
 #[rstest]
-fn every_view_decodes_what_it_does_in_pytorch(
-    #[values("tiny", "tiny/portable", "whole")] bundle: &str,
-) {
-    let fixture = fixture(bundle);
+fn every_view_decodes_what_it_does_in_pytorch(#[values("tiny", "tiny/portable")] bundle: &str) {
+    let fixture = fixture();
     let session = session(bundle, "decoder.onnx");
     let class_index = Array1::<i64>::zeros(1);
     let anchors = |views: usize| {
@@ -183,10 +160,10 @@ fn every_view_decodes_what_it_does_in_pytorch(
     }
 }
 
-#[rstest]
-fn fixtures_hold_numbers_that_differ(#[values("tiny", "whole")] bundle: &str) {
+#[test]
+fn fixtures_hold_numbers_that_differ() {
     // A parity test on constant outputs would pass for any network.
-    let fixture = fixture(bundle);
+    let fixture = fixture();
     let world_from_obj = |views: usize| fixture.f64(&format!("world_from_obj.{views}"));
     assert!(gap(world_from_obj(1), world_from_obj(4)) > 1e-2);
     assert!(gap(world_from_obj(4), world_from_obj(6)) > 1e-3);

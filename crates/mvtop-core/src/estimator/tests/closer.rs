@@ -2,7 +2,6 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use super::closeups::{Triangulation, closeup_bundle};
 use super::*;
 
 const BALL: [f64; 3] = [0.05, 0.1, 1.0];
@@ -11,7 +10,7 @@ const LEAST: usize = 20;
 
 /// Finds what is white.
 struct White<'a> {
-    decoder: Triangulation,
+    decoder: Geometry,
     /// Pictures that the detector was shown.
     shown: &'a AtomicUsize,
 }
@@ -84,10 +83,10 @@ fn found(cameras: [((u32, u32), f64); 2]) -> (Rig, Prediction, usize) {
         .collect();
     let shown = Box::leak(Box::new(AtomicUsize::new(0)));
     let network = White {
-        decoder: Triangulation(Geometry::new(&rig, &[])),
+        decoder: Geometry::new(&rig, &[]),
         shown,
     };
-    let estimator = Estimator::new(closeup_bundle(), Box::new(network));
+    let estimator = Estimator::new(bundle(), Box::new(network));
     let prediction = estimator.predict(&rig, &images, &PredictOptions::default());
     (rig, prediction.unwrap(), shown.load(Ordering::Relaxed))
 }

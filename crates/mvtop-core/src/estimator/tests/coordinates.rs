@@ -319,11 +319,10 @@ fn found(scores: [f32; 3], with_ball: bool, options: &PredictOptions) -> (Predic
     };
     let bundle = Bundle {
         classes: vec![brick()],
-        poses: PoseInput::CloseUps(CloseUps {
+        closeups: CloseUps {
             size: CROP,
-            strides: vec![8, 16],
-            graph: "closeup.onnx".into(),
-        }),
+            ..bundle().closeups
+        },
         decoder: None,
         ..bundle()
     };

@@ -1,6 +1,7 @@
 //! Which objects are found, and where.
 
 use super::*;
+use crate::closeup::CloseUp;
 
 #[test]
 fn objects_are_found_where_they_are_whichever_views_see_them() {
@@ -14,6 +15,7 @@ fn objects_are_found_where_they_are_whichever_views_see_them() {
     assert_eq!(prediction.reference, 0);
     assert_eq!(prediction.provider, "geometry");
     assert_eq!(prediction.objects.len(), 2);
+    assert!(prediction.timings.crop > 0.0);
     let by_all = prediction
         .objects
         .iter()
@@ -29,12 +31,14 @@ fn objects_are_found_where_they_are_whichever_views_see_them() {
     assert_eq!((by_all.class.as_str(), by_all.class_id), ("ball", 7));
     assert!((by_all.score - (1.0 - 0.1 * 0.2 * 0.1)).abs() < 1e-6);
     assert!((by_two.score - (1.0 - 0.1 * 0.2)).abs() < 1e-6);
-    // Turned as their anchors, which are the cameras that see them.
+    // Turned as their anchors, which are the close-ups of the cameras that see them.
     for (object, anchors) in [(by_all, 0..3), (by_two, 1..3)] {
-        let turns = rig.cameras()[anchors].iter();
-        let turns: Vec<_> = turns
-            .map(|camera| camera.world_from_cam().rotation)
+        let turns = rig.cameras().iter().zip(&object.cameras);
+        let turns: Vec<UnitQuaternion<f64>> = turns
+            .filter_map(|(camera, seen)| CloseUp::new(camera, seen.bbox?, CLOSE))
+            .map(|closeup| closeup.camera.world_from_cam().rotation)
             .collect();
+        assert_eq!(turns.len(), anchors.len());
         assert!(is_mean_of_some(&object.world_from_obj.rotation, &turns));
         // Each anchor gives another rotation, and they are equally probable.
         let prior = object.evidence.as_ref().unwrap().pose.prior;

@@ -1,6 +1,5 @@
 //! Calibrations that are wrong are warned of.
 
-use super::closeups::{Triangulation, closeup_bundle};
 use super::*;
 use crate::bundle::SurfacePoint;
 use crate::consistency::extent;
@@ -36,9 +35,9 @@ fn told(seen: &[&[[f64; 3]]], lie: &Rig) -> Prediction {
             *bbox = extent(&points, camera, &at_ball).unwrap();
         }
     }
-    let mut bundle = closeup_bundle();
+    let mut bundle = bundle();
     bundle.classes[0].points = points;
-    let estimator = Estimator::new(bundle, Box::new(Triangulation(geometry)));
+    let estimator = Estimator::new(bundle, Box::new(geometry));
     let images = images(&rig, &cameras);
     estimator
         .predict(lie, &images, &PredictOptions::default())

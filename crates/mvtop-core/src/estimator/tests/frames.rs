@@ -1,6 +1,5 @@
 //! What poses do not depend on: the order of the images, the world frame, the reference.
 
-use super::closeups::{Triangulation, closeup_bundle};
 use super::*;
 
 #[test]
@@ -72,13 +71,9 @@ fn poses_in_the_world_do_not_depend_on_the_reference() {
             _ => balls,
         };
         let seen: Vec<(usize, &[[f64; 3]])> = cameras.iter().map(|&i| (i, shown(i))).collect();
-        for from_closeups in [false, true] {
+        {
             let network = Geometry::new(&rig(0), &seen);
-            let estimator = if from_closeups {
-                Estimator::new(closeup_bundle(), Box::new(Triangulation(network)))
-            } else {
-                Estimator::new(bundle(), Box::new(network))
-            };
+            let estimator = Estimator::new(bundle(), Box::new(network));
             let mut expected: Option<Vec<Isometry3<f64>>> = None;
             for reference in 0..views {
                 let rig = rig(reference);
@@ -109,7 +104,7 @@ fn order_of_the_cameras_changes_no_bit() {
             1 => &balls[..1],
             _ => balls,
         };
-        for from_closeups in [false, true] {
+        {
             // Images go to the network by their cameras' ids, whatever the order in the rig.
             let ordered = Rig::new(arc(views), 0).unwrap();
             let seen: Vec<(usize, &[[f64; 3]])> = (0..views).map(|i| (i, shown(i))).collect();
@@ -120,17 +115,9 @@ fn order_of_the_cameras_changes_no_bit() {
                     .collect();
                 let rig = Rig::new(cameras, 0).unwrap();
                 let geometry = Geometry::new(&ordered, &seen);
-                let mut bundle = if from_closeups {
-                    closeup_bundle()
-                } else {
-                    bundle()
-                };
+                let mut bundle = bundle();
                 bundle.classes[0].points = super::doubts::sphere();
-                let network: Box<dyn Network> = match from_closeups {
-                    true => Box::new(Triangulation(geometry)),
-                    false => Box::new(geometry),
-                };
-                let estimator = Estimator::new(bundle, network);
+                let estimator = Estimator::new(bundle, Box::new(geometry));
                 let shuffled: Vec<usize> = (0..views).rev().collect();
                 let images = images(&rig, &shuffled);
                 let prediction = estimator.predict(&rig, &images, &PredictOptions::default());

@@ -34,7 +34,7 @@ fn estimator() -> Estimator {
     let bundle = Bundle {
         classes: vec![brick()],
         scorer: Some(Scorer::default()),
-        ..super::closeups::closeup_bundle()
+        ..bundle()
     };
     Estimator::new(bundle, Box::new(Blind))
 }

@@ -2,7 +2,6 @@
 
 use std::sync::Mutex;
 
-use super::closeups::{Triangulation, closeup_bundle};
 use super::*;
 use crate::bundle::SurfacePoint;
 use crate::detect::Detection;
@@ -19,7 +18,7 @@ use crate::scorer::Scored;
 /// Notes how many crops it is shown at once, and turns objects the same way whichever view is the
 /// anchor: by where all cameras are.
 struct Noting<'a> {
-    network: Triangulation,
+    network: Geometry,
     crops: &'a Mutex<Vec<usize>>,
 }
 
@@ -72,14 +71,14 @@ fn found(
     change: impl Fn(&mut [Vec<BBox>]),
 ) -> (Vec<ObjectPose>, Vec<usize>) {
     let rig = rig();
-    let mut bundle = closeup_bundle();
+    let mut bundle = bundle();
     bundle.classes[0].points = points;
     let seen: Vec<(usize, &[[f64; 3]])> = seen.iter().copied().enumerate().collect();
     let cameras: Vec<usize> = (0..seen.len()).collect();
     let mut geometry = Geometry::new(&rig, &seen);
     change(&mut geometry.boxes);
     let crops: &'static Mutex<Vec<usize>> = Box::leak(Box::default());
-    let network = Triangulation(geometry);
+    let network = geometry;
     let estimator = Estimator::new(bundle, Box::new(Noting { network, crops }));
     let prediction = estimator.predict(&rig, &images(&rig, &cameras), options);
     (prediction.unwrap().objects, crops.lock().unwrap().clone())
@@ -167,17 +166,14 @@ fn a_box_beside_its_line_of_sight_is_not_another_object() {
 #[test]
 fn rolled_crops_look_at_the_best_pose() {
     let rig = rig();
-    let mut bundle = closeup_bundle();
+    let mut bundle = bundle();
     bundle.classes[0].points = surface();
     let [ball, _] = BALLS;
-    let network = Triangulation(Geometry::new(&rig, &[(0, &[ball]), (1, &[ball])]));
+    let network = Geometry::new(&rig, &[(0, &[ball]), (1, &[ball])]);
     let estimator = Estimator::new(bundle, Box::new(network));
     let (images, options) = (images(&rig, &[0, 1]), PredictOptions::default());
     let network = estimator.network.as_ref();
     let pipeline = Pipeline::new(&estimator, network, &rig, &images, &options).unwrap();
-    let PoseInput::CloseUps(closeups) = &estimator.bundle.poses else {
-        unreachable!("closeup_bundle has close-ups");
-    };
     let sigma = Sigma {
         rot_deg: 5.0,
         t_m: 0.002,
@@ -208,7 +204,7 @@ fn rolled_crops_look_at_the_best_pose() {
         excluded: Vec::new(),
     };
     let rolls = &estimator.config.search.rolls_deg;
-    let requests = pipeline.rolled(closeups, 0, &instance);
+    let requests = pipeline.rolled(0, &instance);
     assert_eq!(requests.len(), rolls.len());
     for (request, degrees) in requests.iter().zip(rolls) {
         let views: Vec<usize> = request.taken.iter().map(|(view, ..)| *view).collect();
@@ -226,14 +222,14 @@ fn rolled_crops_look_at_the_best_pose() {
     }
     // Views without a crop get none.
     instance.candidates = vec![candidate(vec![None, roi])];
-    let requests = pipeline.rolled(closeups, 0, &instance);
+    let requests = pipeline.rolled(0, &instance);
     assert!(
         requests
             .iter()
             .all(|request| request.taken.len() == 1 && request.taken[0].0 == 1)
     );
     instance.candidates.clear();
-    assert!(pipeline.rolled(closeups, 0, &instance).is_empty());
+    assert!(pipeline.rolled(0, &instance).is_empty());
 }
 
 #[test]

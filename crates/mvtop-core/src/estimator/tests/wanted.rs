@@ -2,15 +2,15 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use super::closeups::{Triangulation, closeup_bundle};
 use super::proposers::surface;
 use super::*;
+use crate::closeup::CloseUp;
 use crate::prediction::{MissReason, NearMiss};
 use crate::request::{Plane, Prior};
 
 /// Counts the crops that it is shown.
 struct Counting<'a> {
-    network: Triangulation,
+    network: Geometry,
     crops: &'a AtomicUsize,
 }
 
@@ -50,14 +50,14 @@ fn of_classes(cameras: &[usize], classes: Option<&[&str]>) -> (Vec<String>, usiz
     let seen: Vec<(usize, &[[f64; 3]])> = cameras.iter().map(|&one| (one, &BALLS[..])).collect();
     let mut geometry = Geometry::new(&rig, &seen);
     geometry.detector_disorder = second_is_a_nut;
-    let mut bundle = closeup_bundle();
+    let mut bundle = bundle();
     let nut = Class {
         name: "nut".into(),
         ..bundle.classes[0].clone()
     };
     bundle.classes.push(nut);
     let crops: &'static AtomicUsize = Box::leak(Box::default());
-    let network = Triangulation(geometry);
+    let network = geometry;
     let estimator = Estimator::new(bundle, Box::new(Counting { network, crops }));
     let options = PredictOptions {
         classes: classes.map(|all| all.iter().map(|one| (*one).to_owned()).collect()),
@@ -176,7 +176,7 @@ fn on_plane(height: f64, axis: [f64; 3]) -> Prediction {
         planes: vec![plane.unwrap()],
         ..PredictOptions::default()
     };
-    // With one view the pose is turned as its camera.
+    // With one view the pose is turned as its close-up.
     let seen: [(usize, &[[f64; 3]]); 1] = [(0, &[first])];
     let mut bundle = bundle();
     bundle.classes[0].points = surface();
@@ -187,8 +187,10 @@ fn on_plane(height: f64, axis: [f64; 3]) -> Prediction {
 
 #[test]
 fn objects_that_do_not_stand_on_their_plane_are_not_given() {
-    let camera = *rig().cameras()[0].world_from_cam();
-    let up = camera.rotation.inverse() * Vector3::z();
+    let rig = rig();
+    let bbox = ball_box(&rig.cameras()[0], BALLS[0]);
+    let closeup = CloseUp::new(&rig.cameras()[0], bbox, CLOSE).unwrap();
+    let up = closeup.camera.world_from_cam().rotation.inverse() * Vector3::z();
     let lowest = 1.0 - RADIUS;
     let found = on_plane(lowest, up.into());
     assert_eq!(found.objects.len(), 1, "{:?}", found.near_misses);
@@ -210,9 +212,9 @@ fn objects_that_do_not_stand_on_their_plane_are_not_given() {
 fn an_object_that_no_view_detects_is_found_where_its_prior_says() {
     let [first, _] = BALLS;
     let seen: [(usize, &[[f64; 3]]); 2] = [(0, &[]), (1, &[])];
-    let mut bundle = closeup_bundle();
+    let mut bundle = bundle();
     bundle.classes[0].points = surface();
-    let network = Triangulation(Geometry::new(&rig(), &seen));
+    let network = Geometry::new(&rig(), &seen);
     let estimator = Estimator::new(bundle, Box::new(network));
     let options = PredictOptions {
         priors: vec![prior(first, 0.02)],
