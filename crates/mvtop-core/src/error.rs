@@ -231,27 +231,56 @@ pub fn printable(sentence: &str) -> String {
 }
 
 /// Lines that are safe to print: control characters, by which a terminal can be made to show something
-/// else, and those that turn the direction of writing are written as JSON escapes them, so that JSON
-/// stays the same.
+/// else, and those that are not seen are written as JSON escapes them, so that JSON stays the same.
 ///
 /// ```
 /// assert_eq!(mvtop_core::error::harmless("\"\u{9b}31m\"\n"), "\"\\u009b31m\"\n");
+/// assert_eq!(mvtop_core::error::harmless("a\u{e0061}"), r"a\udb40\udc61");
 /// ```
 pub fn harmless(text: &str) -> String {
     let mut lines = String::with_capacity(text.len());
     for c in text.chars() {
         match c != '\n' && misleads(c) {
-            true => lines.push_str(&format!("\\u{:04x}", u32::from(c))),
+            true => {
+                for unit in c.encode_utf16(&mut [0; 2]) {
+                    lines.push_str(&format!("\\u{unit:04x}"));
+                }
+            }
             false => lines.push(c),
         }
     }
     lines
 }
 
-/// Whether a character moves a terminal's cursor or turns the direction of writing, which no name
-/// should.
+/// Whether a character moves a terminal's cursor, turns the direction of writing or is not seen, which
+/// no name should: Unicode's categories Cc, Cf, Zl and Zp.
+///
+/// Source: <https://www.unicode.org/Public/17.0.0/ucd/extracted/DerivedGeneralCategory.txt>.
 pub(crate) fn misleads(c: char) -> bool {
-    c.is_control() || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+    c.is_control()
+        || matches!(
+            c,
+            '\u{ad}'
+                | '\u{600}'..='\u{605}'
+                | '\u{61c}'
+                | '\u{6dd}'
+                | '\u{70f}'
+                | '\u{890}'..='\u{891}'
+                | '\u{8e2}'
+                | '\u{180e}'
+                | '\u{200b}'..='\u{200f}'
+                | '\u{2028}'..='\u{202e}'
+                | '\u{2060}'..='\u{206f}'
+                | '\u{feff}'
+                | '\u{fff9}'..='\u{fffb}'
+                | '\u{110bd}'
+                | '\u{110cd}'
+                | '\u{13430}'..='\u{1343f}'
+                | '\u{1bca0}'..='\u{1bca3}'
+                | '\u{1d173}'..='\u{1d17a}'
+                | '\u{e0001}'
+                | '\u{e0020}'..='\u{e007f}'
+        )
 }
 
 fn too_few_images(expected: usize, got: usize) -> String {
