@@ -20,6 +20,8 @@ const VERSION: u64 = 1;
 const MAX_FILE_BYTES: u64 = 1 << 24;
 /// Far above real rigs, low enough to bound memory.
 const MOST_CAMERAS: usize = 1000;
+/// Pixels of all cameras together, as an exposure is held in memory.
+const MOST_PIXELS: u64 = 1 << 30;
 /// Longest focal length that is believed, in sides of the image.
 const MOST_FOCAL: f64 = 100.0;
 
@@ -50,7 +52,7 @@ impl Rig {
     /// camera's images of a still scene are a rig, too.
     ///
     /// # Errors
-    /// [`Error::Rig`] without cameras or for more than 1000, for two of the same id, for a reference
+    /// [`Error::Rig`] without cameras, for more than 1000 or 1,073 million pixels, for two of the same id, for a reference
     /// that is none of them, for a focal length above a hundred times the image's side, for a lens that
     /// has no ray for the middle of the image, and for a pinhole without a line of sight for more than a
     /// quarter of it, unless its greatest angle is given.
@@ -78,6 +80,16 @@ impl Rig {
         if !(1..=MOST_CAMERAS).contains(&count) {
             return Err(format!(
                 "`cameras` must list 1 to {MOST_CAMERAS} cameras, got {count}"
+            ));
+        }
+        let pixels = |camera: &Camera| u64::from(camera.width()) * u64::from(camera.height());
+        let all: u64 = cameras.iter().map(pixels).sum();
+        if all > MOST_PIXELS {
+            return Err(format!(
+                "`cameras` must have {} million pixels together at most, got {}; calibrate at a smaller \
+                 size",
+                MOST_PIXELS / 1_000_000,
+                all / 1_000_000
             ));
         }
         let mut ids = HashSet::new();

@@ -326,3 +326,18 @@ proptest! {
         super::rigs::assert_survives_writing(&Rig::new(built, reference).unwrap());
     }
 }
+
+#[test]
+fn rigs_of_more_pixels_than_memory_holds_are_refused() {
+    let camera = |id: &str| {
+        let intrinsics = Intrinsics::new(9e3, 9e3, 8e3, 8e3, Projection::Pinhole).unwrap();
+        Camera::new(id, [16_384; 2], intrinsics, Isometry3::identity()).unwrap()
+    };
+    let rig = |count: usize| Rig::new((0..count).map(|i| camera(&i.to_string())).collect(), 0);
+    assert!(rig(4).is_ok());
+    let error = rig(5).unwrap_err().to_string();
+    assert!(
+        error.contains("1073 million pixels together at most, got 1342"),
+        "{error}"
+    );
+}
