@@ -135,3 +135,20 @@ fn a_version_that_cannot_be_written_is_a_failure() {
         assert_eq!(status.code(), Some(2), "{argument}");
     }
 }
+
+/// Rust's runtime opens `/dev/null` where stdout is closed.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_closed_stdout_is_a_failure() {
+    let command = "exec \"$0\" --version >&-";
+    let output = std::process::Command::new("sh")
+        .args(["-c", command, env!("CARGO_BIN_EXE_mvtop-cli")])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        error.contains("stdout is closed, expected a stream"),
+        "{error}"
+    );
+}
