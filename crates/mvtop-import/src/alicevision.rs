@@ -182,12 +182,19 @@ fn optics(node: &Node, options: &Options) -> Checked<([u32; 2], Plane, Lens)> {
         None => Vec::new(),
     };
     let kind = node.get(&["type"])?.text()?;
-    let name = match node.find(&["distortionType"]) {
+    let distortion = match node.find(&["distortionType"]) {
         Some(distortion) => distortion.text()?,
-        None => kind,
+        None => "",
+    };
+    // Newer versions have the distortion beside a pinhole, older ones a type for both.
+    let name = match (kind, distortion) {
+        ("pinhole", "" | "none") => kind,
+        ("pinhole", distortion) => distortion,
+        (kind, distortion) if ["", kind].contains(&distortion) => kind,
+        (kind, distortion) => &format!("{kind} with {distortion}"),
     };
     let lens = match (name, params.as_slice()) {
-        ("pinhole" | "none" | "", []) => Ok(Lens::PINHOLE),
+        ("pinhole", []) => Ok(Lens::PINHOLE),
         ("radial1" | "radialk1", &[k1]) => Lens::brown_conrady(&[k1, 0.0, 0.0, 0.0, 0.0]),
         ("radial3" | "radialk3", &[k1, k2, k3]) => Lens::brown_conrady(&[k1, k2, 0.0, 0.0, k3]),
         ("brown", &[k1, k2, k3, p1, p2]) => Lens::brown_conrady(&[k1, k2, p1, p2, k3]),

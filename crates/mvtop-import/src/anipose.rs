@@ -7,9 +7,11 @@
 //! `rotation` as well, and tables without a `matrix` of cameras that were left out; `rotation_count` turns what it
 //! shows, not the images.
 
-use serde_json::{Map, Value};
+use nalgebra::{Matrix3, Vector3};
+use serde_json::{Map, Value, json};
 
 use crate::draft::Draft;
+use crate::node::Node;
 use crate::opencv::keys::is_yes;
 use crate::source::Source;
 use crate::{Checked, Options, opencv, yaml};
@@ -26,6 +28,11 @@ const NAMES: [(&str, &str); 5] = [
 /// Of Caliscope, what says nothing of the lens or the place.
 const OTHERS: [&str; 2] = ["rotation_count", "verified_resolutions"];
 
+/// Of FreeMoCap, the place of the camera in the world, which its rotation and translation say already.
+const WORLD: [&str; 2] = ["world_position", "world_orientation"];
+/// Largest difference of these: of an orientation, of a position in the file's unit or as a share of its distance.
+const SAME: f64 = 1e-6;
+
 /// Whether it has tables as aniposelib writes them.
 pub fn is_it(value: &Value) -> bool {
     tables(value).any(|(_, table)| is_camera(table))
@@ -41,18 +48,55 @@ fn is_camera(value: &Value) -> bool {
     value.get("matrix").is_some() && value.get("distortions").is_some()
 }
 
+/// Whether it says anything of a camera; Caliscope's tables of cameras that were left out do not.
+fn states_camera(value: &Value) -> bool {
+    let mut names = NAMES.iter().filter(|(theirs, _)| *theirs != "size");
+    names.any(|(theirs, _)| value.get(theirs).is_some())
+}
+
+/// Refuses a place in the world that is not the inverse of `rotation` and `translation`.
+fn check_world(table: &Node) -> Checked<()> {
+    let [at, turn] = WORLD.map(|key| table.find(&[key]));
+    let (Some(t), Some(turned)) = (table.find(&["translation"]), table.find(&["rotation"])) else {
+        return Ok(());
+    };
+    let place = json!({ "T": t.value, "rvec": turned.value });
+    let world_from_cam = opencv::transform(&Node::new(&place, &table.place))?.inverse();
+    let most = SAME * world_from_cam.translation.vector.norm().max(1.0);
+    if let Some(at) = at
+        && (Vector3::from(at.vector::<3>()?) - world_from_cam.translation.vector).amax() > most
+    {
+        return Err(at.wrong("-Rᵀ t of `rotation` and `translation`; leave the wrong ones out"));
+    }
+    if let Some(turn) = turn {
+        let rows = Matrix3::from_row_slice(&turn.vector::<9>()?);
+        let expected = world_from_cam.rotation.to_rotation_matrix();
+        if (rows - expected.matrix()).amax() > SAME {
+            return Err(
+                turn.wrong("the transpose of the matrix of `rotation`; leave the wrong one out")
+            );
+        }
+    }
+    Ok(())
+}
+
 pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let mut documents = Vec::new();
     for source in sources {
         let document = yaml::document(source)?;
-        for (key, table) in tables(&document).filter(|(_, table)| is_camera(table)) {
+        for (key, table) in tables(&document).filter(|(_, table)| states_camera(table)) {
+            check_world(&Node::new(table, &format!("{}: {key}", source.name)))?;
             let name = match (table.get("name"), table.get("cam_id")) {
                 (Some(Value::String(name)), _) => name.clone(),
                 (_, Some(Value::Number(id))) => format!("cam_{id}"),
                 _ => key.clone(),
             };
             let fields = table.as_object().into_iter().flatten();
-            let fields = fields.filter(|(key, _)| !OTHERS.contains(&key.as_str()));
+            let placed = table.get("rotation").is_some() && table.get("translation").is_some();
+            let fields = fields.filter(|(key, _)| {
+                let key = key.as_str();
+                !(OTHERS.contains(&key) || placed && WORLD.contains(&key))
+            });
             let camera = fields.map(|(key, value)| {
                 let known = NAMES.iter().find(|(theirs, _)| theirs == key);
                 let ours = known.map_or(key.as_str(), |(_, ours)| ours);

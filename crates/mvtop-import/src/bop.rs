@@ -23,6 +23,9 @@ const KNOWN: [&str; 12] = [
     "mode",
 ];
 
+/// Keys of a camera of the data set, whose images have matrices of their own.
+const KNOWN_OF_ALL: [&str; 7] = ["fx", "fy", "cx", "cy", "width", "height", "depth_scale"];
+
 pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let mut cameras = Vec::new();
     let mut sizes = Vec::new();
@@ -32,6 +35,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
         let top = Node::new(&document, &source.name);
         match top.has("fx") {
             true => {
+                unread::refuse(&top, &KNOWN_OF_ALL, options)?;
                 let side = |key: &str| top.get(&[key])?.pixels();
                 let stem = source.stem();
                 let of = stem.strip_prefix("camera_").unwrap_or_default().to_owned();

@@ -59,9 +59,8 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
                 continue;
             };
             let file = top.find(&[&format!("cam{index}_calib")]);
-            let file = file
-                .and_then(|file| file.value.as_str())
-                .map(str::to_lowercase);
+            let file = file.map(|file| file.text()).transpose()?;
+            let file = file.map(str::to_lowercase);
             let (_, name) = match file {
                 None => &files[index],
                 Some(file) => files
@@ -91,19 +90,19 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
 
 /// A camera with OpenCV's names.
 fn camera(top: &Node, options: &Options) -> Checked<Value> {
-    unread::refuse_suspicious(top, &KNOWN, options)?;
+    unread::refuse(top, &KNOWN, options)?;
     let model = top.get(&["model_type"])?;
     let part = |key: &str| {
-        let found = top.find(&[key]).and_then(|node| node.value.as_object());
-        found.cloned().unwrap_or_default()
+        top.find(&[key])
+            .map_or(Ok(Vec::new()), |node| node.object())
     };
     let mut all = Map::new();
     for key in ["image_width", "image_height"] {
         all.insert(key.into(), top.get(&[key])?.value.clone());
     }
-    let mut given = part("projection_parameters");
-    given.extend(part("distortion_parameters"));
-    given.extend(part("mirror_parameters"));
+    let mut given = part("projection_parameters")?;
+    given.extend(part("distortion_parameters")?);
+    given.extend(part("mirror_parameters")?);
     let (name, renamed): (&str, &[(&str, &str)]) = match model.text()?.to_uppercase().as_str() {
         "PINHOLE" | "PINHOLE_FULL" => ("pinhole", &[]),
         "MEI" => ("pinhole", &[("gamma1", "fx"), ("gamma2", "fy")]),
@@ -121,9 +120,12 @@ fn camera(top: &Node, options: &Options) -> Checked<Value> {
         _ => return Err(model.wrong("PINHOLE, PINHOLE_FULL, MEI or KANNALA_BRANDT")),
     };
     all.insert("model".into(), name.into());
-    for (key, value) in given {
+    for (key, node) in given {
         let known = renamed.iter().find(|(theirs, _)| *theirs == key);
-        all.insert(known.map_or(key, |(_, ours)| (*ours).to_owned()), value);
+        let ours = known.map_or(key, |(_, ours)| *ours);
+        if all.insert(ours.to_owned(), node.value.clone()).is_some() {
+            return Err(format!("{}: it is there twice", node.place));
+        }
     }
     Ok(Value::Object(all))
 }

@@ -4,7 +4,7 @@ use mvtop_geometry::{Camera, Intrinsics, Rig, transform};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
 use crate::lens::{Lens, Plane};
-use crate::node::Rows4;
+use crate::node::{Node, Rows4};
 use crate::{Checked, Direction, Options};
 
 /// How far a principal point lies from the middle of images that are not cropped, shares of a side.
@@ -208,7 +208,37 @@ pub fn ordered_size(
     })
 }
 
-fn directed(pose: &Pose, options: &Options) -> Checked<Isometry3<f64>> {
+/// Refuses a region of interest, as a list (x, y, width, height) or an object, that is not the whole image; all zeros
+/// are ROS' whole image.
+pub fn whole_image(roi: &Node, size: [u32; 2]) -> Checked<()> {
+    const KEYS: [&[&str]; 4] = [
+        &["x_offset", "x", "left"],
+        &["y_offset", "y", "top"],
+        &["width"],
+        &["height"],
+    ];
+    let mut sides = [0.0; 4];
+    let mut known = true;
+    if roi.value.is_object() && !roi.has("data") {
+        for (key, node) in roi.entries() {
+            match KEYS.iter().position(|keys| keys.contains(&key)) {
+                Some(index) => sides[index] = node.number()?,
+                // Such as ROS' `do_rectify`.
+                None => known &= node.value.is_boolean(),
+            }
+        }
+    } else {
+        sides = roi.vector()?;
+    }
+    let [x, y, width, height] = sides;
+    let whole = [[0.0; 2], size.map(f64::from)].contains(&[width, height]);
+    match known && whole && [x, y] == [0.0; 2] {
+        true => Ok(()),
+        false => Err(roi.wrong("the whole image; calibrate with the region that is used")),
+    }
+}
+
+pub fn directed(pose: &Pose, options: &Options) -> Checked<Isometry3<f64>> {
     match (pose.direction, options.direction) {
         (Some(said), Some(asked)) if said != asked => Err(
             "the format says what its poses map to what, and it is not what `direction` \

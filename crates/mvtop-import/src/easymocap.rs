@@ -9,14 +9,15 @@ use serde_json::{Map, Value, json};
 use crate::draft::Draft;
 use crate::node::Node;
 use crate::source::Source;
-use crate::{Checked, Options, opencv, yaml};
+use crate::{Checked, Options, opencv, unread, yaml};
 
-/// What a key is called in [`opencv`]; `R` is there again as `Rot`.
-const NAMES: [(&str, &str); 7] = [
+/// What a key is called in [`opencv`].
+const NAMES: [(&str, &str); 8] = [
     ("K", "camera_matrix"),
     ("dist", "dist_coeffs"),
     ("D", "dist_coeffs"),
     ("R", "rvec"),
+    ("Rot", "rotation_matrix"),
     ("T", "tvec"),
     ("H", "height"),
     ("W", "width"),
@@ -43,20 +44,33 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     for source in sources {
         let document = yaml::document(source)?;
         let top = Node::new(&document, &source.name);
+        let mut names = Vec::new();
         for item in top.get(&["names"])?.list()? {
-            let name = name(Some(item.value)).ok_or_else(|| item.wrong("the name of a camera"))?;
-            let mut camera = Map::new();
-            for (key, value) in document.as_object().into_iter().flatten() {
-                let Some(key) = key
-                    .strip_suffix(&format!("_{name}"))
-                    .filter(|key| *key != "Rot")
-                else {
-                    continue;
-                };
-                let known = NAMES.iter().find(|(theirs, _)| *theirs == key);
-                let ours = known.map_or(key, |(_, ours)| ours);
-                camera.insert(ours.to_owned(), value.clone());
-            }
+            names.push(name(Some(item.value)).ok_or_else(|| item.wrong("the name of a camera"))?);
+        }
+        // `K_a_1` is of `a_1`, also where another camera is called `1`.
+        let split = |key: &str| {
+            let ends = names.iter().enumerate().filter_map(|(index, name)| {
+                let start = key.strip_suffix(name.as_str())?.strip_suffix('_')?;
+                Some((index, start.len()))
+            });
+            ends.min_by_key(|(_, length)| *length)
+        };
+        let mut cameras = vec![Map::new(); names.len()];
+        let mut known = vec!["names"];
+        for (key, node) in top.entries() {
+            let Some((index, length)) = split(key) else {
+                continue;
+            };
+            known.push(key);
+            let theirs = &key[..length];
+            let ours = NAMES.iter().find(|(name, _)| *name == theirs);
+            let ours = ours.map_or(theirs, |(_, ours)| ours);
+            cameras[index].insert(ours.to_owned(), node.value.clone());
+        }
+        unread::refuse(&top, &known, options)?;
+        for (name, mut camera) in names.into_iter().zip(cameras) {
+            camera.insert("direction".into(), "world_to_camera".into());
             documents.push((
                 source.name.clone(),
                 source.name.clone(),

@@ -59,10 +59,14 @@ fn camera(source: &Source, options: &Options) -> Checked<DraftCamera> {
         ("sensor", Some(folder)) => folder.to_string_lossy().into_owned(),
         (stem, _) => stem.to_owned(),
     };
+    let id = draft::id(&name_of_file);
+    let plane = Plane::new(top.get(&["intrinsics"])?.vector()?);
+    let sides = top.get(&["resolution"])?.size()?;
+    let size = draft::ordered_size(&id, "resolution", Some(false), sides, &plane, options)?;
     Ok(DraftCamera {
-        id: draft::id(&name_of_file),
-        size: Some(top.get(&["resolution"])?.size()?),
-        plane: Plane::new(top.get(&["intrinsics"])?.vector()?),
+        id,
+        size: Some(size),
+        plane,
         lens: Lens::named(name.text()?, &params).map_err(of)?,
         pose: Some(Pose::world_from_cam(draft::rigid(
             &body_from_sensor.place,

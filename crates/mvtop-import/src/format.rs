@@ -5,11 +5,11 @@ use std::fmt;
 use serde_json::Value;
 
 use crate::opencv::keys::by_camera;
-use crate::ros::hand_eye;
+use crate::ros::{frames, hand_eye};
 use crate::source::Source;
 use crate::{
     Checked, alicevision, anipose, camodocal, depthai, easymocap, matlab, mccalib, metashape,
-    multical, open3d, openmvg, xml, yaml, zed,
+    multical, nerf, open3d, openmvg, xml, yaml, zed,
 };
 
 /// A program's calibration files.
@@ -127,20 +127,27 @@ impl fmt::Display for Format {
 
 /// The one format that the files look like.
 pub fn recognise(sources: &[Source]) -> Checked<Format> {
-    let looks = sources.iter().map(look).collect::<Checked<Vec<_>>>()?;
+    let mut formats = Vec::new();
+    for source in sources {
+        formats.extend(look(source)?.map(|format| (format, source)));
+    }
     // BOP's `camera.json` has OpenCV's names.
-    let bop = looks.contains(&Some(Format::Bop));
-    let formats = looks.into_iter().zip(sources).filter(|(format, source)| {
-        !(bop && *format == Some(Format::OpenCv) && source.file_name().starts_with("camera"))
-    });
-    let formats: Vec<Format> = formats.filter_map(|(format, _)| format).collect();
+    if formats.iter().any(|(format, _)| *format == Format::Bop) {
+        formats.retain(|(format, source)| {
+            !(*format == Format::OpenCv && source.file_name().starts_with("camera"))
+        });
+    }
     match formats.split_first() {
-        Some((first, others)) if others.iter().all(|other| other == first) => Ok(*first),
+        Some(((first, _), others)) if others.iter().all(|(other, _)| other == first) => Ok(*first),
         found => {
             let found = match found {
                 None => "the format was not recognised".to_owned(),
                 Some(_) => {
-                    let names: Vec<_> = formats.iter().map(|format| format.name()).collect();
+                    let names = formats.iter().map(|(format, source)| {
+                        let name = source.path.file_name().unwrap_or_default();
+                        format!("{}: {format}", name.display())
+                    });
+                    let names: Vec<_> = names.collect();
                     format!("the files look like several formats ({})", names.join(", "))
                 }
             };
@@ -219,17 +226,14 @@ fn look(source: &Source) -> Checked<Option<Format>> {
         Some(Format::Matlab)
     } else if depthai::is_it(value) {
         Some(Format::DepthAi)
-    } else if has("frames") || has("camera_angle_x") {
+    } else if nerf::is_it(value) {
         Some(Format::Nerf)
     } else if in_all("cam_K") || in_all("cam_model") {
         Some(Format::Bop)
     } else if has("T_BS") {
         Some(Format::Euroc)
     } else if hand_eye::is_it(value)
-        || has("transforms")
-        || has("transform")
-        || any(|v| v.get("child_frame_id").is_some())
-        || in_all("parent")
+        || frames::is_it(value)
         || (has("distortion_model") && (has("projection_matrix") || has("P") || has("p")))
     {
         Some(Format::Ros)

@@ -27,6 +27,7 @@ const KNOWN: [&str; 11] = [
 pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let mut cameras = Vec::new();
     let mut notes = Vec::new();
+    let several = sources.len() > 1;
     for source in sources {
         let document = yaml::document(source)?;
         let top = Node::new(&document, &source.name);
@@ -40,7 +41,9 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
                 "{name}: expected cam0 with `camera_model` and `intrinsics`, got none"
             ));
         }
-        let poses = poses(&found, &mut notes)?;
+        let known: Vec<&str> = found.iter().map(|(name, _)| *name).collect();
+        unread::refuse(&top, &known, options)?;
+        let poses = poses(&found, several, &mut notes)?;
         for ((name, node), pose) in found.iter().zip(poses) {
             let (plane, lens) = optics(node, options)?;
             let sides = node.get(&["resolution"])?.size()?;
@@ -63,12 +66,27 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     })
 }
 
-/// World is the first camera where there is a chain, else the IMU.
-fn poses(cameras: &[(&str, Node)], notes: &mut Vec<String>) -> Checked<Vec<Option<Pose>>> {
+/// World is the first camera where there is a chain, else the IMU, which cameras of several files have in common.
+fn poses(
+    cameras: &[(&str, Node)],
+    several: bool,
+    notes: &mut Vec<String>,
+) -> Checked<Vec<Option<Pose>>> {
+    let of_imu = |node: &Node| node.has("T_cam_imu") || node.has("T_imu_cam");
     let chained = cameras.len() > 1
         && cameras[1..]
             .iter()
             .all(|(_, node)| node.find(CHAIN).is_some());
+    let chained = match several {
+        true if chained && !cameras.iter().all(|(_, node)| of_imu(node)) => {
+            return Err(
+                "expected one chain of cameras, got several files, which have no frame in common without T_cam_imu \
+                 of each camera; calibrate all cameras together"
+                    .into(),
+            );
+        }
+        several => chained && !several,
+    };
     let mut poses = Vec::new();
     let mut cam_from_first = Isometry3::identity();
     for (index, (_, node)) in cameras.iter().enumerate() {
@@ -98,7 +116,10 @@ fn poses(cameras: &[(&str, Node)], notes: &mut Vec<String>) -> Checked<Vec<Optio
         } else {
             "the IMU"
         };
-        notes.push(format!("the world frame is that of {world}"));
+        let note = format!("the world frame is that of {world}");
+        if !notes.contains(&note) {
+            notes.push(note);
+        }
     }
     Ok(poses)
 }

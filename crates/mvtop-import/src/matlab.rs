@@ -172,10 +172,12 @@ fn camera(
             _ => return Err(unit.wrong("m, cm, mm or in")),
         });
     }
-    let [rows, columns] = node.get(&["ImageSize"])?.size()?;
+    let id = draft::id(id);
+    let sides = node.get(&["ImageSize"])?.size()?;
+    let size = draft::ordered_size(&id, "ImageSize", Some(true), sides, &plane, options)?;
     Ok(DraftCamera {
-        id: draft::id(id),
-        size: Some([columns, rows]),
+        id,
+        size: Some(size),
         plane,
         lens: Lens::brown_conrady(&[k1, k2, p1, p2, k3]).map_err(of)?,
         pose,

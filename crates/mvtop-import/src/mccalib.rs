@@ -9,7 +9,7 @@ use serde_json::{Map, Value};
 use crate::draft::Draft;
 use crate::node::Node;
 use crate::source::Source;
-use crate::{Checked, Options, opencv, yaml};
+use crate::{Checked, Options, opencv, unread, yaml};
 
 /// What a key is called in [`opencv`].
 const NAMES: [(&str, &str); 5] = [
@@ -37,10 +37,11 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let top = Node::new(&document, &source.name);
     let mut documents = Vec::new();
     let mut group = None;
-    for (name, camera) in top.entries() {
-        if !camera.has("camera_matrix") {
-            continue;
-        }
+    let mut cameras = top.entries();
+    cameras.retain(|(_, camera)| camera.has("camera_matrix"));
+    let known: Vec<&str> = cameras.iter().map(|(name, _)| *name).collect();
+    unread::refuse(&top, &known, options)?;
+    for (name, camera) in cameras {
         if let Some(of) = camera.find(&["camera_group"]) {
             let of = of.number()?;
             if *group.get_or_insert(of) != of {

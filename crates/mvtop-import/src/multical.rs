@@ -11,6 +11,9 @@ use crate::node::Node;
 use crate::source::Source;
 use crate::{Checked, Options, opencv, unread, yaml};
 
+/// Its models, all of which are OpenCV's pinhole.
+const MODELS: [&str; 4] = ["standard", "rational", "thin_prism", "tilted"];
+
 /// Whether it has cameras, and their places beside them.
 pub fn is_it(value: &Value) -> bool {
     value.get("cameras").is_some() && value.get("camera_poses").is_some()
@@ -21,16 +24,18 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     for source in sources {
         let document = yaml::document(source)?;
         let top = Node::new(&document, &source.name);
-        let poses = top.get(&["camera_poses"])?.entries();
-        for (name, camera) in top.get(&["cameras"])?.entries() {
-            let mut fields: Map<String, Value> =
-                camera.value.as_object().cloned().unwrap_or_default();
-            // `standard`, `rational` and the others are OpenCV's; its fisheye is not among them.
-            let model = fields
-                .get("model")
-                .and_then(Value::as_str)
-                .unwrap_or_default();
-            if !unread::names_a_lens(model) {
+        unread::refuse(&top, &["cameras", "camera_poses", "image_sets"], options)?;
+        let poses = top.get(&["camera_poses"])?.object()?;
+        for (name, camera) in top.get(&["cameras"])?.object()? {
+            let fields = camera.object()?.into_iter();
+            let mut fields: Map<String, Value> = fields
+                .map(|(key, node)| (key.to_owned(), node.value.clone()))
+                .collect();
+            let model = camera
+                .find(&["model"])
+                .map(|model| model.text())
+                .transpose()?;
+            if model.is_none_or(|model| MODELS.contains(&model)) {
                 fields.insert("model".into(), "pinhole".into());
             }
             let start = format!("{name}_to_");

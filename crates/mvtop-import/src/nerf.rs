@@ -1,6 +1,7 @@
 //! NeRF's `transforms.json`: poses of cameras in OpenGL's axes, in a unit of their own.
 
 use nalgebra::Matrix4;
+use serde_json::Value;
 
 use crate::draft::{self, Draft, DraftCamera, Pose, opencv_from_opengl};
 use crate::lens::{Lens, Plane};
@@ -9,8 +10,68 @@ use crate::opencv::keys::is_yes;
 use crate::source::Source;
 use crate::{Checked, Options, unread, yaml};
 
-/// What is read of lenses; the files have many keys of other kinds.
-const LENS: [&str; 7] = ["k1", "k2", "k3", "k4", "p1", "p2", "is_fisheye"];
+/// What is read of the file and of each of its frames.
+const READ: [&str; 19] = [
+    "frames",
+    "file_path",
+    "transform_matrix",
+    "w",
+    "h",
+    "fl_x",
+    "fl_y",
+    "cx",
+    "cy",
+    "camera_angle_x",
+    "camera_angle_y",
+    "camera_model",
+    "is_fisheye",
+    "k1",
+    "k2",
+    "k3",
+    "k4",
+    "p1",
+    "p2",
+];
+/// What nerfstudio, instant-ngp and NeRF's Blender scenes have of scenes, training and files.
+const OTHERS: [&str; 28] = [
+    "aabb",
+    "aabb_scale",
+    "applied_scale",
+    "applied_transform",
+    "auto_scale_poses_override",
+    "bounds",
+    "colmap_im_id",
+    "depth_file_path",
+    "depth_path",
+    "depth_unit_scale_factor",
+    "driver_parameters",
+    "far",
+    "fisheye_crop_radius",
+    "integer_depth_scale",
+    "light",
+    "mask_path",
+    "n_extra_learnable_dims",
+    "near",
+    "offset",
+    "orientation_override",
+    "ply_file_path",
+    "render_aabb",
+    "rotation",
+    "scale",
+    "scene_scale",
+    "sharpness",
+    "up",
+    "white_transparent",
+];
+/// Largest difference of a focal length and that of an angle of view beside it, share.
+const SAME_FOCAL: f64 = 0.01;
+
+/// Whether it has frames with poses, or the angle of view of all.
+pub fn is_it(value: &Value) -> bool {
+    let frames = value.get("frames").and_then(Value::as_array);
+    let posed = |frame: &Value| frame.get("transform_matrix").is_some();
+    value.get("camera_angle_x").is_some() || frames.is_some_and(|all| all.iter().any(posed))
+}
 
 pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let [source] = sources else {
@@ -60,14 +121,24 @@ fn camera(top: &Node, frame: &Node, options: &Options) -> Checked<DraftCamera> {
             )
         })?;
     let [w, h] = size.map(f64::from);
+    let known = [&READ[..], &OTHERS].concat();
     for node in [top, frame] {
-        unread::refuse_suspicious(node, &LENS, options)?;
+        unread::refuse(node, &known, options)?;
     }
     let focal = |key, angle, side: f64| -> Checked<Option<f64>> {
-        Ok(match number(key)? {
-            Some(focal) => Some(focal),
-            None => number(angle)?.map(|angle| side / 2.0 / (angle / 2.0).tan()),
-        })
+        let of_angle = |node: Node| Ok(side / 2.0 / (node.number()? / 2.0).tan());
+        let Some(focal) = number(key)? else {
+            return find(&[angle]).map(of_angle).transpose();
+        };
+        for node in [top, frame].iter().filter(|node| node.has(key)) {
+            let other: Option<f64> = node.find(&[angle]).map(of_angle).transpose()?;
+            let own = node.get(&[key])?;
+            let ratio = other.unwrap_or(own.number()?) / own.number()?;
+            if (ratio - 1.0).abs() > SAME_FOCAL {
+                return Err(own.wrong(&format!("the focal length of `{angle}`")));
+            }
+        }
+        Ok(Some(focal))
     };
     let fx = focal("fl_x", "camera_angle_x", w)?.ok_or_else(|| {
         format!(
@@ -102,15 +173,28 @@ fn lens<'a>(find: &impl Fn(&[&str]) -> Option<Node<'a>>) -> Checked<Lens> {
     let model = find(&["camera_model"])
         .map(|node| node.text())
         .transpose()?;
-    let fisheye = find(&["is_fisheye"]).and_then(|node| is_yes(node.value)) == Some(true);
-    match (model, fisheye) {
-        (Some("OPENCV_FISHEYE"), _) | (None, true) => match [p1, p2] {
+    let fisheye = find(&["is_fisheye"])
+        .map(|node| is_yes(node.value).ok_or_else(|| node.wrong("true or false")));
+    let fisheye = fisheye.transpose()?;
+    let of_model = model.map(|model| model == "OPENCV_FISHEYE");
+    if let (Some(model), Some(fisheye)) = (model, fisheye)
+        && of_model != Some(fisheye)
+    {
+        return Err(format!(
+            "the camera_model {model:?} and an is_fisheye of {fisheye} do not agree; leave the wrong one out"
+        ));
+    }
+    match model {
+        _ if of_model.or(fisheye) == Some(true) => match [p1, p2] {
             [0.0, 0.0] => Lens::kannala_brandt(&[k1, k2, k3, k4]),
             _ => Err(format!(
                 "a fisheye with p1 {p1} and p2 {p2} cannot be expressed"
             )),
         },
-        (None | Some("OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL"), _) => {
+        Some("PINHOLE" | "SIMPLE_PINHOLE") if [k1, k2, k3, k4, p1, p2] != [0.0; 6] => Err(
+            "a camera_model without distortion has coefficients; name the one that it is".into(),
+        ),
+        None | Some("OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL") => {
             match k4 {
                 0.0 => Lens::brown_conrady(&[k1, k2, p1, p2, k3]),
                 // r⁸ to some programs, OpenCV's k4 to others.
@@ -119,7 +203,7 @@ fn lens<'a>(find: &impl Fn(&[&str]) -> Option<Node<'a>>) -> Checked<Lens> {
                 )),
             }
         }
-        (Some(other), _) => Err(format!(
+        Some(other) => Err(format!(
             "the camera_model {other:?} is not known; expected OPENCV, OPENCV_FISHEYE or PINHOLE"
         )),
     }

@@ -55,6 +55,14 @@ impl<'a> Node<'a> {
         self.value.as_str().ok_or_else(|| self.wrong("text"))
     }
 
+    /// Entries of what must be an object.
+    pub fn object(&self) -> Checked<Vec<(&'a str, Node<'a>)>> {
+        match self.value.is_object() {
+            true => Ok(self.entries()),
+            false => Err(self.wrong("an object")),
+        }
+    }
+
     /// Entries of an object, in its order.
     pub fn entries(&self) -> Vec<(&'a str, Node<'a>)> {
         let map = self.value.as_object().into_iter().flatten();

@@ -8,13 +8,14 @@ pub mod keys;
 use nalgebra::Isometry3;
 use serde_json::Value;
 
-use self::camera::{camera, transform};
+use self::camera::{SAME_ROTATION, camera};
 use self::found::{Found, Pair};
-use crate::draft::{Draft, Pose};
+use crate::draft::{Draft, DraftCamera, Pose, directed};
 use crate::node::Node;
 use crate::source::Source;
 use crate::{Checked, Options, yaml};
 
+pub use self::camera::transform;
 pub use self::found::has_camera;
 
 pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
@@ -65,6 +66,7 @@ pub fn assemble(documents: Vec<(String, String, Value)>, options: &Options) -> C
     }
     let mut draft = Vec::new();
     let mut notes = Vec::new();
+    let mut paired = false;
     for (index, (id, mut fields)) in cameras.into_iter().enumerate() {
         // R1 and R2 of a pair turn its images to rectified ones.
         if pair.is_some() && !fields.contains_key("T") {
@@ -72,13 +74,24 @@ pub fn assemble(documents: Vec<(String, String, Value)>, options: &Options) -> C
         }
         let value = Value::Object(fields);
         let mut camera = camera(&id, &Node::new(&value, &id), options, &mut notes)?;
-        if let Some(second_from_first) = pair {
+        if let Some(second_from_first) = pair
+            && camera.pose.is_none()
+        {
+            if value.get("direction").is_some() {
+                return Err(format!(
+                    "camera `{id}`: R and T map the first camera of a pair to the second, so leave the direction out"
+                ));
+            }
             let cam_from_world = [Isometry3::identity(), second_from_first][index];
             camera.pose = Some(Pose::cam_from_world(cam_from_world));
+            paired = true;
         }
         draft.push(camera);
     }
-    if pair.is_some() {
+    if let (Some(second_from_first), false) = (pair, paired) {
+        check_pair(&draft, &second_from_first, options)?;
+    }
+    if paired {
         notes.push(format!(
             "R and T map `{}` to `{}` (stereoCalibrate), and the world frame is that of the first",
             draft[0].id, draft[1].id
@@ -90,4 +103,29 @@ pub fn assemble(documents: Vec<(String, String, Value)>, options: &Options) -> C
         posing: "give R and T of the pair, or rvec and tvec of each camera",
         notes,
     })
+}
+
+/// Refuses R and T of a pair that are not those between the places of its cameras.
+fn check_pair(
+    cameras: &[DraftCamera],
+    second_from_first: &Isometry3<f64>,
+    options: &Options,
+) -> Checked<()> {
+    let places = cameras.iter().filter_map(|camera| camera.pose.as_ref());
+    let places = places
+        .map(|pose| directed(pose, options))
+        .collect::<Checked<Vec<_>>>()?;
+    if let [first, second] = places.as_slice() {
+        let off = second_from_first * first.inverse() * second;
+        let far = off.translation.vector.norm()
+            > SAME_ROTATION * second_from_first.translation.vector.norm();
+        if far || off.rotation.angle() > SAME_ROTATION {
+            return Err(
+                "R and T of no camera by name are not those from the first camera to the second, which have places \
+                 of their own; leave the wrong ones out"
+                    .into(),
+            );
+        }
+    }
+    Ok(())
 }

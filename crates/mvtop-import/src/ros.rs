@@ -1,7 +1,7 @@
 //! ROS: `camera_info` as `camera_calibration` writes it or as a message, and poses as TF (`/tf_static`),
 //! a URDF, a list of frames or the result of a hand-eye calibration.
 
-mod frames;
+pub mod frames;
 pub mod hand_eye;
 pub mod urdf;
 
@@ -185,20 +185,19 @@ fn info(top: &Node, source: &Source, options: &Options) -> Checked<Info> {
         None => frame.clone().unwrap_or_else(|| source.stem()),
     };
     for key in ["binning_x", "binning_y"] {
-        if let Some(binning) = top.find(&[key]).filter(|b| b.number().unwrap_or(0.0) > 1.0) {
+        if let Some(binning) = top.find(&[key])
+            && ![0.0, 1.0].contains(&binning.number()?)
+        {
             return Err(binning.wrong("0 or 1; calibrate with the binning that is used"));
-        }
-    }
-    if let Some(roi) = top.find(&["roi"]) {
-        let side = |key: &str| roi.find(&[key]).map_or(Ok(0.0), |node| node.number());
-        if side("x_offset")? != 0.0 || side("y_offset")? != 0.0 || side("width")? != 0.0 {
-            return Err(roi.wrong("the whole image; calibrate with the region that is used"));
         }
     }
     let size = [
         top.get(&["image_width", "width"])?.pixels()?,
         top.get(&["image_height", "height"])?.pixels()?,
     ];
+    if let Some(roi) = top.find(&["roi"]) {
+        draft::whole_image(&roi, size)?;
+    }
     let r = top.find(&["rectification_matrix", "R", "r"]);
     let p = top.find(&["projection_matrix", "P", "p"]);
     let p = p
@@ -214,6 +213,15 @@ fn info(top: &Node, source: &Source, options: &Options) -> Checked<Info> {
         None => Isometry3::identity(),
     };
     unread::refuse(top, &KNOWN, options)?;
+    let model = top.get(&["distortion_model"])?;
+    if let Some(kind) = top.find(&["camera_type"]) {
+        let is_fisheye =
+            |name: &str| Lens::named(name, &[0.0; 4]).is_ok_and(|lens| lens.is_fisheye());
+        let known = Lens::named(kind.text()?, &[0.0; 4]).is_ok();
+        if !known || is_fisheye(kind.text()?) != is_fisheye(model.text()?) {
+            return Err(kind.wrong("the lens of `distortion_model`"));
+        }
+    }
     let (plane, lens) = if options.rectified {
         let [fx, skew, cx, _, a, fy, cy, _, b, c, one, _] =
             p.ok_or_else(|| of("rectified images need P, got none".into()))?;
@@ -225,7 +233,6 @@ fn info(top: &Node, source: &Source, options: &Options) -> Checked<Info> {
             Some(params) => params.numbers()?,
             None => Vec::new(),
         };
-        let model = top.get(&["distortion_model"])?;
         let lens = Lens::named(model.text()?, &params).map_err(of)?;
         (Plane::from_matrix(matrix.vector()?).map_err(of)?, lens)
     };

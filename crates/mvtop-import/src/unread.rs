@@ -7,49 +7,150 @@ use crate::lens::Lens;
 use crate::node::{Node, count_of_numbers};
 use crate::{Checked, Options};
 
-/// Words in keys of what is about no lens, place or size of a camera.
-const HARMLESS: &[&str] = &[
-    // How well it was calibrated.
+/// Words of how well it was calibrated; at either end of a key, what else it has is what they are of.
+const QUALITY: &[&str] = &[
     "error",
+    "err",
+    "rms",
     "rmse",
+    "mse",
     "std",
+    "stdev",
+    "stddev",
     "deviation",
-    "residual",
+    "cov",
     "covar",
-    "varian",
-    "uncertain",
-    "quality",
-    "score",
-    "converge",
-    // On what.
+    "covariance",
+    "variance",
+    "uncertainty",
+    "uncertainties",
+];
+/// Parts of words of lenses and places. They outrank all words of other things.
+const STATING: &[&str] = &[
+    "distor",
+    "coef",
+    "lens",
+    "fisheye",
+    "radial",
+    "tangential",
+    "decenter",
+    "prism",
+    "mirror",
+    "kappa",
+    "intrinsic",
+    "extrinsic",
+    "rotat",
+    "translat",
+    "quatern",
+    "orient",
+    "transform",
+];
+/// The same, as whole words.
+const STATING_WORDS: &[&str] = &[
+    "dist",
+    "undist",
+    "omni",
+    "d",
+    "k",
+    "kc",
+    "xi",
+    "skew",
+    "fov",
+    "fx",
+    "fy",
+    "cx",
+    "cy",
+    "principal",
+    "projection",
+    "pose",
+    "position",
+    "rot",
+    "rmat",
+    "rvec",
+    "trans",
+    "tvec",
+    "t",
+    "direction",
+    "axes",
+    "axis",
+    "flip",
+];
+/// Of these, those of matrices that rectified images have as well.
+const OF_MATRICES: &[&str] = &["k", "intrinsic", "projection", "rotation"];
+/// Words of targets and sensors, which have sizes of their own, and of OpenCV's valid regions of rectified images.
+const SIZED: &[&str] = &[
     "board",
+    "chessboard",
+    "checkerboard",
+    "boardsize",
+    "boardwidth",
+    "boardheight",
     "square",
+    "squaresize",
     "pattern",
     "marker",
     "charuco",
     "aruco",
     "april",
+    "apriltag",
+    "aprilgrid",
     "chess",
     "checker",
     "grid",
     "corner",
+    "pixelsize",
+    "pixelpitch",
+    "sensorsize",
+    "sensorwidth",
+    "sensorheight",
+    "validpix",
+    "validroi",
+];
+/// Words of sizes. They outrank words of what has none.
+const SIZES: &[&str] = &[
+    "size",
+    "width",
+    "height",
+    "resolution",
+    "shape",
+    "row",
+    "col",
+    "column",
+    "roi",
+    "crop",
+    "cropped",
+    "binning",
+];
+/// Words of what is about no lens, place or size of a camera.
+const HARMLESS: &[&str] = &[
+    // How well it was calibrated, and on what.
+    "residual",
+    "quality",
+    "score",
+    "converged",
+    "convergence",
     "target",
     // When and by whom.
     "date",
+    "datetime",
     "time",
+    "timestamp",
     "stamp",
     "version",
     "comment",
     "note",
-    "descr",
+    "description",
     "author",
     "software",
-    "creat",
+    "created",
+    "creator",
+    "creation",
     "serial",
+    "device",
+    "product",
     "vendor",
-    "manufact",
+    "manufacturer",
     "firmware",
-    "calibrated",
     // How images are taken.
     "exposure",
     "gain",
@@ -57,37 +158,28 @@ const HARMLESS: &[&str] = &[
     "framerate",
     "temperature",
     "shutter",
-    "bright",
+    "brightness",
     "trigger",
     "depthscale",
     "depthunit",
     // Of what only rectified images have.
-    "rectif",
+    "rectified",
+    "rectification",
+    "rectify",
     "undistorted",
-    "newcamera",
-    "optimalcamera",
-    "optimalnew",
-    "validpix",
-    "roi",
     "baseline",
     // Of each view of the board.
     "rvecs",
     "tvecs",
     "perview",
-    "objectpoints",
-    "imagepoints",
-    "objpoints",
-    "imgpoints",
-    "extrinsicparameters",
+    "objectpoint",
+    "imagepoint",
+    "objpoint",
+    "imgpoint",
     "framecount",
     "viewcount",
     "imagecount",
-    // Of a camera's sensor and optics, in millimetres.
-    "pixelsize",
-    "pixelpitch",
-    "sensorsize",
-    "sensorwidth",
-    "sensorheight",
+    // Of a camera's optics, in millimetres.
     "focallength",
     "aperture",
     "aspectratio",
@@ -96,9 +188,14 @@ const HARMLESS: &[&str] = &[
     "flag",
     "iteration",
 ];
-/// The same, as whole keys, of anything but an object.
+/// The same, as whole keys, of anything but objects.
 const HARMLESS_KEYS: &[&str] = &[
-    "rms",
+    "calibrated",
+    "calibratedat",
+    "calibratedon",
+    "iscalibrated",
+    "seq",
+    "frames",
     "id",
     "ids",
     "index",
@@ -161,7 +258,6 @@ const HARMLESS_KEYS: &[&str] = &[
     "node",
     "ret",
     "retval",
-    "mse",
 ];
 /// Matrices of rectified images and of pairs, and how many numbers they have; a camera's name may follow.
 const RECTIFIED: &[(&str, usize)] = &[
@@ -180,11 +276,86 @@ const RECTIFIED: &[(&str, usize)] = &[
     ("essentialmatrix", 9),
     ("fundamentalmatrix", 9),
 ];
-/// What a flag that is on says of an image or a lens.
+/// Words in keys of images and lenses of another kind, where a flag is on or a text does not deny it.
 const TURNING: &[&str] = &[
-    "lens", "dist", "fisheye", "omni", "wide", "mirror", "flip", "rotat", "invert", "inverse",
-    "transpos", "opengl",
+    "lens", "dist", "fisheye", "omni", "wide", "mirror", "flip", "rotat", "orient", "upside",
+    "invert", "inverse", "transpos", "opengl", "mitsuba",
 ];
+/// Words in keys whose text says which lens it is; keys that do so as a whole.
+const LENSES: &[&str] = &["projection", "model", "optics"];
+const TYPES: &[&str] = &["type", "kind", "cameratype", "camtype", "modeltype"];
+/// Words in keys whose text says what a place maps to what, and in which axes.
+const CONVENTIONS: &[&str] = &[
+    "direction",
+    "convention",
+    "axes",
+    "axis",
+    "coordinate",
+    "handedness",
+];
+/// Words in keys of places; what `type` or `order` they have is such a text as well.
+const PLACES: &[&str] = &[
+    "extrinsic",
+    "pose",
+    "transform",
+    "rotation",
+    "rot",
+    "euler",
+    "quaternion",
+    "angle",
+];
+const KINDS: &[&str] = &["type", "kind", "mode", "format", "order"];
+/// Texts that say nothing of a lens, or of how an image is turned.
+const PLAIN: &[&str] = &[
+    "no",
+    "off",
+    "false",
+    "null",
+    "na",
+    "default",
+    "identity",
+    "normal",
+    "upright",
+    "original",
+    "landscape",
+    "standard",
+    "rectilinear",
+    "planar",
+];
+/// Types that say which camera it is, but not of which lens.
+const CAMERAS: &[&str] = &[
+    "hd",
+    "vga",
+    "kinectcolor",
+    "rgb",
+    "color",
+    "colour",
+    "mono",
+    "monochrome",
+    "gray",
+    "grey",
+    "ir",
+    "nir",
+    "infrared",
+    "depth",
+    "stereo",
+    "left",
+    "right",
+    "usb",
+    "gige",
+    "webcam",
+    "camera",
+    "cam",
+    "static",
+    "fixed",
+    "frame",
+    "video",
+    "image",
+];
+/// Units that numbers have anyway.
+const PLAIN_UNITS: &[&str] = &["", "rad", "radian", "radians", "px", "pixel", "pixels"];
+/// Most keys that an error names.
+const MOST_NAMED: usize = 16;
 /// Axes of other programs, in which nothing is read unless the format has them.
 const AXES: &[&str] = &[
     "opengl", "blender", "unity", "unreal", "maya", "arkit", "yup", "directx",
@@ -226,15 +397,6 @@ pub fn refuse_all(unread: impl Iterator<Item = String>, options: &Options) -> Ch
     }
 }
 
-/// The same of a file with many keys of other kinds: refuses those alone whose words are of cameras.
-pub fn refuse_suspicious(node: &Node, known: &[&str], options: &Options) -> Checked<()> {
-    let entries = node.entries();
-    let others = entries.iter().map(|(key, _)| *key);
-    let others = others.filter(|key| !is_suspicious(key));
-    let known: Vec<&str> = known.iter().copied().chain(others).collect();
-    refuse(node, &known, options)
-}
-
 /// Whether a key has words of lenses and places.
 pub fn is_suspicious(key: &str) -> bool {
     let plain = plain(key);
@@ -244,26 +406,28 @@ pub fn is_suspicious(key: &str) -> bool {
 }
 
 fn sentence(paths: &[String]) -> String {
-    let named: Vec<_> = paths
-        .iter()
-        .take(4)
-        .map(|path| format!("`{path}`"))
-        .collect();
-    let first = paths.first().and_then(|path| path.rsplit(": ").next());
-    let (keys, are, it) = match paths.len() {
+    let mut keys: Vec<&str> = Vec::new();
+    for path in paths {
+        let key = path.rsplit(": ").next().unwrap_or(path);
+        if keys.len() <= MOST_NAMED && !keys.contains(&key) {
+            keys.push(key);
+        }
+    }
+    let others = keys.len() > MOST_NAMED;
+    keys.truncate(MOST_NAMED);
+    let joined = |each: &dyn Fn(&&str) -> String, between: &str| {
+        keys.iter().map(each).collect::<Vec<_>>().join(between)
+    };
+    let (noun, are, it) = match keys.len() {
         1 => ("the key", "is", "it"),
         _ => ("the keys", "are", "them"),
     };
     format!(
-        "{keys} {}{} {are} not known and may state a lens, a place or a size; give {it} by a name that \
-         docs/how-to/import-a-calibration.md lists, or, if there is none of these in {it}, `ignore` (--ignore {})",
-        named.join(", "),
-        if paths.len() > named.len() {
-            ", ..."
-        } else {
-            ""
-        },
-        first.unwrap_or("KEY")
+        "{noun} {}{} {are} not known and may state a lens, a place or a size; give {it} by a name that \
+         docs/how-to/import-a-calibration.md lists, or, if there is none of these in {it}, `ignore` ({})",
+        joined(&|key| format!("`{key}`"), ", "),
+        if others { " and others" } else { "" },
+        joined(&|key| format!("--ignore {key}"), " ")
     )
 }
 
@@ -285,10 +449,106 @@ pub fn matters(key: &str, value: &Value) -> bool {
 
 /// Whether a key is about something else than a camera's lens, place and size.
 pub fn is_harmless(key: &str, value: &Value) -> bool {
-    let plain = plain(key);
-    let word = HARMLESS.iter().any(|word| plain.contains(word)) && !plain.contains("undistortion");
-    word || (!value.is_object() && HARMLESS_KEYS.contains(&plain.as_str()))
+    let (plain, words) = (plain(key), words(key));
+    let objects = || match value {
+        Value::Array(list) => list.iter().any(Value::is_object),
+        value => value.is_object(),
+    };
+    (HARMLESS_KEYS.contains(&plain.as_str()) && !objects())
         || is_of_rectified(&plain, value)
+        || is_new_matrix(&words, value)
+        || (plain == "extrinsicparameters" && has_rows_of_six(value))
+        || is_of_quality(&words)
+        || (!is_stating(&words, &[])
+            && (has(&words, SIZED)
+                || (!has(&words, SIZES) && (has(&words, HARMLESS) || has(&words, QUALITY)))))
+}
+
+/// Words of a key in lower case: split at signs, digits and capitals.
+pub fn words(key: &str) -> Vec<String> {
+    let letters: Vec<char> = key.chars().collect();
+    let mut words: Vec<String> = Vec::new();
+    for (i, &c) in letters.iter().enumerate() {
+        if !c.is_alphanumeric() {
+            continue;
+        }
+        let before = i.checked_sub(1).and_then(|i| letters.get(i));
+        let next = letters.get(i + 1);
+        let goes_on = before.is_some_and(|before| {
+            before.is_alphanumeric()
+                && before.is_numeric() == c.is_numeric()
+                && !(c.is_uppercase()
+                    && (before.is_lowercase() || next.is_some_and(|c| c.is_lowercase())))
+        });
+        match words.last_mut() {
+            Some(word) if goes_on => word.extend(c.to_lowercase()),
+            _ => words.push(c.to_lowercase().collect()),
+        }
+    }
+    words
+}
+
+/// Whether some of the words, up to three in a row, are in a list: `focal_length` as "focallength".
+fn has(words: &[String], list: &[&str]) -> bool {
+    (1..=3).any(|count| words.windows(count).any(|run| is_in(&run.concat(), list)))
+}
+
+/// Whether a word or, of several things, its singular is in a list.
+fn is_in(word: &str, list: &[&str]) -> bool {
+    list.contains(&word)
+        || word
+            .strip_suffix('s')
+            .is_some_and(|one| list.contains(&one))
+}
+
+/// Whether words are of a lens or a place, those of a list left aside.
+fn is_stating(words: &[String], aside: &[&str]) -> bool {
+    let coefficient = words.windows(2).any(|pair| is_coefficient(&pair.concat()));
+    let mut counted = words.iter().filter(|word| !is_in(word, aside));
+    coefficient
+        || counted.any(|word| {
+            !is_in(word, HARMLESS)
+                && (is_in(word, STATING_WORDS) || STATING.iter().any(|part| word.contains(part)))
+        })
+}
+
+/// Whether a key begins or ends with words of how well it was calibrated.
+fn is_of_quality(words: &[String]) -> bool {
+    let count = words.len();
+    (1..=count.min(2)).any(|of| {
+        let ends = [&words[..of], &words[count - of..]];
+        ends.iter().any(|run| is_in(&run.concat(), QUALITY))
+    })
+}
+
+/// Whether it is a camera matrix or a turn of undistorted or rectified images.
+fn is_new_matrix(words: &[String], value: &Value) -> bool {
+    const NEW: &[&str] = &[
+        "rectified",
+        "rectification",
+        "rectify",
+        "rect",
+        "undistorted",
+        "newcamera",
+        "optimalcamera",
+        "optimalnew",
+    ];
+    matches!(count_of_numbers(value), Some(9 | 12))
+        && has(words, NEW)
+        && !is_stating(words, OF_MATRICES)
+}
+
+/// Whether OpenCV has rectified or undistorted images by it: a region of interest beside it is theirs.
+pub fn rectifies(key: &str, value: &Value) -> bool {
+    let projects = matches!(count_of_numbers(value), Some(12 | 16));
+    (projects && is_of_rectified(&plain(key), value)) || is_new_matrix(&words(key), value)
+}
+
+/// Whether it is a row of a Rodrigues vector and a translation for each view.
+fn has_rows_of_six(value: &Value) -> bool {
+    let rows = || value.as_array().into_iter().flatten();
+    value.get("cols").is_some_and(|cols| cols == 6)
+        || (value.is_array() && rows().all(|row| row.as_array().map(Vec::len) == Some(6)))
 }
 
 /// Whether it is a matrix of rectified images or of a pair.
@@ -319,29 +579,54 @@ pub fn cuts(plain: &str) -> impl Iterator<Item = (&str, &str)> {
         .chain(sides)
 }
 
-/// Whether a value states anything: numbers that are not 0, also as text; the name of a lens or of axes; a
-/// flag that turns images or lenses.
+/// Whether a value states anything: numbers that are not 0, also as text; the name of a lens or of axes; a flag or
+/// a text of another lens, of images that are turned, of a convention or a unit.
 fn states(key: &str, value: &Value) -> bool {
     match value {
         Value::Null => false,
         Value::Bool(on) => *on && TURNING.iter().any(|word| plain(key).contains(word)),
         Value::Number(number) => number.as_f64() != Some(0.0),
-        Value::String(text) => {
-            is_numbers(text) || names_a_lens(text) || AXES.iter().any(|axes| plain(text) == *axes)
-        }
+        Value::String(text) => is_numbers(text).unwrap_or_else(|| {
+            names_a_lens(text)
+                || AXES.iter().any(|axes| plain(text) == *axes)
+                || says_more(key, text)
+        }),
         Value::Array(list) => list.iter().any(|value| states(key, value)),
         Value::Object(map) => map.get("data").is_some_and(|data| states(key, data)),
     }
 }
 
-/// Whether text is numbers, one of them not 0.
-fn is_numbers(text: &str) -> bool {
+/// Whether text says anything but the plain default of what its key is about.
+fn says_more(key: &str, text: &str) -> bool {
+    let (words, said) = (words(key), plain(text));
+    if has(&words, CONVENTIONS) || (has(&words, PLACES) && has(&words, KINDS)) {
+        return !said.is_empty();
+    }
+    if has(&words, &["unit"]) {
+        return !PLAIN_UNITS.contains(&said.as_str());
+    }
+    let key = plain(key);
+    let is_type = TYPES.contains(&key.as_str());
+    let of_lens = is_type
+        || TURNING.iter().any(|part| key.contains(part))
+        || (has(&words, LENSES) && !has(&words, &["sensor"]));
+    let length = said
+        .strip_suffix("mm")
+        .is_some_and(|mm| mm.parse::<u32>().is_ok());
+    let is_plain = length
+        || PLAIN.contains(&said.as_str())
+        || (is_type && CAMERAS.contains(&said.as_str()))
+        || Lens::named(text, &[0.0; 4]).is_ok_and(|lens| !lens.is_fisheye());
+    of_lens && !is_plain
+}
+
+/// Of text that is numbers, whether one of them is not 0.
+fn is_numbers(text: &str) -> Option<bool> {
     let words = text.split(|c: char| c.is_whitespace() || ",;[]()".contains(c));
-    let words: Vec<&str> = words.filter(|word| !word.is_empty()).collect();
-    let number = |word: &&str| word.trim_start_matches('.').parse::<f64>();
-    !words.is_empty()
-        && words.iter().all(|word| number(word).is_ok())
-        && words.iter().any(|word| number(word) != Ok(0.0))
+    let number = |word: &str| word.trim_start_matches('.').parse::<f64>().ok();
+    let numbers = words.filter(|word| !word.is_empty()).map(number);
+    let numbers: Vec<f64> = numbers.collect::<Option<_>>()?;
+    (!numbers.is_empty()).then(|| numbers.iter().any(|number| *number != 0.0))
 }
 
 /// Whether text is a lens by name, other than a pinhole with or without OpenCV's distortion.

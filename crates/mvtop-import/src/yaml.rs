@@ -46,7 +46,25 @@ pub fn documents(source: &Source) -> Checked<Vec<Value>> {
     if xml::is_xml(text) {
         return xml::parse(text).map(|value| vec![value]).map_err(of);
     }
-    parse(text).map_err(of)
+    let read = parse(text).map_err(of);
+    let holds = |value: &Value| value.is_object() || value.is_array();
+    match read.as_ref().is_ok_and(|all| all.iter().any(holds)) {
+        false if is_ini(text) => Err(of(
+            "an INI file of a program that is not known; of these, only those of a ZED are read"
+                .into(),
+        )),
+        _ => read,
+    }
+}
+
+/// Whether text has sections and values: `[left]`, `fx = 905.5`.
+fn is_ini(text: &str) -> bool {
+    let mut lines = text.lines().map(str::trim);
+    lines.any(|line| line.starts_with('[') && line.ends_with(']'))
+        && lines.any(|line| {
+            line.split_once('=')
+                .is_some_and(|(key, _)| !key.trim().is_empty())
+        })
 }
 
 /// The one document of a file.

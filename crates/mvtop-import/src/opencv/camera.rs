@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use serde_json::Value;
 
 use super::found::{BY_COLUMNS, SIZE_KEY};
-use super::keys::{is_yes, rows_first, size_of_text};
+use super::keys::{direction, is_yes, rows_first, size_of_text};
 use crate::draft::{self, DraftCamera, Pose};
 use crate::lens::{Foreign, Lens, Plane};
 use crate::node::Node;
@@ -15,7 +15,7 @@ use crate::{Checked, Direction, Options};
 /// Coefficients that have a key each, as `brown_conrady` orders them.
 const BROWN: [&str; 8] = ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"];
 /// Largest difference of two rotations that are the same, radians.
-const SAME_ROTATION: f64 = 1e-3;
+pub const SAME_ROTATION: f64 = 1e-3;
 
 /// What is said of one camera, by the names of [`super::keys`].
 pub fn camera(
@@ -33,9 +33,13 @@ pub fn camera(
         }
     };
     let lens = lens(node, options, notes).map_err(of)?;
+    let size = size(id, node, &plane, options)?;
+    if let Some((roi, size)) = node.find(&["roi"]).zip(size.or(options.size_of(id))) {
+        draft::whole_image(&roi, size)?;
+    }
     Ok(DraftCamera {
         id: draft::id(id),
-        size: size(id, node, &plane, options)?,
+        size,
         plane,
         lens,
         pose: pose(node)?,
@@ -178,15 +182,24 @@ fn listed(list: &Node, rows_first: Option<bool>) -> Checked<[u32; 2]> {
     }
 }
 
-/// rvec and tvec are OpenCV's, from world to camera; what else there may be does not say.
+/// rvec and tvec are OpenCV's, from world to camera, unless a direction is stated; what else there may be does not
+/// say.
 fn pose(node: &Node) -> Checked<Option<Pose>> {
+    let stated = node.find(&["direction"]);
+    let stated = stated.and_then(|text| direction(text.value.as_str()?));
     let mut found = Vec::new();
     for (key, direction) in [
         ("world_from_cam", Some(Direction::WorldFromCam)),
         ("cam_from_world", Some(Direction::CamFromWorld)),
-        ("pose", None),
+        ("pose", stated),
     ] {
         if let Some(matrix) = node.find(&[key]) {
+            if stated.is_some() && stated != direction {
+                return Err(format!(
+                    "{}: its name and the direction that is stated do not agree; leave the wrong one out",
+                    matrix.place
+                ));
+            }
             let transform = draft::rigid(&matrix.place, &matrix.matrix4()?)?;
             found.push(Pose {
                 transform,
@@ -197,7 +210,7 @@ fn pose(node: &Node) -> Checked<Option<Pose>> {
     if ["R", "rvec", "T"].iter().any(|key| node.has(key)) {
         found.push(Pose {
             transform: transform(node)?,
-            direction: node.has("rvec").then_some(Direction::CamFromWorld),
+            direction: stated.or(node.has("rvec").then_some(Direction::CamFromWorld)),
         });
     }
     let mut found = found.into_iter();

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value};
 
 use super::keys::{in_parts, is_in_order, is_section, is_unit, split};
-use crate::unread::{self, plain};
+use crate::unread::{self, plain, words};
 use crate::{Checked, Options, Unit, draft};
 
 /// Values of one camera, by the names of [`super::keys`].
@@ -34,6 +34,19 @@ const NAME_KEYS: &[&str] = &[
     "port",
     "deviceid",
     "device",
+];
+
+/// Words for what is said of a camera, beside its own name.
+const PARTS: &[&str] = &[
+    "cam",
+    "camera",
+    "intrinsic",
+    "intrinsics",
+    "extrinsic",
+    "extrinsics",
+    "distortion",
+    "lens",
+    "pose",
 ];
 
 /// R and T from the first to the second of two cameras.
@@ -109,7 +122,14 @@ fn entries(value: &Value) -> Vec<(String, &Value)> {
         Value::Array(list) => list
             .iter()
             .enumerate()
-            .map(|(i, value)| (name_in_list(value, i), value))
+            .map(|(i, value)| match value.as_array().map(Vec::as_slice) {
+                // A map with numbers as keys, as a list of pairs.
+                Some([Value::Number(key), of_key @ Value::Object(_)]) => {
+                    (format!("cam{key}"), of_key)
+                }
+                Some([Value::String(key), of_key @ Value::Object(_)]) => (key.clone(), of_key),
+                _ => (name_in_list(value, i), value),
+            })
             .collect(),
         _ => Vec::new(),
     };
@@ -169,14 +189,19 @@ impl Found {
         if !value.is_object() && !value.is_array() {
             return Err("expected an object or a list of cameras".into());
         }
-        let before = self.cameras.len();
+        let (before, parts_before) = (self.cameras.len(), self.parts.len());
         let mut numbered: BTreeMap<String, Vec<(String, &'static str, Value)>> = BTreeMap::new();
         let mut by_key: Vec<String> = Vec::new();
         let mut named = Fields::new();
-        for (key, inner) in entries(value) {
+        let all = entries(value);
+        let rectifies = all.iter().any(|(key, inner)| unread::rectifies(key, inner));
+        for (key, inner) in all {
             if is_unit(&key) {
                 self.units.push(unit(&key, inner)?);
             } else if let Some((field, suffix)) = split(&key, inner) {
+                if field == "roi" && rectifies {
+                    continue;
+                }
                 if !suffix.is_empty() {
                     let of_one = numbered.entry(suffix).or_default();
                     of_one.push((key, field, inner.clone()));
@@ -211,6 +236,13 @@ impl Found {
         };
         let numbered = self.of_suffixes(numbered)?;
         if named.contains_key("K") || named.contains_key("fx") {
+            // What is said inside a camera is of its lens, but a place may be another thing's.
+            let inside = self.parts[parts_before..].iter_mut();
+            let no_place =
+                |part: &&mut Part| !PLACE.iter().any(|key| part.fields.contains_key(*key));
+            for part in inside.filter(no_place) {
+                part.name = name.to_owned();
+            }
             self.cameras.push((draft::id(name), named));
             self.cameras.extend(numbered);
             return Ok(());
@@ -284,7 +316,8 @@ impl Found {
         Ok(named.collect())
     }
 
-    /// Joins what several objects say of one camera; what is left is the R and T of a pair.
+    /// Joins what several objects say of one camera; what is left is the R and T of a pair, each camera of which may
+    /// have a place of its own as well.
     pub fn join(&mut self) -> Checked<Option<Pair>> {
         if self.cameras.is_empty() {
             return Err("expected camera matrices (K, M1, camera_matrix, ... of 3x3 numbers) or fx, fy, cx, cy, \
@@ -294,22 +327,18 @@ impl Found {
         for (index, (id, _)) in self.cameras.iter().enumerate() {
             if self.cameras[..index].iter().any(|(other, _)| other == id) {
                 return Err(format!(
-                    "two cameras are called `{id}`; give each file its own name"
+                    "two cameras are called `{id}`; give each a name of its own, as that of its file or in its entry"
                 ));
             }
         }
         let mut left = Vec::new();
         for mut part in std::mem::take(&mut self.parts) {
-            let id = draft::id(&part.name);
-            if let Some((id, camera)) = self.cameras.iter_mut().find(|(other, _)| *other == id) {
+            if let Some((id, camera)) = named(&mut self.cameras, &part.name) {
                 merge(id, camera, part.fields)?;
                 continue;
             }
             if part.whole {
-                let (place, of_all): (Fields, Fields) = part
-                    .fields
-                    .into_iter()
-                    .partition(|(key, _)| PLACE.contains(&key.as_str()));
+                let (place, of_all) = of_place(part.fields);
                 share(&mut self.cameras, &of_all)?;
                 part.fields = place;
             }
@@ -320,14 +349,17 @@ impl Found {
         let placed = |(_, fields): &(String, Fields)| is_placed(|key| fields.get(key));
         match (left.len(), self.cameras.as_mut_slice()) {
             (0, _) => Ok(None),
-            // Of a pair, each of which has its own place as well.
-            (1, cameras) if left[0].whole && cameras.iter().all(placed) => Ok(None),
-            (1, [(id, camera)]) => {
+            (1, [(id, camera)]) if left[0].whole => {
                 merge(id, camera, left.remove(0).fields)?;
                 Ok(None)
             }
-            (1, cameras) if !cameras.iter().any(placed) && is_pair(&left[0]) => {
+            (1, cameras)
+                if is_pair(&left[0], cameras)
+                    && (!cameras.iter().any(placed) || cameras.iter().all(placed)) =>
+            {
                 let Part { name, fields, .. } = left.remove(0);
+                let (fields, of_all) = of_place(fields);
+                share(cameras, &of_all)?;
                 Ok(Some(Pair { name, fields }))
             }
             _ => {
@@ -369,8 +401,38 @@ impl Found {
     }
 }
 
-fn is_pair(part: &Part) -> bool {
-    is_placed(|key| part.fields.get(key)) && part.fields.contains_key("T")
+/// Fields of a place, and the others.
+fn of_place(fields: Fields) -> (Fields, Fields) {
+    let all = fields.into_iter();
+    all.partition(|(key, _)| PLACE.contains(&key.as_str()))
+}
+
+/// Whether it is R and T of two cameras, and not of a camera that is not there.
+fn is_pair(part: &Part, cameras: &[(String, Fields)]) -> bool {
+    let ids = cameras.iter().map(|(id, _)| plain(id));
+    let both = ids.collect::<Vec<_>>().join("to");
+    let of_pair = |word: &String| ["stereo", "pair", "relative"].contains(&word.as_str());
+    is_placed(|key| part.fields.get(key))
+        && part.fields.contains_key("T")
+        && (part.whole || plain(&part.name) == both || words(&part.name).iter().any(of_pair))
+}
+
+/// The camera of that name; `rgbDistortion` is of `rgbIntrinsic`, unless there are several of that kind.
+fn named<'a>(cameras: &'a mut [(String, Fields)], name: &str) -> Option<&'a mut (String, Fields)> {
+    let of = |name: &str| {
+        let words = words(name).into_iter();
+        let own = words.filter(|word| !PARTS.contains(&word.as_str()));
+        own.collect::<Vec<_>>()
+    };
+    let (id, bare) = (draft::id(name), of(name));
+    let exact = cameras.iter().position(|(other, _)| *other == id);
+    let alike = cameras.iter().enumerate();
+    let mut alike = alike.filter(|(_, (other, _))| !bare.is_empty() && of(other) == bare);
+    let index = exact.or_else(|| match (alike.next(), alike.next()) {
+        (Some((index, _)), None) => Some(index),
+        _ => None,
+    })?;
+    cameras.get_mut(index)
 }
 
 fn unit(key: &str, value: &Value) -> Checked<Unit> {

@@ -2,10 +2,10 @@
 
 use serde_json::{Map, Value};
 
-use crate::ImageSize;
 use crate::lens::Lens;
 use crate::node::count_of_numbers;
 use crate::unread::{cuts, names_a_lens, plain};
+use crate::{Direction, ImageSize};
 
 /// What programs call the same thing, without case and underscores.
 const NAMES: &[(&str, &[&str])] = &[
@@ -149,6 +149,38 @@ const NAMES: &[(&str, &[&str])] = &[
         ],
     ),
     (
+        "direction",
+        &[
+            "direction",
+            "posedirection",
+            "posetype",
+            "poseconvention",
+            "extrinsicdirection",
+            "extrinsicsdirection",
+            "extrinsictype",
+            "extrinsicstype",
+            "extrinsicsconvention",
+            "transformdirection",
+            "transformtype",
+        ],
+    ),
+    (
+        "axes",
+        &[
+            "axes",
+            "axesconvention",
+            "convention",
+            "coordinateconvention",
+            "coordinatesystem",
+            "cameraconvention",
+            "cameraaxes",
+        ],
+    ),
+    (
+        "roi",
+        &["roi", "imageroi", "croproi", "crop", "regionofinterest"],
+    ),
+    (
         "pose",
         &[
             "pose",
@@ -161,6 +193,14 @@ const NAMES: &[(&str, &[&str])] = &[
             "rt",
         ],
     ),
+];
+/// What OpenCV's axes of a camera are called: x right, y down, z forward.
+const AXES: &[&str] = &[
+    "opencv",
+    "cv",
+    "rdf",
+    "rightdownforward",
+    "xrightydownzforward",
 ];
 /// A model, where the value is the name of one: `lens` may be "8 mm" as well.
 const NAMED: &str = "model by its value";
@@ -218,8 +258,8 @@ pub fn split(key: &str, value: &Value) -> Option<(&'static str, String)> {
         }
     }
     cuts(&plain).find_map(|(base, of)| {
-        let known = NAMES.iter().find(|(_, names)| names.contains(&base));
-        let (name, _) = known.filter(|(name, _)| fits(name, value))?;
+        let known = |(name, names): &&(&str, &[&str])| names.contains(&base) && fits(name, value);
+        let (name, _) = NAMES.iter().find(known)?;
         Some((field(name), of.to_owned()))
     })
 }
@@ -247,6 +287,13 @@ fn fits(name: &str, value: &Value) -> bool {
             names_a_lens(text) || (!text.is_empty() && Lens::named(text, &[0.0; 4]).is_ok())
         }),
         "fisheye" => is_yes(value).is_some(),
+        "direction" => value.as_str().and_then(direction).is_some(),
+        "axes" => value
+            .as_str()
+            .is_some_and(|text| AXES.contains(&&*plain(text))),
+        "roi" => {
+            count_of_numbers(value) == Some(4) || value.get("width").is_some_and(Value::is_number)
+        }
         "size" => list() || value.as_str().and_then(size_of_text).is_some(),
         _ => list(),
     }
@@ -264,6 +311,13 @@ pub fn is_yes(value: &Value) -> Option<bool> {
         },
         _ => None,
     }
+}
+
+/// What a text says that places map to what: `camera_to_world`, as a matrix may be called as well.
+pub fn direction(text: &str) -> Option<Direction> {
+    let plain = plain(text);
+    let (name, _) = NAMES.iter().find(|(_, names)| names.contains(&&*plain))?;
+    Direction::named(name)
 }
 
 /// Width and height of `1280x960`.

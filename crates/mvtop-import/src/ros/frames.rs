@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use mvtop_geometry::transform;
 use nalgebra::Isometry3;
+use serde_json::Value;
 
 use super::hand_eye;
 use super::urdf::{Joint, from_xyz_and_rpy};
@@ -159,6 +160,17 @@ impl Tree {
             "camera `{name}`: the transforms above `{frame}` go round in a circle"
         ))
     }
+}
+
+/// Whether it is a message of TF, several of these, or frames by their names.
+pub fn is_it(value: &Value) -> bool {
+    let is_message = |value: &Value| value.get("child_frame_id").is_some();
+    let messages = value.get("transforms").unwrap_or(value);
+    is_message(value)
+        || messages
+            .as_array()
+            .is_some_and(|list| list.iter().any(is_message))
+        || is_list(&Node::new(value, ""))
 }
 
 /// Whether it is frames by their names, each with its parent.

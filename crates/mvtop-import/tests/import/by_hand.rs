@@ -412,4 +412,7 @@ fn euroc_states_the_sensor_in_the_body() {
     let camera = &imported.rig.cameras()[0];
     assert_eq!(camera.id(), "cam0");
     assert_pose(camera, [0.1, 0.2, 0.3], Y, Z);
+    let rows_first = text.replace("[752, 480]", "[480, 752]");
+    let error = read(&[("sensor.yaml", &rows_first)], &Options::default()).unwrap_err();
+    assert!(error.to_string().contains("--image-size"), "{error}");
 }

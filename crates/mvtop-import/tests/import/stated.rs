@@ -366,4 +366,125 @@ fn bop_s_camera_files_state_the_size_of_images() {
     ];
     let rig = read(&one, &Options::default()).unwrap().rig;
     assert_eq!(rig.cameras()[0].width(), 640);
+    let distorted = small.replace("\"fx\"", "\"k1\": 0.1, \"fx\"");
+    let error = refusal(&[one[0], ("camera.json", &distorted)], &Options::default());
+    assert!(error.contains("the key `k1` is not known"), "{error}");
+}
+
+#[test]
+fn a_place_is_of_its_own_camera_and_none_is_left_out() {
+    let r = "[[0, -1, 0], [1, 0, 0], [0, 0, 1]]";
+    let camera = |x: f64| {
+        format!(
+            r#"{{{K}, {SIZE}, "dist": [0, 0, 0, 0, 0], "rvec": [0, 0, 0], "tvec": [{x}, 0, 0]}}"#
+        )
+    };
+    let rig = format!(r#"{{"left": {}, "right": {}}}"#, camera(0.0), camera(-1.0));
+    let unit = scaled(1.0);
+    for (third, words) in [
+        (
+            format!(r#"{{"R": {r}, "T": [0.3, 0.2, 0.1]}}"#),
+            "leave the wrong ones out",
+        ),
+        (
+            r#"{"T_base_cam": [[1, 0, 0, 1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}"#
+                .to_owned(),
+            "places of base",
+        ),
+    ] {
+        let error = refusal(&[("rig.json", &rig), ("base.json", &third)], &unit);
+        assert!(error.contains(words), "{error}");
+    }
+    // What a pair's R and T say is not another thing where they agree: x_right = x_left - 1.
+    let pair = r#"{"R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "T": [-1, 0, 0]}"#;
+    let read = read(&[("rig.json", &rig), ("stereo.json", pair)], &unit);
+    assert!(read.is_ok(), "{}", read.unwrap_err());
+
+    let alone = format!(r#"{{"left": {{{K}, {SIZE}, "dist": [0, 0, 0, 0, 0]}}}}"#);
+    for of_right in [
+        format!(r#"{{"right": {{"R": {r}, "T": [1, 0, 0]}}}}"#),
+        r#"{"right": {"dist": [0.1, 0, 0, 0, 0]}}"#.to_owned(),
+    ] {
+        let error = refusal(&[("in.json", &alone), ("ex.json", &of_right)], &unit);
+        assert!(
+            error.contains("of right, but the cameras are called left"),
+            "{error}"
+        );
+    }
+    let both = format!(
+        r#"{{"left": {{{K}, {SIZE}}}, "right": {{{K}, {SIZE}}}, "third": {{"R": {r}, "T": [1, 0, 0]}}}}"#
+    );
+    let error = refusal(&[("rig.json", &both)], &unit);
+    assert!(error.contains("places of third"), "{error}");
+}
+
+#[test]
+fn sections_of_one_camera_are_joined_by_their_common_name() {
+    let text = format!(
+        r#"{{"rgbIntrinsic": {{{K}, {SIZE}}}, "rgbDistortion": {{"k1": 0.1, "k2": 0.02}},
+            "irIntrinsic": {{{K}, {SIZE}}}, "irDistortion": {{"k1": 0.2, "k2": 0.03}},
+            "irPose": {{"rvec": [0, 0, 0], "tvec": [1, 0, 0]}}, "rgb_pose": {{"rvec": [0, 0, 0], "tvec": [2, 0, 0]}}}}"#
+    );
+    let rig = read(&[("a.json", &text)], &scaled(1.0)).unwrap().rig;
+    for (id, k1, x) in [("rgbIntrinsic", 0.1, -2.0), ("irIntrinsic", 0.2, -1.0)] {
+        let camera = &rig.cameras()[rig.index_of(id).unwrap()];
+        assert_eq!(camera.intrinsics().projection().params()[0], k1);
+        assert_pose(camera, [x, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
+    }
+}
+
+#[test]
+fn formats_are_told_by_their_structure_and_named_with_their_files() {
+    let camera = format!(r#"{{{K}, {SIZE}, "dist": [0, 0, 0, 0, 0]}}"#);
+    let cameras = format!(r#""left": {camera}, "right": {camera}"#);
+    let place = |x: f64| format!(r#"{{"rvec": [0, 0, 0], "tvec": [{x}, 0, 0]}}"#);
+    let places = format!(r#"{{"left": {}, "right": {}}}"#, place(0.0), place(-1.0));
+    for key in ["transforms", "transform", "frames"] {
+        let intrinsics = format!("{{{cameras}}}");
+        let extrinsics = format!(r#"{{"{key}": {places}}}"#);
+        let one = format!(r#"{{{cameras}, "{key}": {places}}}"#);
+        for files in [
+            &[("in.json", &*intrinsics), ("ex.json", &extrinsics)][..],
+            &[("rig.json", &one)],
+        ] {
+            let imported = read(files, &scaled(1.0));
+            let imported = imported.unwrap_or_else(|error| panic!("{key}: {error}"));
+            assert_eq!(imported.format, mvtop_import::Format::OpenCv);
+            let right = &imported.rig.cameras()[1];
+            assert_pose(right, [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
+        }
+    }
+    let list = "left: {parent: base, xyz: [0, 0, 0]}";
+    let error = refusal(
+        &[("left.json", &camera), ("frames.yaml", list)],
+        &scaled(1.0),
+    );
+    assert!(
+        error.contains("several formats (left.json: opencv, frames.yaml: ros)"),
+        "{error}"
+    );
+}
+
+#[test]
+fn lists_of_pairs_have_the_names_of_their_keys_and_ini_files_are_called_so() {
+    let camera = format!(
+        r#"{{{K}, {SIZE}, "dist": [0, 0, 0, 0, 0], "rvec": [0, 0, 0], "tvec": [1, 0, 0]}}"#
+    );
+    let text = format!(r#"[[0, {camera}], [1, {camera}], ["top", {camera}]]"#);
+    let text = text.replacen("[1, 0, 0]}", "[2, 0, 0]}", 1);
+    let rig = read(&[("a.json", &text)], &scaled(1.0)).unwrap().rig;
+    let ids: Vec<_> = rig.cameras().iter().map(|camera| camera.id()).collect();
+    assert_eq!(ids, ["cam0", "cam1", "top"]);
+    let nested = format!("[[{camera}], [{camera}]]");
+    let error = refusal(&[("a.json", &nested)], &scaled(1.0));
+    assert!(
+        error.contains("a name of its own, as that of its file or in its entry"),
+        "{error}"
+    );
+    let ini = "; a rig\n[left]\nfx = 905.5\nfy = 911\n";
+    let error = refusal(&[("a.ini", ini)], &scaled(1.0));
+    assert!(
+        error.contains("an INI file of a program that is not known"),
+        "{error}"
+    );
 }

@@ -329,3 +329,195 @@ fn other_formats_do_not_put_their_own_lens_over_one_that_is_named() {
     let error = refusal(&[("calib.toml", &kappa)], &placed());
     assert!(error.contains("the key `kappa` is not known"), "{error}");
 }
+
+#[test]
+fn words_of_a_lens_or_a_place_outrank_harmless_ones() {
+    let pose = "[[1, 0, 0, 1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]";
+    for (key, value) in [
+        ("calibrated_distortion", D),
+        ("calibrated_dist_coeffs", D),
+        ("best_distortion", D),
+        ("first_distortion", D),
+        ("updatedDistortion", D),
+        ("unrectified_distortion", D),
+        ("target_distortion", D),
+        ("distortion_at_temperature", D),
+        ("Calibrated_Distortion", D),
+        ("radial_distances", D),
+        ("optimal_new_camera", D),
+        (
+            "calibrated_K",
+            "[[1100, 0, 633], [0, 1100, 481], [0, 0, 1]]",
+        ),
+        ("distortion_grid", "[[[0.1, 0.2], [0.3, 0.4]]]"),
+        ("k1_updated", "0.1"),
+        ("calibrated_pose", pose),
+        ("T_target_cam", pose),
+        ("updated_image_size", "[640, 480]"),
+        ("fisheye_flag", "true"),
+        (
+            "extrinsic_parameters",
+            "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]",
+        ),
+        ("images", r#"[{"T_wc": [1, 2, 3]}]"#),
+    ] {
+        let text = format!(r#"{{{K}, {SIZE}, "D": [0, 0, 0, 0], "{key}": {value}}}"#);
+        let error = refusal(&[("a.json", &text)], &Options::default());
+        let named = key == "images" || error.contains(&format!("the key `{key}` is not known"));
+        assert!(named, "{key}: {error}");
+    }
+    for (key, value) in [
+        ("board_size", "[9, 6]"),
+        ("boardSize", "[9, 6]"),
+        ("rms_error", "0.3"),
+        ("intrinsics_std", "[0.1, 0.2]"),
+        ("distortion_uncertainty", "[0.1, 0.2]"),
+        ("timestamp", "1700000000"),
+        ("calibration_time", "12"),
+        ("pixelSize", "[3.45, 3.45]"),
+        ("sensor_width_mm", "8.5"),
+        ("validPixROI1", "[10, 12, 1200, 900]"),
+        (
+            "rectified_camera_matrix",
+            "[[1100, 0, 633], [0, 1100, 481], [0, 0, 1]]",
+        ),
+        (
+            "newCameraMatrix",
+            "[[1100, 0, 633], [0, 1100, 481], [0, 0, 1]]",
+        ),
+        ("calibrated", "1"),
+        ("frames", "120"),
+        (
+            "header",
+            r#"{"seq": 5, "stamp": {"sec": 1, "nanosec": 2}, "frame_id": "left"}"#,
+        ),
+    ] {
+        let text = format!(r#"{{{K}, {SIZE}, "D": {D}, "{key}": {value}}}"#);
+        let imported = read(&[("a.json", &text)], &Options::default());
+        assert!(imported.is_ok(), "{key}: {}", imported.unwrap_err());
+    }
+}
+
+#[test]
+fn a_region_of_interest_is_the_whole_image_or_of_rectified_images() {
+    let p = "[[1100, 0, 633, 0], [0, 1100, 481, 0], [0, 0, 1, 0]]";
+    let with = |more: &str| format!(r#"{{{K}, {SIZE}, "D": {D}, {more}}}"#);
+    for more in [
+        r#""roi": [0, 0, 1280, 960]"#.to_owned(),
+        r#""roi": [0, 0, 0, 0]"#.to_owned(),
+        r#""roi": {"x_offset": 0, "y_offset": 0, "width": 1280, "height": 960, "do_rectify": false}"#.to_owned(),
+        format!(r#""P1": {p}, "roi1": [12, 8, 1200, 900]"#),
+    ] {
+        let imported = read(&[("a.json", &with(&more))], &Options::default());
+        assert!(imported.is_ok(), "{more}: {}", imported.unwrap_err());
+    }
+    for more in [
+        r#""roi": [320, 200, 640, 480]"#,
+        r#""roi": [0, 0, 640, 480]"#,
+        r#""crop_roi": {"x": 320, "y": 200, "width": 640, "height": 400}"#,
+        r#""roi": {"x1": 320, "y1": 200, "width": 1280, "height": 960}"#,
+    ] {
+        let error = refusal(&[("a.json", &with(more))], &Options::default());
+        assert!(
+            error.contains("expected the whole image"),
+            "{more}: {error}"
+        );
+    }
+}
+
+#[test]
+fn a_text_about_a_lens_an_image_or_a_place_says_the_plain_default_or_is_named() {
+    let with = |more: &str| format!(r#"{{{K}, {SIZE}, "D": {D}, {more}}}"#);
+    for (key, text) in [
+        ("projection", "equisolid"),
+        ("projection", "stereographic"),
+        ("type", "division"),
+        ("type", "polynomial"),
+        ("kind", "ocam"),
+        ("lens", "ultra wide 190 deg"),
+        ("camera_type", "Panoramic"),
+        ("flip", "horizontal"),
+        ("rotate", "ROTATE_90_CLOCKWISE"),
+        ("mirrored", "yes"),
+        ("rotate", "left"),
+        ("orientation", "portrait_upside_down"),
+        ("axes", "right-handed, y up"),
+        ("convention", "opengl"),
+        ("direction", "robot_to_camera"),
+        ("extrinsics_type", "inverse"),
+        ("angle_unit", "deg"),
+        ("rotation_order", "xyz"),
+    ] {
+        let error = refusal(
+            &[("a.json", &with(&format!(r#""{key}": "{text}""#)))],
+            &Options::default(),
+        );
+        assert!(
+            error.contains(&format!("the key `{key}` is not known")),
+            "{key}: {error}"
+        );
+    }
+    for (key, text) in [
+        ("flip", "none"),
+        ("rotate", "0"),
+        ("orientation", "landscape"),
+        ("type", "rgb"),
+        ("convention", "OpenCV"),
+        ("angle_unit", "rad"),
+        ("camera_type", "pinhole"),
+    ] {
+        let imported = read(
+            &[("a.json", &with(&format!(r#""{key}": "{text}""#)))],
+            &Options::default(),
+        );
+        assert!(imported.is_ok(), "{key}: {}", imported.unwrap_err());
+    }
+}
+
+#[test]
+fn a_direction_that_is_stated_is_read() {
+    let file = |direction: &str, place: &str| {
+        format!(
+            r#"{{"extrinsics_type": "{direction}", "cameras": [{{"id": "a", {K}, {SIZE}, "D": {D}, {place}}}]}}"#
+        )
+    };
+    let metre = Options {
+        unit: Some(Unit::Metre),
+        ..Options::default()
+    };
+    let turn = format!(r#""R": {R}, "t": [1, 0, 0]"#);
+    let vector = r#""rvec": [0, 0, 1.5707963267948966], "tvec": [1, 0, 0]"#;
+    for place in [turn.as_str(), vector] {
+        let x = |direction: &str| {
+            let rig = read(&[("a.json", &file(direction, place))], &metre)
+                .unwrap()
+                .rig;
+            let at = rig.cameras()[0].world_from_cam().translation.vector;
+            [at.x, at.y]
+        };
+        crate::assert_near(x("camera_to_world"), [1.0, 0.0]);
+        // -Rᵀ t.
+        crate::assert_near(x("world_to_camera"), [0.0, 1.0]);
+    }
+    let matrix = r#""T_world_cam": [[1, 0, 0, 1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"#;
+    let error = refusal(&[("a.json", &file("w2c", matrix))], &metre);
+    assert!(error.contains("do not agree"), "{error}");
+    let other = Options {
+        direction: Some(Direction::CamFromWorld),
+        ..metre
+    };
+    let error = refusal(&[("a.json", &file("c2w", &turn))], &other);
+    assert!(error.contains("--direction"), "{error}");
+}
+
+#[test]
+fn each_key_is_named_once_with_what_ignores_all() {
+    let camera = format!(r#"{{{K}, {SIZE}, "D": {D}, "kappa": 0.1, "warp": 0.2}}"#);
+    let text = format!(r#"{{"left": {camera}, "right": {camera}}}"#);
+    let error = refusal(&[("a.json", &text)], &placed());
+    assert!(
+        error.contains("the keys `kappa`, `warp` are not known")
+            && error.contains("(--ignore kappa --ignore warp)"),
+        "{error}"
+    );
+}

@@ -269,3 +269,33 @@ fn ros_pairs_without_transforms_are_not_put_into_each_other() {
         Z,
     );
 }
+
+#[test]
+fn ros_regions_binning_and_camera_types_are_compared() {
+    let with = |more: &str| {
+        let text = info("left", "0") + more;
+        read(&[("left.yaml", &text)], &Options::default()).map_err(|error| error.to_string())
+    };
+    for more in [
+        "roi: {x_offset: 0, y_offset: 0, height: 480, width: 640, do_rectify: false}\nbinning_x: 1\n",
+        "roi: {x_offset: 0, y_offset: 0, height: 0, width: 0, do_rectify: false}\nbinning_x: 0\n",
+        "camera_type: pinhole\n",
+    ] {
+        assert!(with(more).is_ok(), "{more}: {}", with(more).unwrap_err());
+    }
+    for (more, words) in [
+        (
+            "roi: {x_offset: 8, y_offset: 0, height: 480, width: 640}\n",
+            "the whole image",
+        ),
+        (
+            "roi: {x_offset: 0, y_offset: 0, height: 240, width: 640}\n",
+            "the whole image",
+        ),
+        ("camera_type: fisheye\n", "the lens of `distortion_model`"),
+        ("binning_x: \"2\"\n", "finite number"),
+    ] {
+        let error = with(more).unwrap_err();
+        assert!(error.contains(words), "{more}: {error}");
+    }
+}

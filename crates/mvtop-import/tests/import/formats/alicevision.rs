@@ -49,3 +49,49 @@ fn alicevision_s_other_lenses_are_refused() {
         assert!(error.contains(expected), "{error}");
     }
 }
+
+#[test]
+fn alicevision_s_distortion_adds_to_its_type() {
+    let with = |kind: &str, distortion: &str, params: &str| {
+        ALICEVISION.replace(
+            r#""type": "radial3""#,
+            &format!(
+                r#""type": "{kind}", "distortionType": "{distortion}", "undistortionType": "none",
+                "undistortionOffset": ["0", "0"]"#
+            ),
+        )
+        .replace(r#"["-0.2", "0.05", "0.01"]"#, params)
+    };
+    let three = r#"["-0.2", "0.05", "0.01"]"#;
+    for (kind, distortion) in [("pinhole", "radialk3"), ("radial3", "")] {
+        let text = with(kind, distortion, three);
+        let rig = read(&[("cameras.sfm", &text)], &scaled(0.1)).unwrap().rig;
+        assert_params(&rig.cameras()[0], &[-0.2, 0.05, 0.0, 0.0, 0.01]);
+    }
+    for (kind, distortion, params, words) in [
+        (
+            "equidistant",
+            "none",
+            "[]",
+            "its lens `equidistant with none`",
+        ),
+        ("equidistant", "", "[]", "its lens `equidistant`"),
+        (
+            "equidistant",
+            "radialk3",
+            three,
+            "its lens `equidistant with radialk3`",
+        ),
+        ("radial3", "none", three, "its lens `radial3 with none`"),
+    ] {
+        let text = with(kind, distortion, params);
+        let error = refusal(&[("cameras.sfm", &text)], &scaled(0.1));
+        assert!(error.contains(words), "{error}");
+    }
+    let undistorted = with("pinhole", "none", "[]").replace(
+        r#""undistortionType": "none""#,
+        r#""undistortionType": "3deanamorphic4""#,
+    );
+    let error = refusal(&[("cameras.sfm", &undistorted)], &scaled(0.1));
+    assert!(error.contains("the key `undistortionType`"), "{error}");
+}

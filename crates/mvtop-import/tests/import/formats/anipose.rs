@@ -1,7 +1,7 @@
 use mvtop_import::Format;
 
 use super::{MINUS_Y, X, Z};
-use crate::{assert_params, assert_plane, assert_pose, read, scaled};
+use crate::{assert_params, assert_plane, assert_pose, read, refusal, scaled};
 
 const TOML: &str = r#"[cam_0]
 name = "left"
@@ -72,4 +72,47 @@ fn caliscope_has_its_cameras_in_a_table() {
     assert_params(camera, &[0.1, -0.2, 0.01, 0.02, 0.3]);
     // -Rᵀ t of t = (-1, 0, 0) is (0, -1, 0).
     assert_pose(camera, [0.0, -1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]);
+}
+
+#[test]
+fn freemocap_s_place_in_the_world_is_compared() {
+    let with = |at: &str, turn: &str| {
+        TOML.replace(
+            "translation = [-400.0, 0.0, 0.0]",
+            &format!("translation = [-400.0, 0.0, 0.0]\nworld_position = {at}\nworld_orientation = {turn}"),
+        )
+    };
+    // -Rᵀ t, and Rᵀ of a quarter turn about z.
+    let (at, turn) = (
+        "[0.0, -400.0, 0.0]",
+        "[[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]",
+    );
+    let files = [("calibration.toml", &*with(at, turn))];
+    assert_eq!(
+        read(&files, &scaled(0.001)).unwrap().rig,
+        read(&[("calibration.toml", TOML)], &scaled(0.001))
+            .unwrap()
+            .rig
+    );
+    for (text, key) in [
+        (with("[0.0, -401.0, 0.0]", turn), "world_position"),
+        (
+            with(at, "[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]"),
+            "world_orientation",
+        ),
+    ] {
+        let error = refusal(&[("calibration.toml", &text)], &scaled(0.001));
+        assert!(error.contains(&format!("`{key}`: expected")), "{error}");
+    }
+    let updated = TOML.replace(
+        "fisheye = true",
+        "fisheye = true\nupdated_distortions = [0.1, 0.0, 0.0, 0.0]",
+    );
+    let error = refusal(&[("calibration.toml", &updated)], &scaled(0.001));
+    assert!(error.contains("`updated_distortions`"), "{error}");
+    let bare = TOML.replace("distortions = [-0.2, 0.05, 0.001, -0.002, 0.01]\n", "");
+    let rig = read(&[("calibration.toml", &bare)], &scaled(0.001))
+        .unwrap()
+        .rig;
+    assert_eq!(rig.cameras().len(), 3);
 }

@@ -78,3 +78,41 @@ fn a_camera_that_no_rig_has_is_named() {
     let error = refusal(&[("a.yaml", &text)], &Options::default());
     assert!(error.contains("got \"SCARAMUZZA\""), "{error}");
 }
+
+#[test]
+fn what_is_of_another_kind_or_not_known_is_named() {
+    let list = PINHOLE.replace(
+        "distortion_parameters:\n   k1: -0.2\n   k2: 0.05\n   p1: 0.001\n   p2: -0.002\n",
+        "distortion_parameters: [-0.2, 0.05, 0.001, -0.002]\n",
+    );
+    let error = refusal(&[("a.yaml", &list)], &Options::default());
+    assert!(
+        error.contains("`distortion_parameters`: expected an object"),
+        "{error}"
+    );
+    for more in [
+        "kappa: 0.1",
+        "k3: 0.2",
+        "model: fisheye",
+        "roi: [8, 8, 100, 100]",
+        "rotate: 90",
+    ] {
+        let key = more.split(':').next().unwrap();
+        let error = refusal(
+            &[("a.yaml", &format!("{PINHOLE}{more}\n"))],
+            &Options::default(),
+        );
+        assert!(
+            error.contains(&format!("the key `{key}` is not known")),
+            "{error}"
+        );
+    }
+    let file = VINS.replace("cam0_calib: \"right.yaml\"", "cam0_calib: [1]");
+    let files = [
+        ("left.yaml", PINHOLE),
+        ("right.yaml", KANNALA),
+        ("vins.yaml", &file),
+    ];
+    let error = refusal(&files, &Options::default());
+    assert!(error.contains("`cam0_calib`: expected text"), "{error}");
+}

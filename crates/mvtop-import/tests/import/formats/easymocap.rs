@@ -51,3 +51,33 @@ fn easymocap_keys_end_in_names_of_cameras() {
     let error = refusal(&[("intri.yml", &intri)], &options);
     assert!(error.contains("give extri.yml as well"), "{error}");
 }
+
+#[test]
+fn easymocap_s_rotation_is_there_twice_and_said_once() {
+    let options = Options {
+        image_sizes: vec![ImageSize::parse("640x480").unwrap()],
+        ..scaled(1.0)
+    };
+    let [intri, extri] = files();
+    let other = extri.replace("1.5707963267948966", "1.2");
+    let error = refusal(&[("intri.yml", &intri), ("extri.yml", &other)], &options);
+    assert!(error.contains("different rotations"), "{error}");
+    // Without the vector, the matrix maps world to camera as well.
+    let [head, of_top] = extri
+        .split_once("R_top_view")
+        .map(<[&str; 2]>::from)
+        .unwrap();
+    let rest = &of_top[of_top.find("Rot_top_view").unwrap()..];
+    let matrix = format!("{head}{rest}");
+    let rig = read(&[("intri.yml", &intri), ("extri.yml", &matrix)], &options)
+        .unwrap()
+        .rig;
+    assert_pose(&rig.cameras()[1], [0.0, -0.4, 0.0], MINUS_Y, Z);
+    let more = format!("{extri}{}", matrix_of_none());
+    let error = refusal(&[("intri.yml", &intri), ("extri.yml", &more)], &options);
+    assert!(error.contains("the key `R_03` is not known"), "{error}");
+}
+
+fn matrix_of_none() -> String {
+    matrix("R_03", 3, 1, "0., 0., 1.")
+}

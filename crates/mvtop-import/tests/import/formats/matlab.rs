@@ -51,3 +51,12 @@ fn a_mat_file_is_refused_with_what_to_type_in_matlab() {
         "{error}"
     );
 }
+
+#[test]
+fn matlab_s_sizes_are_rows_and_columns() {
+    let text = MATLAB
+        .replace("[480, 640]", "[640, 480]")
+        .replace("[321, 241, 1]", "[330, 231, 1]");
+    let error = refusal(&[("stereo.json", &text)], &Options::default());
+    assert!(error.contains("`ImageSize` of 640 and 480 px"), "{error}");
+}

@@ -32,3 +32,10 @@ fn mccalib_s_other_lenses_and_groups_without_a_common_frame_are_refused() {
         assert!(error.contains(expected), "{error}");
     }
 }
+
+#[test]
+fn mccalib_s_camera_without_a_matrix_is_named() {
+    let text = file(0, 0).replacen("camera_matrix", "matrix", 1);
+    let error = refusal(&[("data.yml", &text)], &scaled(0.1));
+    assert!(error.contains("the key `camera_0` is not known"), "{error}");
+}

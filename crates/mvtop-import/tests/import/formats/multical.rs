@@ -27,3 +27,30 @@ fn multical_asks_for_the_unit_and_names_a_camera_without_a_place() {
     let error = refusal(&[("calibration.json", &text)], &scaled(0.1));
     assert!(error.contains("`right`: its place is missing"), "{error}");
 }
+
+#[test]
+fn multical_s_other_models_and_keys_are_named() {
+    for (from, to, words) in [
+        (r#""model": "standard""#, r#""model": "ocam""#, "\"ocam\""),
+        (
+            r#""model": "standard""#,
+            r#""model": 5"#,
+            "`model`: expected text",
+        ),
+        (
+            r#""image_sets": {"#,
+            r#""distortions": {"left": 0.1}, "image_sets": {"#,
+            "`distortions`",
+        ),
+        (
+            r#"{"cameras": {"#,
+            r#"{"cameras": {"top": 5, "#,
+            "expected an object, got 5",
+        ),
+    ] {
+        let text = MULTICAL.replacen(from, to, 1);
+        assert_ne!(text, MULTICAL);
+        let error = refusal(&[("calibration.json", &text)], &scaled(0.1));
+        assert!(error.contains(words), "{error}");
+    }
+}
