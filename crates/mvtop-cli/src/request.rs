@@ -41,11 +41,11 @@ pub struct Choice {
     #[arg(long, requires = "json")]
     pub grasps: bool,
 
-    /// Say of each class without an object what came nearest, and what it failed at
+    /// For each class without an object, report the nearest candidate and the check that it failed
     #[arg(long)]
     pub why: bool,
 
-    /// Ask what this file asks, priors and planes among it, as `serve --record` keeps it; other options replace what it says
+    /// Read the request from this file, as `serve --record` keeps it: priors, planes, classes; other options override it
     #[arg(long, value_name = "FILE")]
     pub request: Option<PathBuf>,
 }
