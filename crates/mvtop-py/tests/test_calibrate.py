@@ -10,7 +10,7 @@ import pytest
 from boards import Renderer, board_at, look_at
 
 import mvtop
-from mvtop.calibration import Board, calibrate, detect, images, lenses, observe, rigid
+from mvtop.calibration import Board, calibrate, detect, images, lenses, observe, outliers, rigid
 from mvtop.calibration.commands import main
 
 pytestmark = pytest.mark.skipif(
@@ -77,7 +77,7 @@ def seen(monkeypatch):
     Images are of one color; an exposure's board is where `places` has it.
     """
 
-    def make(cameras, board, places, noise=0.05, seed=0, least=0, moved=None):
+    def make(cameras, board, places, noise=0.05, seed=0, least=0, moved=None, change=None):
         rng = np.random.default_rng(seed)
         found, sizes = {}, {}
         for camera in cameras:
@@ -91,6 +91,8 @@ def seen(monkeypatch):
                 if (numbers := np.flatnonzero(inside)).size > least:
                     noisy = pixels[inside] + rng.normal(size=(len(numbers), 2)) * noise
                     found[camera.id][name] = detect.Detection(numbers, noisy)
+        if change is not None:
+            change(found)
         told = {
             c: {k: v for k, v in f.items() if detect.counts(board, v)} for c, f in found.items()
         }
@@ -203,6 +205,28 @@ def test_a_board_that_moved_between_images_is_named(seen):
     assert "12." in told.outliers[0].why or "11." in told.outliers[0].why
     assert "mm" in told.outliers[0].why and "the board moved" in told.outliers[0].why
     assert errors(told.rig, cameras)[:, 0].mean() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("camera", "exposure", "worst"),
+    # By 0 all that seems off goes out at once, and what fits comes back.
+    [("left", "003", outliers.WORST), ("right", "014", outliers.WORST), ("right", "014", 0.0)],
+)
+def test_an_image_that_is_turned_blames_no_other(seen, monkeypatch, camera, exposure, worst):
+    monkeypatch.setattr(outliers, "WORST", worst)
+    cameras, board = rig_of_three()[:2], Board.from_dict(CHARUCO)
+
+    def turn(found):
+        view = found[camera][exposure]
+        found[camera][exposure] = detect.Detection(view.numbers, [639, 479] - view.pixels)
+
+    sources = seen(cameras, board, scattered(board, 16), change=turn)
+    told = calibrate(sources, board, hold_out=False)
+    assert {o.exposure for o in told.outliers} == {exposure}
+    assert sum(c.views for c in told.cameras) == 30
+    # By the final solution, whose lenses are right.
+    assert all("180.0 degrees from" in o.why and "one is turned" in o.why for o in told.outliers)
+    assert errors(told.rig, cameras)[:, 0].max() < 0.2
 
 
 def test_chains_of_boards_link_cameras_that_share_none(seen):

@@ -88,6 +88,81 @@ def test_a_bad_pose_is_named(cell, tmp_path):
     assert rigid.angle_deg(off[:3, :3]) < 0.05 and np.linalg.norm(off[:3, 3]) < 3e-4
 
 
+TRUE = {"eye": "hand", "rotation": "xyzw", "direction": "base_from_hand", "unit": "m"}
+
+
+@pytest.mark.parametrize("beside", [TRUE, {"eye": "hand"}])
+@pytest.mark.parametrize(
+    ("wrong", "fix"),
+    [
+        ({"rotation": "wxyz"}, "--rotation xyzw"),
+        ({"direction": "hand_from_base"}, "--direction base_from_hand, or --eye base"),
+        ({"unit": "cm"}, "--unit m"),
+        ({"unit": "mm", "rotation": "wxyz"}, "--rotation xyzw and --unit m"),
+        (
+            {"eye": "base", "direction": "base_from_hand"},
+            "--eye hand, or --direction hand_from_base",
+        ),
+    ],
+)
+def test_what_is_said_wrongly_is_refused_with_the_reading_that_fits(
+    cell, tmp_path, beside, wrong, fix
+):
+    _, hands, boards = cell("hand")
+    path = tmp_path / "poses.csv"
+    path.write_text(table(hands, order="xyzw"))
+    with pytest.raises(
+        ValueError, match="expected hand, xyzw, base_from_hand, m, which f"
+    ) as error:
+        hand_eye.solve(boards, robot_poses.load(path), **(beside | wrong))
+    assert str(error.value).endswith(f"; fix: {fix}")
+    assert hand_eye.solve(boards, robot_poses.load(path), **(beside | TRUE)).rotation == "xyzw"
+
+
+def test_what_a_file_says_wrongly_is_refused(cell, tmp_path):
+    _, hands, boards = cell("hand")
+    path = tmp_path / "poses.csv"
+    path.write_text(table(hands, order="xyzw", header="name,x,y,z,qw,qx,qy,qz"))
+    with pytest.raises(
+        ValueError, match="got hand, wxyz, .* fix: rotation xyzw in the poses' file"
+    ):
+        hand_eye.solve(boards, robot_poses.load(path), eye="hand")
+    turns = {
+        k: {"t": v[:3, 3].tolist(), "rotvec": rigid.logarithm(v[:3, :3]).tolist()}
+        for k, v in hands.items()
+    }
+    path.write_text(json.dumps(turns))
+    with pytest.raises(ValueError, match="got one by which the hand hardly turns; fix: --rotation"):
+        hand_eye.solve(boards, robot_poses.load(path), eye="hand", rotation="rotvec_deg")
+
+
+@pytest.mark.parametrize("said", [TRUE, {"eye": "hand"}, {"eye": "hand", "unit": "mm"}])
+def test_poses_of_other_exposures_fit_by_no_reading(cell, tmp_path, said):
+    _, hands, boards = cell("hand")
+    path = tmp_path / "poses.csv"
+    path.write_text(table(dict(zip(hands, [*hands.values()][::-1], strict=True)), order="xyzw"))
+    words = (
+        r"no reading .* fits: expected at most 3 degrees and \d+ mm .* fix: give poses of the same"
+    )
+    with pytest.raises(ValueError, match=words):
+        hand_eye.solve(boards, robot_poses.load(path), **said)
+
+
+def test_readings_that_fit_alike_must_be_said(cell, tmp_path, rng):
+    world_from_ref, hands, _ = cell("hand")
+    board = pose(rng, 0.5, 0.1, (0.6, 0.1, 0.1))
+    # The hand turns where it is, so that nothing tells the unit.
+    hands = {k: rigid.rigid(v[:3, :3], np.zeros(3)) for k, v in hands.items()}
+    boards = {k: rigid.inverse(hand @ world_from_ref) @ board for k, hand in hands.items()}
+    path = tmp_path / "poses.csv"
+    path.write_text(table(hands))
+    poses = robot_poses.load(path)
+    with pytest.raises(ValueError, match="two readings of the robot's poses fit alike"):
+        hand_eye.solve(boards, poses, eye="hand", direction="base_from_hand", rotation="wxyz")
+    said = {"eye": "hand", "direction": "base_from_hand", "rotation": "wxyz", "unit": "mm"}
+    assert hand_eye.solve(boards, poses, **said).unit == "mm"
+
+
 FORMS = {
     "json.json": lambda hands: json.dumps({k: v.tolist() for k, v in hands.items()}),
     "list.json": lambda hands: json.dumps(

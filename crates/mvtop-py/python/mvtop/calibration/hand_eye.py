@@ -8,14 +8,14 @@ Frames: `base` the robot's base, `hand` its flange or tool, `ref` the rig's refe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from mvtop.calibration import _need, rigid
-from mvtop.calibration.robot_poses import RobotPoses
+from mvtop.calibration.robot_poses import DIRECTIONS, RobotPoses
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,6 +28,12 @@ LEAST_TURN_DEG = 5.0
 """Turns of the hand that fix nothing, between any two poses."""
 CLEARER = 2.0
 """How many times better the best reading must fit than the next one."""
+FAR_BETTER = 3.0
+"""What is said is refused where another reading fits so many times better: noise, which both
+share, does not do that."""
+FITS_DEG, FITS_SHARE = 3.0, 0.05
+"""A reading fits whose median residuals are at most these: a turn, and a shift as a share of the
+board's distance. Worn robots stay below; poses of other exposures are tens of degrees off."""
 BAD, ROUNDS = 4.5, 4
 """Poses whose residual is beyond this many robust standard deviations are left out, one a round."""
 LEAST_DEG, LEAST_MM = 0.05, 0.3
@@ -90,12 +96,13 @@ def solve(
     - eye, rotation, direction, unit: what is known; of eye and direction one must be, the rest is
       found by which reading fits
 
-    Raises ValueError where poses do not fix it, several readings fit alike, or what is known
-    contradicts the poses.
+    Raises ValueError where poses do not fix it, no reading fits, several fit alike, or one that
+    contradicts what is known fits far better.
     """
     if eye is not None and eye not in EYES:
         raise ValueError(f"eye: expected {' or '.join(EYES)}, got {eye!r}")
-    readings = poses.readings(rotation, direction, unit)
+    left = poses.readings(rotation, direction, unit)
+    allowed = {_Reading(*names) for names in product([eye] if eye else EYES, *left)}
     common = [name for name in ref_from_board if name in poses.numbers]
     if len(common) < LEAST_POSES:
         raise ValueError(
@@ -116,36 +123,26 @@ def solve(
         )
     boards = [ref_from_board[name] for name in common]
     said = (eye, rotation or poses.rotation, direction or poses.direction, unit or poses.unit)
-    tried = []
-    for reading in product([eye] if eye else EYES, *readings):
-        read = poses.read(*reading[1:])
-        hands = [read[name] for name in common]
-        if (fit := _fit(reading[0], hands, boards)) is not None:
-            tried.append((_size(fit, boards), reading, fit))
-    if not tried:
-        raise ValueError(
-            f"the hand hardly turns between poses, expected turns of {LEAST_TURN_DEG:g} degrees "
-            f"or more "
-            "about two axes; fix: add poses with the hand tilted in several directions"
-        )
-    tried.sort(key=lambda t: t[0])
-    size, reading, fit = tried[0]
-    other = ""
-    if len(tried) > 1:
-        other = f"{', '.join(tried[1][1])}: {tried[1][0] / max(size, 1e-12):.0f} times as far off"
-        if tried[1][0] < CLEARER * size:
+    tried = _tried(poses, common, boards)
+    tried.sort(key=lambda t: (not t.fits, t.size, t.reading not in allowed))
+    own = [t for t in tried if t.reading in allowed]
+    _check_fits(own[0] if own else None, tried, said, poses)
+    best, other = own[0], ""
+    if len(own) > 1:
+        other = f"{own[1].reading}: {own[1].size / best.size:.0f} times as far off"
+        if own[1].fits and own[1].size < CLEARER * best.size:
             raise ValueError(
-                f"two readings of the robot's poses fit alike, {', '.join(reading)} and "
-                f"{', '.join(tried[1][1])}; fix: say which with --eye, --rotation, --direction "
-                f"or --unit, or "
-                "add poses that are turned more"
+                f"two readings of the robot's poses fit alike, {best.reading} and "
+                f"{own[1].reading}; fix: say which with --eye, --rotation, --direction or --unit, "
+                f"or add poses that are turned more"
             )
+    reading, fit = best.reading, best.fit
     world, board, used, sd = fit.world_from_ref, fit.board, fit.used, fit.sd
     of_poses = [
         PoseResidual(name, float(turn), float(shift), bool(ok))
         for name, (turn, shift), ok in zip(common, fit.off, used, strict=True)
     ]
-    return HandEye(reading[0], *reading[1:], world, board, of_poses, *sd, other, not all(said))
+    return HandEye(*reading, world, board, of_poses, *sd, other, not all(said))
 
 
 @dataclass(eq=False)
@@ -158,24 +155,134 @@ class _Fit:
     sd: tuple[float, float]
 
 
-def _size(fit: _Fit, boards: Sequence[NDArray[np.float64]]) -> float:
-    """One number for how far a fit is off: shifts as a share of the board's distance, and turns,
-    radians."""
+class _Reading(NamedTuple):
+    eye: str
+    rotation: str
+    direction: str
+    unit: str
+
+    def __str__(self) -> str:
+        return ", ".join(self)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    reading: _Reading
+    fit: _Fit
+    distance: float
+    """Of the board from the rig, median, metres."""
+
+    @property
+    def off(self) -> tuple[float, float]:
+        """Median of residuals, degrees and mm."""
+        turn, shift = np.median(self.fit.off, axis=0)
+        return float(turn), float(shift)
+
+    @property
+    def size(self) -> float:
+        """One number for how far the fit is off: a turn, radians, and a shift as a share of the
+        distance. What is no fault of a pose counts as that."""
+        turn, shift = np.maximum(self.off, [LEAST_DEG, LEAST_MM])
+        return float(np.radians(turn) + 1e-3 * shift / self.distance)
+
+    @property
+    def fits(self) -> bool:
+        turn, shift = self.off
+        return turn <= FITS_DEG and shift <= self.most_mm
+
+    @property
+    def most_mm(self) -> float:
+        return 1e3 * FITS_SHARE * self.distance
+
+    def __str__(self) -> str:
+        turn, shift = self.off
+        return f"{turn:.3f} degrees and {shift:.2f} mm"
+
+
+_ALIKE = tuple(
+    (("hand", direction), ("base", other)) for direction, other in (DIRECTIONS, DIRECTIONS[::-1])
+)
+"""Eyes and directions by which poses say the same: as they are written, and inverted."""
+
+
+def _tried(
+    poses: RobotPoses, names: Sequence[str], boards: Sequence[NDArray[np.float64]]
+) -> list[_Trial]:
+    """All readings that the numbers allow, whatever is said of them; none where turns fix
+    nothing."""
     distance = float(np.median([np.linalg.norm(board[:3, 3]) for board in boards]))
-    turn, shift = np.median(fit.off, axis=0)
-    return float(np.radians(turn) + 1e-3 * shift / distance)
+    numbers = replace(poses, rotation=None, direction=None, unit=None)
+    rotations, _, units = numbers.readings()
+    tried = []
+    for rotation, unit in product(rotations, units):
+        read = numbers.read(rotation, DIRECTIONS[0], unit)
+        written = [read[name] for name in names]
+        inverted = [rigid.inverse(pose) for pose in written]
+        for moving, alike in zip((written, inverted), _ALIKE, strict=True):
+            if (fit := _fit(moving, boards)) is not None:
+                readings = [_Reading(eye, rotation, way, unit) for eye, way in alike]
+                tried += [_Trial(reading, fit, distance) for reading in readings]
+    return tried
+
+
+def _check_fits(
+    best: _Trial | None,
+    tried: Sequence[_Trial],
+    said: Sequence[str | None],
+    poses: RobotPoses,
+) -> None:
+    """Refuses what is said where another reading fits far better, or none fits.
+
+    - best: of what is said; None where the hand hardly turns by it
+    - tried: all readings, the best first
+    """
+    right = [t for t in tried if t.fits and t.fit is tried[0].fit]
+    if right and (best is None or not best.fits or FAR_BETTER * right[0].size < best.size):
+        changes = [_changes(t.reading, said, poses) for t in right]
+        least = min(map(len, changes))
+        fix = ", or ".join(" and ".join(change) for change in changes if len(change) == least)
+        got = "one by which the hand hardly turns"
+        if best is not None:
+            got = f"{best.reading}, which is off by {best}"
+        raise ValueError(
+            f"reading of the robot's poses: expected {right[0].reading}, which fits to "
+            f"{right[0]} in the median, got {got}; fix: {fix}"
+        )
+    if best is None:
+        raise ValueError(
+            f"the hand hardly turns between poses, expected turns of {LEAST_TURN_DEG:g} degrees "
+            f"or more about two axes; fix: add poses with the hand tilted in several directions"
+        )
+    if not best.fits:
+        raise ValueError(
+            f"no reading of the robot's poses fits: expected at most {FITS_DEG:g} degrees and "
+            f"{best.most_mm:.0f} mm in the median, got {tried[0]} by the best, "
+            f"{tried[0].reading}; fix: give poses of the same exposures, by one clock, with a "
+            f"board that does not move"
+        )
+
+
+def _changes(reading: _Reading, said: Sequence[str | None], poses: RobotPoses) -> list[str]:
+    """What must be said otherwise for a reading."""
+    of_file = (None, poses.rotation, poses.direction, poses.unit)
+    return [
+        f"{what} {value} in the poses' file" if stated else f"--{what} {value}"
+        for what, value, known, stated in zip(reading._fields, reading, said, of_file, strict=True)
+        if known and known != value
+    ]
 
 
 def _fit(
-    eye: str, hands: Sequence[NDArray[np.float64]], boards: Sequence[NDArray[np.float64]]
+    moving: Sequence[NDArray[np.float64]], boards: Sequence[NDArray[np.float64]]
 ) -> _Fit | None:
     """Least squares over all poses that fit. None where turns fix nothing.
 
     base_from_hand · hand_from_ref · ref_from_board = base_from_board, the same for all; of
     cameras that stand, hand_from_base in place of base_from_hand, and base_from_ref in place of
     hand_from_ref.
+
+    - moving: base_from_hand, or hand_from_base
     """
-    moving = list(hands) if eye == "hand" else [rigid.inverse(hand) for hand in hands]
     used = np.ones(len(moving), bool)
     start = _closed_form(moving, boards)
     if start is None:

@@ -6,12 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mvtop.calibration import rigid
+from mvtop.calibration import initial, rigid, solve
 from mvtop.calibration.adjust import Bundle, View
 from mvtop.calibration.solve import Problem, board_alone, view_px
 
 FACTOR, LEAST_PX = 4.0, 0.5
 """A view is an outlier beyond this many times the median view's residual, and beyond these px."""
+WORST = 0.5
+"""Boards that are off by this share of the worst one's px are left out with it. Others may seem
+off as the worst one bent the lens."""
+ROUNDS = 8
+"""Greatest number of times that views are judged: by halves, 60 px come down to `LEAST_PX`."""
 
 
 @dataclass(frozen=True)
@@ -28,70 +33,98 @@ class Outlier:
         return f"exposure `{self.exposure}` of `{self.camera}`, {self.px:.1f} px off: {self.why}"
 
 
-def find(bundle: Bundle, problem: Problem) -> list[tuple[View, Outlier]]:
-    """The views that speak against most others."""
-    px = view_px(bundle)
-    limit = max(FACTOR * float(np.median(px)), LEAST_PX)
-    found = []
-    for board in sorted({v.board for v, off in zip(bundle.views, px, strict=True) if off > limit}):
-        views = [view for view in bundle.views if view.board == board]
-        found += _of_board(bundle, problem, views, limit)
+def leave_out(bundle: Bundle, problem: Problem) -> list[Outlier]:
+    """Takes the views that do not fit out of an adjusted bundle, and adjusts it anew.
+
+    The worst go first. Views that fit without them come back.
+
+    Raises ValueError where a camera has no view that fits.
+    """
+    every, out = bundle.views, dict[View, Outlier]()
+    for _ in range(ROUNDS):
+        found = _judged(bundle, problem, every)
+        inside = set(bundle.views)
+        worst = {found[view].px for view in inside & found.keys()}
+        limit = WORST * max(worst, default=0.0)
+        boards = {view.board for view in inside & found.keys() if found[view].px >= limit}
+        out = {v: why for v, why in found.items() if v not in inside or v.board in boards}
+        kept = [view for view in every if view not in out]
+        if set(kept) == inside:
+            break
+        for camera, name in enumerate(problem.cameras):
+            if all(view.camera != camera for view in kept):
+                why = next(why for view, why in out.items() if view.camera == camera)
+                raise ValueError(f"camera `{name}`: all its views speak against the others; {why}")
+        bundle.views = kept
+        solve.settle(bundle)
+    return list(out.values())
+
+
+def _judged(bundle: Bundle, problem: Problem, every: list[View]) -> dict[View, Outlier]:
+    """Those of all views that do not fit lenses and cameras as they are in the bundle."""
+    px = dict(zip(bundle.views, view_px(bundle), strict=True))
+    limit = max(FACTOR * float(np.median(list(px.values()))), LEAST_PX)
+    found: dict[View, Outlier] = {}
+    for board in sorted({view.board for view in every if px.get(view, np.inf) > limit}):
+        views = [view for view in every if view.board == board]
+        found |= _of_board(bundle, problem, views, limit)
     return found
 
 
 def _of_board(
     bundle: Bundle, problem: Problem, views: list[View], limit: float
-) -> list[tuple[View, Outlier]]:
-    start = bundle.world_from_board[views[0].board]
-    out: list[tuple[View, Outlier]] = []
+) -> dict[View, Outlier]:
+    """Those of a board's views that do not fit; the others place the board."""
+    out: dict[View, Outlier] = {}
     inside = list(views)
     alone = {}
     for view in views:
-        own = rigid.inverse(bundle.cam_from_world[view.camera]) @ _pose(problem, view)
-        alone[view.camera], own_px = board_alone(bundle, [view], own)
+        own = rigid.inverse(bundle.cam_from_world[view.camera]) @ _pose(bundle, problem, view)
+        alone[view], own_px = board_alone(bundle, [view], own)
         if own_px[0] > limit:
             inside.remove(view)
             why = "corners do not lie as on the board: blur, a reflection, or a board that is bent"
-            out.append((view, _outlier(problem, view, own_px[0], why)))
-    while len(inside) > 1:
+            out[view] = _outlier(problem, view, own_px[0], why)
+    starts = [bundle.world_from_board[views[0].board], *(alone[view] for view in inside)]
+    while inside:
+        start = min(starts, key=lambda pose: sum(_px(bundle, view, pose) for view in inside))
         pose, px = board_alone(bundle, inside, start)
         if max(px) <= limit:
-            return out
-        trials = []
-        for i in range(len(inside)):
-            rest = inside[:i] + inside[i + 1 :]
-            _, others = board_alone(bundle, rest, pose)
-            trials.append((max(others), i))
+            bundle.world_from_board[views[0].board] = pose
+            break
         if len(inside) == 2:
-            for view, off in zip(inside, px, strict=True):
-                other = inside[1 - inside.index(view)]
-                why = _moved(alone[view.camera], alone[other.camera], bundle, problem, view)
-                name = problem.cameras[other.camera]
-                out.append((view, _outlier(problem, view, off, f"{why} `{name}` sees it; {_WHY}")))
-            return out
-        worst = inside.pop(min(trials)[1])
+            for view, other in (inside, inside[::-1]):
+                why = _moved(alone[view], alone[other], bundle, problem, view)
+                off = _px(bundle, view, alone[other])
+                why = f"{why} `{problem.cameras[other.camera]}` sees it; {_WHY}"
+                out[view] = _outlier(problem, view, off, why)
+            break
+        rests = [[other for other in inside if other is not view] for view in inside]
+        trials = [max(board_alone(bundle, rest, pose)[1]) for rest in rests]
+        worst = inside.pop(int(np.argmin(trials)))
         pose, _ = board_alone(bundle, inside, start)
-        off = float(np.sqrt(np.mean(np.sum(_off(bundle, worst, pose) ** 2, axis=1))))
-        why = _moved(alone[worst.camera], pose, bundle, problem, worst)
-        out.append(
-            (worst, _outlier(problem, worst, off, f"{why} the other cameras see it; {_WHY}"))
-        )
+        why = f"{_moved(alone[worst], pose, bundle, problem, worst)} the other cameras see it; "
+        out[worst] = _outlier(problem, worst, _px(bundle, worst, pose), why + _WHY)
     return out
 
 
-_WHY = "the board moved between the images, or they are of different moments"
+_WHY = "the board moved between the images, one is turned, or they are of different moments"
 
 
-def _pose(problem: Problem, view: View) -> np.ndarray:
-    return problem.poses[view.camera, view.board]
+def _pose(bundle: Bundle, problem: Problem, view: View) -> np.ndarray:
+    """cam_from_board by the view alone, by the lens as it is."""
+    camera = view.camera
+    posed = initial.board_pose(bundle.kinds[camera], bundle.lenses[camera], view)
+    return problem.poses[camera, view.board] if posed is None else posed[0]
 
 
-def _off(bundle: Bundle, view: View, world_from_board: np.ndarray) -> np.ndarray:
+def _px(bundle: Bundle, view: View, world_from_board: np.ndarray) -> float:
+    """Root mean square of a view's residuals where its board is there, px."""
     kept = bundle.world_from_board[view.board]
     bundle.world_from_board[view.board] = world_from_board
     off = bundle.residuals(view)
     bundle.world_from_board[view.board] = kept
-    return off
+    return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
 
 
 def _moved(

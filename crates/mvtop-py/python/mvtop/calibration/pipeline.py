@@ -24,7 +24,7 @@ from mvtop.calibration import (
     solve,
     verdict,
 )
-from mvtop.calibration.adjust import Adjusted, Bundle
+from mvtop.calibration.adjust import Adjusted, Bundle, adjust
 from mvtop.calibration.boards import Board
 from mvtop.calibration.lenses import KINDS, Kind
 from mvtop.calibration.outliers import Outlier
@@ -42,7 +42,6 @@ LEAST_TILT_DEG = 3.0
 """Between any two boards, where a lens is calibrated."""
 PARALLEL_DEG = 12.0
 """Boards whose greatest angle is less are called parallel."""
-OUTLIER_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -169,8 +168,8 @@ def calibrate(
     placed = initial.spanning(len(told.cameras), root, found_links)
     linked.check(problem, placed, root)
     bundle = solve.assemble(problem, [p for p in placed if p is not None], root)
-    solve.settle(bundle)
-    left_out = _without_outliers(bundle, problem)
+    adjust(bundle, robust_px=solve.ROBUST_PX)
+    left_out = outliers.leave_out(bundle, problem)
     adjusted = solve.settle(bundle, covariance=True)
     covered = verdict.coverage(bundle, problem)
     reports = [_report(bundle, problem, adjusted, i) for i in range(len(problem.cameras))]
@@ -264,27 +263,6 @@ def _lenses(
                 f"{', '.join(camera.id for camera in rig.cameras)}; fix: name images' cameras alike"
             )
     return kinds, given
-
-
-def _without_outliers(bundle: Bundle, problem: Problem) -> list[Outlier]:
-    """Takes views out that do not fit, adjusting anew, and says which."""
-    told: list[Outlier] = []
-    for _ in range(OUTLIER_ROUNDS):
-        found = outliers.find(bundle, problem)
-        if not found:
-            break
-        out = {id(view) for view, _ in found}
-        kept = [view for view in bundle.views if id(view) not in out]
-        for camera in range(len(problem.cameras)):
-            if not any(view.camera == camera for view in kept):
-                raise ValueError(
-                    f"camera `{problem.cameras[camera]}`: all its views speak against the others; "
-                    f"{found[0][1]}"
-                )
-        bundle.views = kept
-        told += [outlier for _, outlier in found]
-        solve.settle(bundle)
-    return told
 
 
 def _report(bundle: Bundle, problem: Problem, adjusted: Adjusted, camera: int) -> CameraReport:
