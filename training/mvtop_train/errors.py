@@ -4,12 +4,13 @@ import argparse
 import contextlib
 import functools
 import os
-import re
 import sys
+import unicodedata
 
-# Control characters, by which a terminal can be made to show something else, and those that turn
-# the direction of writing; within the brackets of a regular expression.
-MISLEADING = r"\x00-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069"
+# Unicode's categories of characters by which text can show something else than it holds: control
+# and format characters (hidden, or turning the direction of writing), halves of others, and
+# separators of lines and paragraphs.
+MISLEADING = ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 
 class UserError(Exception):
@@ -21,7 +22,18 @@ def printable(sentence) -> str:
     """A sentence that is safe to print, whatever names of a stranger's files are in it: one line,
     with misleading characters as JSON escapes them."""
     words = " ".join(str(sentence).split())
-    return re.sub(f"[{MISLEADING}]", lambda found: f"\\u{ord(found[0]):04x}", words)
+    return "".join(_escaped(c) if misleads(c) else c for c in words)
+
+
+def misleads(character: str) -> bool:
+    """Whether text with it may show something else than it holds."""
+    return unicodedata.category(character) in MISLEADING
+
+
+def _escaped(character: str) -> str:
+    """As JSON has it: in units of UTF-16."""
+    units = character.encode("utf-16-be", "surrogatepass").hex()
+    return "".join(f"\\u{units[at : at + 4]}" for at in range(0, len(units), 4))
 
 
 def command(main):

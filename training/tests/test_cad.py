@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import os
 import re
 import subprocess
 import sys
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from mvtop_train import run
-from mvtop_train.data import meshfile
+from mvtop_train.data import limits, meshfile
 from mvtop_train.errors import UserError
 from mvtop_train.synthesis import cad
 
@@ -59,6 +60,28 @@ def test_what_is_no_step_file_is_one_sentence(text, tmp_path):
     with pytest.raises(UserError, match="pin.step: expected a STEP file with .*; fix: "):
         cad.to_mesh(tmp_path / "pin.step", "mm", tmp_path / "pin.glb")
     assert not (tmp_path / "pin.glb").exists()
+
+
+# Writes what is no mesh, after it asked for memory.
+GREEDY = """
+def step_to_glb(source, target, **_):
+    bytearray({bytes})
+    open(target, "w").write("made")
+"""
+
+
+@pytest.mark.skipif(not limits.STATUS.exists(), reason="only Linux bounds memory")
+@pytest.mark.parametrize("more", [0, meshfile.MESH_MEMORY])
+def test_the_reader_of_step_files_has_the_memory_of_other_meshes(more, tmp_path, monkeypatch):
+    (tmp_path / "cascadio.py").write_text(GREEDY.format(bytes=2 * more))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: True)
+    if more:
+        with pytest.raises(UserError, match="pin.step: .* within 3 GiB of memory; fix: "):
+            cad.to_mesh(PIN, None, tmp_path / "pin.glb")
+    else:
+        cad.to_mesh(PIN, None, tmp_path / "pin.glb")
+        assert (tmp_path / "pin.glb").read_text() == "made"
 
 
 def test_without_the_reader_the_extra_is_named(tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 import ast
 import importlib.metadata
+import json
 import re
 import subprocess
 import sys
@@ -15,7 +16,7 @@ from packaging.requirements import Requirement
 
 import mvtop_train
 from mvtop_train import cli, shipped
-from mvtop_train.errors import UserError, command
+from mvtop_train.errors import UserError, command, printable
 
 PACKAGE = Path(mvtop_train.__file__).parent
 PROJECT = Path(__file__).parents[1]
@@ -82,6 +83,25 @@ def test_messages_are_lines_with_control_characters_escaped(capsys):
     with pytest.raises(SystemExit) as ended:
         main()
     assert str(ended.value) == "error: a\\u001b[31m\\u0007.json: none\\u009b\\u202e\nerror: b"
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["\0\t\x7f\x9f", "\u200b\u200c\u200d\u200e\u200f", "\u061c\u180e\u00ad\ufeff", "\u2028\u2029"]
+    + ["\u2060\u2061\u2062\u2063\u2064", "\u202a\u202e\u2066\u206f\ufff9", "\udc9b"]
+    + ["\U000e0001\U000e0041\U000e007f", "\U0001d173"],
+)
+def test_no_character_that_hides_or_turns_text_is_printed(text):
+    named = [f"a{c}b" for c in text]
+    shown = [printable(name) for name in named]
+    assert all(line.isascii() and line.isprintable() for line in shown)
+    for name, line in zip(named, shown, strict=True):  # as JSON has it; ends of lines are spaces
+        assert json.loads(f'"{line}"') in (name, "a b")
+
+
+def test_letters_and_signs_of_any_language_are_printed():
+    text = "Größe 球 кубик ١٢ मेष 🔩 e\u0301"
+    assert printable(text) == text
 
 
 def test_configs_and_rigs_are_found_by_name_and_by_path(tmp_path, monkeypatch):

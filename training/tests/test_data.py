@@ -144,7 +144,10 @@ def test_no_coordinates_are_asked_for_where_something_was_put_before(tmp_path, v
     np.testing.assert_array_equal(screened["coords"][:, column // 4 :], asked[:, column // 4 :])
 
 
-@pytest.mark.parametrize("name", ["../../PWNED", "a/b", "a\x1b[31m", "a\nb", "a\x9bb", "a\u202eb"])
+@pytest.mark.parametrize(
+    "name",
+    ["../../PWNED", "a/b", "a\x1b[31m", "a\nb", "a\x9bb", "a\u202eb", "a\u200bb", "a\u2028b"],
+)
 def test_names_of_objects_are_names_that_files_can_have(name, tmp_path, monkeypatch):
     data, out = tmp_path / "data", tmp_path / "deep/b"
     objects.write(data, [(objects.ball(), objects.ball_mesh())])

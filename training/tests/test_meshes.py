@@ -1,9 +1,12 @@
 """Meshes of users: what their files give is kept, and what cannot be used is refused."""
 
 import ast
+import concurrent.futures
 import json
 import os
 import resource
+import signal
+import time
 import zipfile
 from pathlib import Path
 
@@ -14,7 +17,7 @@ import scipy.spatial
 import trimesh
 from PIL import Image
 
-from mvtop_train.data import memory, meshfile, objects, surface
+from mvtop_train.data import limits, meshfile, objects, surface
 from mvtop_train.errors import UserError
 from mvtop_train.export import mesh as bundled
 from mvtop_train.synthesis import catalogue, parts
@@ -149,7 +152,7 @@ def test_meshes_of_data_sets_are_bounded_as_own_ones_are(tmp_path, monkeypatch):
         objects.read_mesh(tmp_path, 1)
 
 
-@pytest.mark.skipif(not memory.STATUS.exists(), reason="only Linux bounds memory")
+@pytest.mark.skipif(not limits.STATUS.exists(), reason="only Linux bounds memory")
 def test_a_mesh_that_asks_for_more_memory_than_any_is_refused(tmp_path):
     zeros = {"buffer": 0, "byteLength": 12}
     sparse = {"count": 1, "values": {"bufferView": 0}}
@@ -165,6 +168,37 @@ def test_a_mesh_that_asks_for_more_memory_than_any_is_refused(tmp_path):
     with pytest.raises(UserError, match="sparse.gltf: expected a mesh that is read within 3 GiB"):
         meshfile.load_mesh(tmp_path / "sparse.gltf", "mm")
     assert resource.getrlimit(resource.RLIMIT_DATA) == before
+
+
+def test_a_mesh_that_takes_too_long_is_refused(tmp_path, monkeypatch):
+    """Its time grows with the square of its groups."""
+    groups = "".join(f"g a{n}\nusemtl m{n}\nf 1 2 3\n" for n in range(60_000))
+    (tmp_path / "groups.obj").write_text("v 0 0 0\nv 9 0 0\nv 0 9 0\n" + groups)
+    monkeypatch.setattr(meshfile, "MESH_SECONDS", 0.5)
+    before, begun = signal.getsignal(signal.SIGPROF), time.process_time()
+    with pytest.raises(UserError, match="groups.obj: expected a mesh .* 0.5 s .*; fix: .* as stl"):
+        meshfile.load_mesh(tmp_path / "groups.obj", "mm")
+    assert time.process_time() - begun < 10
+    assert signal.getsignal(signal.SIGPROF) == before
+    assert signal.getitimer(signal.ITIMER_PROF) == (0, 0)
+
+
+def test_time_is_over_also_for_what_swallows_errors():
+    swallowed = 0
+    with pytest.raises(TimeoutError), limits.processor_time(0.05):
+        while swallowed < 3:
+            try:
+                sum(range(1_000_000))
+            except BaseException:
+                swallowed += 1
+    assert swallowed == 3
+
+
+def test_threads_other_than_the_main_one_read_as_well(tmp_path):
+    BOX.export(tmp_path / "box.ply")
+    with concurrent.futures.ThreadPoolExecutor(1) as pool:
+        mesh = pool.submit(meshfile.load_mesh, tmp_path / "box.ply", "mm").result()
+    assert len(mesh.faces) == 12
 
 
 def test_archives_are_no_meshes(tmp_path):

@@ -12,7 +12,7 @@ from PIL import Image
 
 from .. import files
 from ..errors import UserError
-from . import memory
+from . import limits
 from .surface import diameter, outermost
 
 FAR = 2.0  # diameters from a mesh's middle to its origin; beyond, coordinates have too few bits
@@ -21,6 +21,7 @@ PICTURES = ("PNG", "JPEG", "WEBP", "BMP", "TIFF")  # of materials: Pillow starts
 MESH_TRIANGLES = 300_000  # of a mesh that is rendered; it has three times as many vertices at most
 MESH_BYTES = 1 << 28  # of a mesh's file, and of each that it names
 MESH_MEMORY = 3 << 30  # bytes, that reading it takes at most
+MESH_SECONDS = 120  # of processor time, likewise: the largest with a large texture takes 3
 DECIMATE = (
     'a coarser one, pip install fast-simplification; python -c "import trimesh; trimesh.load('
     "'LARGE', force='mesh').simplify_quadric_decimation(face_count=200000).export('SMALL.ply')\""
@@ -65,11 +66,11 @@ class _Beside(trimesh.resolvers.FilePathResolver):
 
 @contextlib.contextmanager
 def reading(path: Path):
-    """Within, trimesh may take bounded memory, and pictures of a few kinds; what it raises is a
-    `UserError` of the mesh at `path`."""
+    """Within, trimesh may take bounded memory and time, and pictures of a few kinds; what it raises
+    is a `UserError` of the mesh at `path`."""
     every, Image.open = Image.open, functools.partial(Image.open, formats=PICTURES)
     try:
-        with memory.at_most(MESH_MEMORY):
+        with limits.memory(MESH_MEMORY), limits.processor_time(MESH_SECONDS):
             yield
     except UserError:
         raise
@@ -77,6 +78,11 @@ def reading(path: Path):
         raise UserError(
             f"mesh {path}: expected a mesh that is read within {MESH_MEMORY >> 30} GiB of memory, "
             f"got a larger one; fix: {DECIMATE}"
+        ) from None
+    except TimeoutError:
+        raise UserError(
+            f"mesh {path}: expected a mesh that is read within {MESH_SECONDS} s of processor time, "
+            "got one that takes longer; fix: export the part as one body without groups, as stl"
         ) from None
     except Exception as error:
         raise UserError(

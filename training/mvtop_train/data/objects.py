@@ -9,21 +9,20 @@ in BOP layout; without `models_eval/` the points are drawn from the mesh.
 """
 
 import json
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import trimesh
 
-from ..errors import MISLEADING, UserError, asking_mvtop
+from ..errors import UserError, asking_mvtop, misleads
 from ..network.config import ObjectClass
 from . import mvball
 from .meshfile import load
 from .surface import POINTS, diameter, finer, outermost, sample_surface
 
 INFO = "models_info.json"
-FILE_NAME = re.compile(rf'[^/\\:*?"<>|{MISLEADING}]+')  # as an object's is the name of files
+NO_FILE_NAME = frozenset('/\\:*?"<>|')  # characters, as an object's name is that of files
 
 
 @dataclass(frozen=True)
@@ -39,6 +38,10 @@ class Object:
     bounds: np.ndarray  # [m, 3] outermost points: their projections' extent is the amodal box
     discrete: tuple[tuple[float, ...], ...] = ()  # symmetries, see `ObjectClass`
     continuous: tuple[tuple[float, ...], ...] = ()
+
+
+def is_file_name(text: str) -> bool:
+    return bool(text) and not any(c in NO_FILE_NAME or misleads(c) for c in text)
 
 
 def ball() -> Object:
@@ -158,7 +161,7 @@ def _infos(root: Path) -> dict:
         )
     infos = read_infos(path)
     for number, info in infos.items():
-        if info.name and not FILE_NAME.fullmatch(info.name):
+        if info.name and not is_file_name(info.name):
             raise UserError(
                 f"{path}: expected names that files can have, got {info.name!r} of object "
                 f"{number}; fix: another name there"

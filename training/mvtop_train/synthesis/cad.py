@@ -1,5 +1,8 @@
 """STEP files as triangles, by cascadio (Open CASCADE) in a process of its own, which may crash.
 
+It may take the memory of other meshes. Its time is bounded from outside, as no error of Python's
+ends what Open CASCADE computes.
+
 A STEP file states its unit of length. One that does not is taken in that of `--mesh-unit`.
 """
 
@@ -12,8 +15,8 @@ from pathlib import Path
 import trimesh
 
 from .. import children
-from ..data.meshfile import MESH_BYTES, UNITS, reading
-from ..errors import UserError
+from ..data.meshfile import MESH_BYTES, MESH_MEMORY, UNITS, reading
+from ..errors import UserError, printable
 
 ENDINGS = (".step", ".stp")
 CHORD = 0.001  # of an edge's length: how far a triangle may be off the surface
@@ -24,10 +27,12 @@ ASSUMED = "mm"  # by Open CASCADE, where a file states no unit
 SCRIPT = """
 import sys
 import cascadio
-source, target, chord, angle = sys.argv[1:]
-code = cascadio.step_to_glb(
-    source, target, tol_linear=float(chord), tol_angular=float(angle), tol_relative=True
-)
+from mvtop_train.data import limits
+source, target, chord, angle, memory = sys.argv[1:]
+with limits.memory(int(memory)):
+    code = cascadio.step_to_glb(
+        source, target, tol_linear=float(chord), tol_angular=float(angle), tol_relative=True
+    )
 sys.exit(1 if code else 0)
 """
 
@@ -64,7 +69,8 @@ def to_mesh(path: str | Path, unit: str | None, target: Path):
             f"fix: --mesh-unit ({', '.join(UNITS)})"
         )
     if stated and unit is not None:
-        print(f"note: {path.name}: the unit that the file states is taken, not --mesh-unit {unit}")
+        name = printable(path.name)
+        print(f"note: {name}: the unit that the file states is taken, not --mesh-unit {unit}")
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent) as folder:
         made = Path(folder) / target.name
@@ -78,7 +84,7 @@ def to_mesh(path: str | Path, unit: str | None, target: Path):
 
 
 def _convert(path: Path, target: Path):
-    command = children.python("-c", SCRIPT, path, target, CHORD, ANGLE)
+    command = children.python("-c", SCRIPT, path, target, CHORD, ANGLE, MESH_MEMORY)
     try:
         done = subprocess.run(command, capture_output=True, timeout=MINUTES * 60, check=False)
     except subprocess.TimeoutExpired:
@@ -89,5 +95,6 @@ def _convert(path: Path, target: Path):
     if done.returncode or not target.is_file() or not target.stat().st_size:
         raise UserError(
             f"mesh {path}: expected a STEP file with surfaces, got one that Open CASCADE cannot "
-            "read; fix: export the part again (AP203, AP214 or AP242), or as stl"
+            f"read within {MESH_MEMORY >> 30} GiB of memory; fix: export the part again (AP203, "
+            "AP214 or AP242), with fewer details, or as stl"
         )

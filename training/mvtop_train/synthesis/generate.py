@@ -189,7 +189,7 @@ def part_files(args) -> tuple[PartFile, ...]:
         for path, info in zip(args.mesh, infos, strict=True)
     ]
     for name in names:
-        if not objects.FILE_NAME.fullmatch(name):
+        if not objects.is_file_name(name):
             raise UserError(
                 f"--name: expected names that files can have, got {name!r}; fix: --name for each"
             )

@@ -56,7 +56,7 @@ def _shares(views: tuple) -> tuple:
 
 
 def _file_name(text: str) -> str:
-    if not objects.FILE_NAME.fullmatch(text):
+    if not objects.is_file_name(text):
         raise PydanticCustomError("file_name", "names that files can have")
     return text
 

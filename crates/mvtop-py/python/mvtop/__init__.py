@@ -129,7 +129,7 @@ def __getattr__(name: str) -> object:
         value = getattr(importlib.import_module(_HOMES[name]), name)
         globals()[name] = value
         return value
-    raise AttributeError(f"module 'mvtop' has no attribute '{name}'")
+    raise AttributeError(f"module 'mvtop' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

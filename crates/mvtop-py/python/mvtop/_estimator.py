@@ -16,6 +16,7 @@ from mvtop._inputs import (
 from mvtop._mvtop import NativeEstimator, Rig, RigCheck, Tracks
 from mvtop._objects import ObjectClass, object_classes
 from mvtop._prediction import Prediction, Source
+from mvtop._printable import refused
 from mvtop._request import json_of
 
 if TYPE_CHECKING:
@@ -264,7 +265,7 @@ class Estimator:
         refuse_no_rig(rig)
         for name, sd in (("turn_sd_deg", turn_sd_deg), ("shift_sd_m", shift_sd_m)):
             if not 0.0 < sd < float("inf"):
-                raise ValueError(f"{name}: expected a number above 0, got {sd}")
+                raise refused(f"{name}: expected a number above 0, got {sd}")
         given = [images_by_camera(images, rig) for images in sets]
         return self._here().check_rig(rig, given, turn_sd_deg, shift_sd_m)
 

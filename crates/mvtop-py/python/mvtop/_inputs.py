@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence, Set
 from typing import TYPE_CHECKING, Any, Protocol
 
 from mvtop._mvtop import Rig
+from mvtop._printable import refused
 
 if TYPE_CHECKING:
     import numpy as np
@@ -36,7 +37,7 @@ _SAME_GAMMA = 0.05  # exponents that differ by this share are the same
 
 def refuse_no_rig(rig: object) -> None:
     if not isinstance(rig, Rig):
-        raise ValueError(f"rig: expected a mvtop.Rig, got {type(rig).__name__}; see mvtop.Rig.load")
+        raise refused(f"rig: expected a mvtop.Rig, got {type(rig).__name__}; see mvtop.Rig.load")
 
 
 def groups_of(images: object) -> list[Any] | None:
@@ -58,20 +59,18 @@ def images_by_camera(images: Images, rig: Rig, where: str = "images") -> list[tu
     if isinstance(images, Mapping):
         for camera in images:
             if camera not in ids:
-                raise ValueError(
-                    f"{where}: no camera `{camera}` in the rig, expected one of: {known}"
-                )
+                raise refused(f"{where}: no camera `{camera}` in the rig, expected one of: {known}")
         return [
             (ids.index(camera), _readable(image, camera, where)) for camera, image in images.items()
         ]
     no_list = isinstance(images, (str, bytes, os.PathLike, Set))  # a set has no order
     if no_list or not hasattr(images, "__len__"):
-        raise ValueError(
+        raise refused(
             f"{where}: expected a list of arrays or paths, or a dict by camera id, "
             f"got {type(images).__name__}"
         )
     if len(images) != len(ids):
-        raise ValueError(
+        raise refused(
             f"{where}: expected {len(ids)}, one for each camera of the rig ({known}), got "
             f"{len(images)}; to use some of the cameras, give a dict by camera id"
         )
@@ -93,9 +92,9 @@ def _readable(image: Any, camera: str, where: str) -> Any:
     try:
         array = np.asarray(image)
     except Exception as cause:  # of any kind: a tensor on a GPU raises TypeError
-        raise ValueError(f"{name}: expected what NumPy makes an array of, got: {cause}") from None
+        raise refused(f"{name}: expected what NumPy makes an array of, got: {cause}") from None
     if array.ndim == 3 and array.shape[0] == 3 and array.shape[2] != 3:
-        raise ValueError(
+        raise refused(
             f"{name}: expected an RGB array of uint8 and shape (H, W, 3), got channels first, "
             f"{array.shape}; give `tensor.permute(1, 2, 0)`"
         )
@@ -106,12 +105,12 @@ def _of_pillow(image: Any, name: str) -> Any:
     """As files are read: grey spread over three channels, without alpha, by the gamma that a PNG
     file states, refused where rotated."""
     if image.mode in ("I", "F") or image.mode.startswith("I;"):
-        raise ValueError(
+        raise refused(
             f"{name}: expected 8 bits, got an image of Pillow's mode {image.mode}; scale it to 8 "
             "bits, or give the path of the file"
         )
     if (turn := image.getexif().get(0x0112, 1)) not in (0, 1):
-        raise ValueError(
+        raise refused(
             f"{name}: is marked as rotated or mirrored (EXIF orientation {turn}); give it upright, "
             "as calibrated, without the mark"
         )
@@ -150,13 +149,13 @@ def _by_name(images: list[Any], ids: list[str], where: str) -> list[tuple[int, A
     for image, stem in zip(images, stems, strict=True):
         if stem not in ids:
             what = "an array" if stem is None else f"`{image}`"
-            raise ValueError(
+            raise refused(
                 f"{where}: expected files that are named after cameras ({', '.join(ids)}), as "
                 f"`{example}` is, got {what}; {fix}"
             )
         camera = ids.index(stem)
         if camera in found:
-            raise ValueError(
+            raise refused(
                 f"{where}: expected one file that is named after camera `{stem}`, got "
                 f"`{found[camera]}` and `{image}`; {fix}"
             )
@@ -181,7 +180,7 @@ def boxes_by_camera(boxes: Boxes | None) -> list[Any] | None:
             for known in given
         ]
     except (KeyError, TypeError, AttributeError, ValueError) as cause:
-        raise ValueError(
+        raise refused(
             'boxes: expected [{"class": name, "boxes": {camera: [x0, y0, x1, y1]}}], got what '
             f"gives {type(cause).__name__}: {cause}"
         ) from None
@@ -194,7 +193,7 @@ def boxes_of_groups(boxes: Any, count: int) -> list[Any]:
     if isinstance(boxes, (list, tuple)) and len(boxes) == count:
         if all(one is None or isinstance(one, (str, os.PathLike, list, tuple)) for one in boxes):
             return list(boxes)
-    raise ValueError(
+    raise refused(
         f"boxes: expected a list of {count}, the boxes of each group of images or None, got "
         f"{type(boxes).__name__}"
         + (f" of {len(boxes)}" if isinstance(boxes, (list, tuple)) else "")

@@ -21,6 +21,7 @@ from mvtop._objects import (
     RigConsistency,
     object_classes,
 )
+from mvtop._printable import printable, refused
 
 if TYPE_CHECKING:
     import pandas
@@ -92,7 +93,7 @@ class Prediction:
     def warn(self, stacklevel: int, where: str = "") -> Prediction:
         """Says its warnings in Python's way too; `stacklevel` as of `warnings.warn`, of here."""
         for warning in self.warnings:
-            text = f"{where}{warning.message}"
+            text = printable(f"{where}{warning.message}")
             python_warnings.warn(text, MvtopWarning, stacklevel=stacklevel + 1)
         return self
 
@@ -180,7 +181,7 @@ class Prediction:
         keep = np.ones(len(self), bool)
         if min_confidence is not None:
             if not 0 <= min_confidence <= 1:
-                raise ValueError(f"min_confidence: expected 0 to 1, got {min_confidence}")
+                raise refused(f"min_confidence: expected 0 to 1, got {min_confidence}")
             if any(found.confidence is None for found in self.objects):
                 raise ValueError(
                     "min_confidence: expected objects with a confidence, got none, as the model "
@@ -191,7 +192,7 @@ class Prediction:
             names = {class_name} if isinstance(class_name, str) else set(class_name)
             if unknown := sorted(names - self._class_names):
                 known = ", ".join(sorted(self._class_names))
-                raise ValueError(
+                raise refused(
                     f"class_name: no class `{unknown[0]}` in the model, expected one of: {known}"
                 )
             keep &= np.array([found.class_name in names for found in self.objects], bool)
@@ -295,7 +296,7 @@ class Prediction:
                     pose = found.cameras[camera].cam_from_obj
                 else:
                     known = ", ".join(found.cameras)
-                    raise ValueError(
+                    raise refused(
                         f"im_id: camera `{camera}` gave no image, expected one of: {known}"
                     )
                 seconds = self.timings_ms["total"] / 1e3
@@ -381,7 +382,7 @@ class Prediction:
     def __repr__(self) -> str:
         found = ", ".join(f"{o.class_name} {o.score:.2f}" for o in self.objects) or "no objects"
         took = f"{self.timings_ms['total']:.0f} ms on {self.provider}"
-        return f"Prediction({found}; reference {self.reference}; {took})"
+        return printable(f"Prediction({found}; reference {self.reference}; {took})")
 
 
 def _with_places(found: ObjectPose, places: Mapping[int, int]) -> ObjectPose:

@@ -3,11 +3,12 @@
 As `printable` and `harmless` of the Rust crate `mvtop-core` have it.
 """
 
-import re
+import unicodedata
 
-# Control characters but the end of a line, by which a terminal can be made to show something else,
-# and those that turn the direction of writing.
-_MISLEADING = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+# Unicode's categories of characters by which text can show something else than it holds: control
+# and format characters (hidden, or turning the direction of writing), halves of others, and
+# separators of lines and paragraphs.
+_MISLEADING = ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 
 def printable(sentence: object) -> str:
@@ -15,6 +16,21 @@ def printable(sentence: object) -> str:
     return harmless(" ".join(str(sentence).split()))
 
 
+def refused(sentence: str) -> ValueError:
+    """What to raise of a sentence with values in it, which may come from outside."""
+    return ValueError(printable(sentence))
+
+
 def harmless(text: str) -> str:
     """Lines, with misleading characters as JSON escapes them."""
-    return _MISLEADING.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    return "".join(_escaped(c) if c != "\n" and _misleads(c) else c for c in text)
+
+
+def _misleads(character: str) -> bool:
+    return unicodedata.category(character) in _MISLEADING
+
+
+def _escaped(character: str) -> str:
+    """As JSON has it: in units of UTF-16."""
+    units = character.encode("utf-16-be", "surrogatepass").hex()
+    return "".join(f"\\u{units[at : at + 4]}" for at in range(0, len(units), 4))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from mvtop._inputs import boxes_by_camera
 from mvtop._mvtop import check_request
+from mvtop._printable import refused
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -204,7 +205,7 @@ class Request:
         try:
             return json.dumps(written, ensure_ascii=False, allow_nan=False, default=_plain)
         except (TypeError, ValueError) as cause:
-            raise ValueError(f"request: expected names and finite numbers, got: {cause}") from None
+            raise refused(f"request: expected names and finite numbers, got: {cause}") from None
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Request:
@@ -238,7 +239,7 @@ def json_of(request: Request | None) -> str | None:
     """What the compiled part takes."""
     if request is not None and not isinstance(request, Request):
         got = type(request).__name__
-        raise ValueError(f"request: expected a mvtop.Request, got {got}")
+        raise refused(f"request: expected a mvtop.Request, got {got}")
     return None if request is None else request.to_json()
 
 
@@ -248,14 +249,14 @@ def _all_of(name: str, kind: type, values: Any) -> tuple[Any, ...]:
     for one in several:
         if not isinstance(one, kind):
             got = type(one).__name__
-            raise ValueError(f"{name}: expected mvtop.{kind.__name__}, got {got}")
+            raise refused(f"{name}: expected mvtop.{kind.__name__}, got {got}")
     return several
 
 
 def _plain(value: Any) -> Any:
     """Python's number of one of NumPy's."""
     if not hasattr(value, "item"):
-        raise TypeError(f"{type(value).__name__}")
+        raise TypeError(type(value).__name__)
     return value.item()
 
 
@@ -267,10 +268,10 @@ def _tuples(name: str, array: ArrayLike, shape: tuple[int | None, int]) -> tuple
     try:
         numbers = np.asarray(array, np.float64)
     except (TypeError, ValueError):
-        raise ValueError(f"{name}: expected {expected}, got {type(array).__name__}") from None
+        raise refused(f"{name}: expected {expected}, got {type(array).__name__}") from None
     rows, columns = shape
     fits = numbers.ndim == 2 and rows in (None, len(numbers)) and numbers.shape[1] == columns
     if not fits or not np.isfinite(numbers).all():
         got = "some that are not finite" if fits else f"shape {numbers.shape}"
-        raise ValueError(f"{name}: expected {expected}, got {got}")
+        raise refused(f"{name}: expected {expected}, got {got}")
     return tuple(tuple(row) for row in numbers.tolist())

@@ -7,6 +7,7 @@ from mvtop._estimator import Estimator
 from mvtop._inputs import boxes_by_camera, images_by_camera
 from mvtop._mvtop import NativeTracker, Rig
 from mvtop._prediction import Prediction, Source
+from mvtop._printable import refused
 from mvtop._request import json_of
 
 if TYPE_CHECKING:
@@ -119,7 +120,7 @@ class Tracker:
         """
         ids = [known.id for known in self._rig.cameras]
         if camera not in ids:
-            raise ValueError(
+            raise refused(
                 f"camera: expected one of {', '.join(ids)}, as in the rig, got `{camera}`"
             )
         with self._lock:
