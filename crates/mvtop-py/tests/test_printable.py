@@ -39,7 +39,7 @@ def test_a_name_is_shown_as_json_has_it():
 
 
 def test_every_sentence_with_values_is_made_by_the_one_helper():
-    for path in PACKAGE.glob("*.py"):
+    for path in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Call) and ast.unparse(node.func) == "ValueError":
                 raw = [part for part in ast.walk(node) if isinstance(part, ast.FormattedValue)]

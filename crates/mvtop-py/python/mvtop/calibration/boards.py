@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mvtop._printable import refused
 from mvtop.calibration import _need
 from mvtop.calibration.kalibr import kalibr_target
 
@@ -85,10 +86,10 @@ class Board:
             try:
                 values = json.loads(text)
             except json.JSONDecodeError as cause:
-                raise ValueError(f"expected JSON: {cause}") from None
+                raise refused(f"expected JSON: {cause}") from None
             return cls.from_dict(values)
         except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
+            raise refused(f"{path}: {error}") from None
 
     @classmethod
     def from_dict(cls, values: Any) -> Board:
@@ -97,26 +98,26 @@ class Board:
         Raises ValueError in one sentence.
         """
         if not isinstance(values, dict) or values.get("format") != FORMAT:
-            raise ValueError(
+            raise refused(
                 f'a board file begins with {{"format": "{FORMAT}", "version": {VERSION}; fix: '
                 "`mvtop-cli rig board` writes one"
             )
         if values.get("version") != VERSION:
-            raise ValueError(f"`version`: expected {VERSION}, got {values.get('version')!r}")
+            raise refused(f"`version`: expected {VERSION}, got {values.get('version')!r}")
         kind = values.get("kind")
         if kind not in _KEYS:
-            raise ValueError(f"`kind`: expected one of {', '.join(_KEYS)}, got {kind!r}")
+            raise refused(f"`kind`: expected one of {', '.join(_KEYS)}, got {kind!r}")
         needed, optional = _KEYS[kind]
         optional = optional if kind == "chessboard" else optional | _OF_MARKERS
         known = _COMMON | needed | optional
         if unknown := sorted(set(values) - known):
-            raise ValueError(
+            raise refused(
                 f"`{unknown[0]}`: no key of a {kind}; expected {', '.join(sorted(known))}"
             )
         if missing := sorted((_COMMON | needed) - set(values)):
-            raise ValueError(f"`{missing[0]}` is missing, which a {kind} needs")
+            raise refused(f"`{missing[0]}` is missing, which a {kind} needs")
         if values["unit"] not in UNITS:
-            raise ValueError(f"`unit`: expected m, cm or mm, got {values['unit']!r}")
+            raise refused(f"`unit`: expected m, cm or mm, got {values['unit']!r}")
         board = _build(kind, values, UNITS[values["unit"]])
         return replace(board, inverted=_flag(values, "inverted"))
 
@@ -218,7 +219,7 @@ def _build(kind: str, values: dict[str, Any], metres: float) -> Board:
     if kind == "charuco":
         square, marker = _length(values, "square", metres), _length(values, "marker", metres)
         if marker >= square:
-            raise ValueError(
+            raise refused(
                 f"`marker`: expected less than `square`, {values['square']}, got {values['marker']}"
             )
         grid = _grid(columns - 1, rows - 1, square) + [square, square, 0]
@@ -233,7 +234,7 @@ def _build(kind: str, values: dict[str, Any], metres: float) -> Board:
     name = dictionary(values.get("dictionary", "tag36h11"))
     order = values.get("from", "top")
     if order not in ("top", "bottom"):
-        raise ValueError(f"`from`: the row that ids begin in, top or bottom, got {order!r}")
+        raise refused(f"`from`: the row that ids begin in, top or bottom, got {order!r}")
     corner = np.array([[0, 0, 0], [tag, 0, 0], [tag, tag, 0], [0, tag, 0]])
     places = _grid(columns, rows, tag + gap)
     numbers = np.arange(columns * rows).reshape(rows, columns)
@@ -255,14 +256,14 @@ def _sheet(values: dict[str, Any], metres: float) -> Board:
     for number, tag in enumerate(tags):
         where = f"`tags`, number {number}"
         if not isinstance(tag, dict) or "id" not in tag:
-            raise ValueError(f"{where}: expected an `id`, and `corners` or `center` and `size`")
+            raise refused(f"{where}: expected an `id`, and `corners` or `center` and `size`")
         known = {"id", "corners"} if "corners" in tag else {"id", "center", "size", "turn_deg"}
         if unknown := sorted(set(tag) - known):
-            raise ValueError(f"{where}: `{unknown[0]}`: expected {', '.join(sorted(known))}")
+            raise refused(f"{where}: `{unknown[0]}`: expected {', '.join(sorted(known))}")
         try:
             four = _corners(tag)
         except (KeyError, TypeError, ValueError):
-            raise ValueError(
+            raise refused(
                 f"{where}: expected `corners`, four points of 2 or 3 numbers clockwise from the "
                 f"top "
                 "left, or `center` [x, y] and `size`, with `turn_deg` clockwise"
@@ -272,7 +273,7 @@ def _sheet(values: dict[str, Any], metres: float) -> Board:
         sides.append(float(np.linalg.norm(four[1] - four[0]) * metres))
     if len(set(ids)) != len(ids):
         twice = next(i for i in ids if ids.count(i) > 1)
-        raise ValueError(f"`tags`: id {twice} comes twice; expected each once")
+        raise refused(f"`tags`: id {twice} comes twice; expected each once")
     name = dictionary(values["dictionary"])
     _enough(name, max(ids) + 1)
     border = _whole(values, "border", 1, 2) if "border" in values else 1
@@ -314,20 +315,20 @@ def dictionary(name: Any) -> str:
             return key
     tags = ", ".join(APRIL)
     sizes = ", ".join(k for k in known if not k.startswith("APRILTAG"))
-    raise ValueError(f"`dictionary`: expected {tags} or one of {sizes}, got {name!r}")
+    raise refused(f"`dictionary`: expected {tags} or one of {sizes}, got {name!r}")
 
 
 def _enough(name: str, count: int) -> None:
     aruco = _need.opencv().aruco
     has = len(aruco.getPredefinedDictionary(getattr(aruco, f"DICT_{name}")).bytesList)
     if count > has:
-        raise ValueError(f"`dictionary`: {name} has {has} markers, but {count} are needed")
+        raise refused(f"`dictionary`: {name} has {has} markers, but {count} are needed")
 
 
 def _checked(board: Board) -> Board:
     longest = max(board.size)
     if not LEAST_SIDE < longest < GREATEST_SIDE:
-        raise ValueError(
+        raise refused(
             f"the board would be {longest:.3g} m long, which hints at a wrong `unit`; expected "
             f"{LEAST_SIDE:g} to {GREATEST_SIDE:g} m"
         )
@@ -342,19 +343,19 @@ def _grid(columns: int, rows: int, step: float) -> NDArray[np.float64]:
 def _whole(values: dict[str, Any], key: str, least: int, most: int) -> int:
     value = values[key]
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        raise ValueError(f"`{key}`: expected a whole number of {least} to {most}, got {value!r}")
+        raise refused(f"`{key}`: expected a whole number of {least} to {most}, got {value!r}")
     return value
 
 
 def _flag(values: dict[str, Any], key: str) -> bool:
     value = values.get(key, False)
     if not isinstance(value, bool):
-        raise ValueError(f"`{key}`: expected true or false, got {value!r}")
+        raise refused(f"`{key}`: expected true or false, got {value!r}")
     return value
 
 
 def _length(values: dict[str, Any], key: str, metres: float) -> float:
     value = values[key]
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < 1e6:
-        raise ValueError(f"`{key}`: expected a length above 0, got {value!r}")
+        raise refused(f"`{key}`: expected a length above 0, got {value!r}")
     return float(value) * metres

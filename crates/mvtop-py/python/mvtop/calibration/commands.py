@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from mvtop._mvtop import Rig
-from mvtop._printable import harmless, printable
+from mvtop._printable import harmless, printable, refused
 from mvtop.calibration import _need
 from mvtop.calibration.lengths import metres
 from mvtop.calibration.lenses import KINDS
@@ -247,11 +247,11 @@ def _run_board(args: argparse.Namespace) -> None:
 
     ending = args.out.suffix.lower()
     if ending not in (".pdf", ".svg"):
-        raise ValueError(f"{args.out}: expected a name that ends in .pdf or .svg")
+        raise refused(f"{args.out}: expected a name that ends in .pdf or .svg")
     beside = args.out.with_suffix(".json")
     board = Board.load(args.source) if args.source else Board.from_dict(_wanted_board(args))
     if args.paper is not None and args.paper.lower() not in printing.PAPERS:
-        raise ValueError(f"--paper: expected one of {', '.join(printing.PAPERS)}, got {args.paper}")
+        raise refused(f"--paper: expected one of {', '.join(printing.PAPERS)}, got {args.paper}")
     paper = printing.paper_of(board, args.paper and args.paper.lower())
     own = args.source is not None and args.source.resolve() == beside.resolve()
     read = [args.source] if args.source else []
@@ -275,7 +275,7 @@ def _wanted_board(args: argparse.Namespace) -> dict[str, object]:
     needed = ["columns", "rows", "tag" if args.kind == "aprilgrid" else "square"]
     for name in needed:
         if getattr(args, name) is None:
-            raise ValueError(f"--{name} is missing, which a {args.kind} needs")
+            raise refused(f"--{name} is missing, which a {args.kind} needs")
     values: dict[str, object] = {"format": "mvtop-board", "version": 1, "unit": "mm"}
     values |= {"kind": args.kind, "columns": args.columns, "rows": args.rows}
     if args.kind == "aprilgrid":
@@ -328,7 +328,7 @@ def write(path: Path, contents: str | bytes) -> None:
         os.chmod(file.name, 0o666 & ~mask)
         os.replace(file.name, path)
     except OSError as cause:
-        raise OSError(f"cannot write {path}: {cause.strerror}") from None
+        raise OSError(printable(f"cannot write {path}: {cause.strerror}")) from None
 
 
 def save_rig(path: Path, rig: Rig) -> None:

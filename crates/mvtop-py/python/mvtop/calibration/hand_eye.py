@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from mvtop._printable import refused
 from mvtop.calibration import _need, rigid
 from mvtop.calibration.robot_poses import DIRECTIONS, RobotPoses
 
@@ -100,12 +101,12 @@ def solve(
     contradicts what is known fits far better.
     """
     if eye is not None and eye not in EYES:
-        raise ValueError(f"eye: expected {' or '.join(EYES)}, got {eye!r}")
+        raise refused(f"eye: expected {' or '.join(EYES)}, got {eye!r}")
     left = poses.readings(rotation, direction, unit)
     allowed = {_Reading(*names) for names in product([eye] if eye else EYES, *left)}
     common = [name for name in ref_from_board if name in poses.numbers]
     if len(common) < LEAST_POSES:
-        raise ValueError(
+        raise refused(
             f"{len(common)} exposures have both a board and a robot pose, expected "
             f"{LEAST_POSES} or more; "
             f"exposures: {_some(list(ref_from_board))}; poses: {_some(list(poses.numbers))}; "
@@ -131,7 +132,7 @@ def solve(
     if len(own) > 1:
         other = f"{own[1].reading}: {own[1].size / best.size:.0f} times as far off"
         if own[1].fits and own[1].size < CLEARER * best.size:
-            raise ValueError(
+            raise refused(
                 f"two readings of the robot's poses fit alike, {best.reading} and "
                 f"{own[1].reading}; fix: say which with --eye, --rotation, --direction or --unit, "
                 f"or add poses that are turned more"
@@ -244,17 +245,17 @@ def _check_fits(
         got = "one by which the hand hardly turns"
         if best is not None:
             got = f"{best.reading}, which is off by {best}"
-        raise ValueError(
+        raise refused(
             f"reading of the robot's poses: expected {right[0].reading}, which fits to "
             f"{right[0]} in the median, got {got}; fix: {fix}"
         )
     if best is None:
-        raise ValueError(
+        raise refused(
             f"the hand hardly turns between poses, expected turns of {LEAST_TURN_DEG:g} degrees "
             f"or more about two axes; fix: add poses with the hand tilted in several directions"
         )
     if not best.fits:
-        raise ValueError(
+        raise refused(
             f"no reading of the robot's poses fits: expected at most {FITS_DEG:g} degrees and "
             f"{best.most_mm:.0f} mm in the median, got {tried[0]} by the best, "
             f"{tried[0].reading}; fix: give poses of the same exposures, by one clock, with a "

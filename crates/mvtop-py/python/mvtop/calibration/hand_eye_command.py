@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mvtop._mvtop import Rig
+from mvtop._printable import refused
 from mvtop.calibration.robot_poses import DIRECTIONS, ROTATIONS, UNITS
 
 if TYPE_CHECKING:
@@ -119,7 +120,7 @@ def _said(args: argparse.Namespace, poses: Any) -> dict[str, str]:
     }
     for (name, value), known in zip(told.items(), left, strict=True):
         if value is None:
-            raise ValueError(
+            raise refused(
                 f"--{name} is missing: without images nothing tells how {args.robot_poses} is "
                 f"to be read; fix: --{name} {' or '.join(known)}"
             )

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mvtop._printable import printable, refused
 from mvtop.calibration import _need
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def find(folders: Sequence[str | os.PathLike[str]], *, layout: str | None = None
         for camera, exposure, path in _named(root, taken, files, held):
             by_exposure = images.setdefault(_clean(camera), {})
             if (key := prefix + exposure) in by_exposure:
-                raise ValueError(
+                raise refused(
                     f"camera `{camera}`, exposure `{key}`: two images, {by_exposure[key]} and "
                     f"{path}; "
                     "expected one"
@@ -77,7 +78,7 @@ def find(folders: Sequence[str | os.PathLike[str]], *, layout: str | None = None
             by_exposure[key] = path
         notes.append(_NOTES[taken])
     if not images:
-        raise ValueError(
+        raise refused(
             f"{roots[0]}: expected images as EXPOSURE/CAMERA.png, CAMERA/EXPOSURE.png or "
             "CAMERA_NUMBER.png, got none"
         )
@@ -98,7 +99,7 @@ def _named(
         for path in files:
             match = _NUMBERED.match(path.stem)
             if match is None:
-                raise ValueError(
+                raise refused(
                     f"{path}: expected a name that ends in the number of its exposure, as "
                     f"left_01.png; "
                     "fix: sort images into a folder for each camera"
@@ -106,7 +107,7 @@ def _named(
             yield match[1] or root.resolve().name, match[2], path
         return
     if layout not in _NOTES:
-        raise ValueError(f"layout: expected one of {', '.join(_NOTES)}, got {layout!r}")
+        raise refused(f"layout: expected one of {', '.join(_NOTES)}, got {layout!r}")
     for folder, paths in held.items():
         for path in paths:
             if layout == "exposure/camera":
@@ -145,7 +146,7 @@ def _clean(name: str) -> str:
 
 def _check_names(names: list[str]) -> None:
     if len(set(names)) != len(names):
-        raise ValueError(f"folders: expected one for each camera, got {', '.join(names)}")
+        raise refused(f"folders: expected one for each camera, got {', '.join(names)}")
 
 
 def folders(
@@ -167,7 +168,7 @@ def of_mapping(images: Mapping[str, Any]) -> Sources:
         elif isinstance(of, (list, tuple)):
             found[camera] = {f"{i:03}": image for i, image in enumerate(of) if image is not None}
         else:
-            raise ValueError(
+            raise refused(
                 f"images, camera `{camera}`: expected a list or a mapping by exposure, got "
                 f"{type(of).__name__}"
             )
@@ -184,17 +185,17 @@ def grey(source: Source, name: str) -> NDArray[np.uint8]:
         try:
             data = np.fromfile(source, np.uint8)
         except OSError as cause:
-            raise OSError(f"cannot read {source}: {cause.strerror}") from None
+            raise OSError(printable(f"cannot read {source}: {cause.strerror}")) from None
         flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
         image = cv2.imdecode(data, flags) if len(data) else None
         if image is None:
-            raise OSError(f"cannot read {source}: expected an image")
+            raise OSError(printable(f"cannot read {source}: expected an image"))
     else:
         image = np.asarray(source)
         if image.ndim == 3 and image.shape[2] == 3:
             image = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         if image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
-            raise ValueError(
+            raise refused(
                 f"{name}: expected an image of uint8, (H, W) or (H, W, 3), got {image.dtype} "
                 f"{image.shape}"
             )

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from mvtop._printable import refused
+
 _LINE = re.compile(r"^\s*([A-Za-z_]+)\s*:\s*(['\"]?)([^#'\"]*)\2\s*(#.*)?$")
 
 
@@ -41,6 +43,6 @@ def kalibr_target(text: str) -> dict[str, Any] | None:
             counts = {"columns": int(found["targetCols"]) + 1, "rows": int(found["targetRows"]) + 1}
             return head | {"kind": "chessboard", "square": sides[0]} | counts
     except KeyError as missing:
-        raise ValueError(f"Kalibr's target file: expected the key {missing}, got none") from None
+        raise refused(f"Kalibr's target file: expected the key {missing}, got none") from None
     kind = found["target_type"]
-    raise ValueError(f"`target_type`: expected aprilgrid or checkerboard, got {kind!r}")
+    raise refused(f"`target_type`: expected aprilgrid or checkerboard, got {kind!r}")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from mvtop._printable import refused
+
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 _LENGTH = re.compile(r"^\s*([0-9]*\.?[0-9]+)\s*([a-z]+)\s*$")
 
@@ -15,5 +17,5 @@ def metres(text: str) -> float:
     """
     match = _LENGTH.match(text)
     if match is None or match[2] not in UNITS or not float(match[1]) > 0:
-        raise ValueError(f"expected a length with its unit, as 149.6mm, got {text!r}")
+        raise refused(f"expected a length with its unit, as 149.6mm, got {text!r}")
     return float(match[1]) * UNITS[match[2]]

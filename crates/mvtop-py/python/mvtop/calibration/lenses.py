@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mvtop._printable import refused
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -58,7 +60,7 @@ def given(camera: Camera) -> tuple[Kind, NDArray[np.float64]]:
     fitting = [k for k in KINDS.values() if k.model == camera.model and k.coefficients >= used]
     if camera.K[0, 1] or not fitting:
         what = "skew" if camera.K[0, 1] else f"{used} coefficients"
-        raise ValueError(
+        raise refused(
             f"camera `{camera.id}`: {what} of a {camera.model} lens is more than boards are "
             f"adjusted "
             "with; expected no skew, and 12 coefficients at most"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from mvtop._printable import refused
 from mvtop.calibration.detect import LEAST_POINTS
 from mvtop.calibration.solve import Problem
 
@@ -26,7 +27,7 @@ def check(problem: Problem, placed: Sequence[NDArray[np.float64] | None], root: 
     lost_names = ", ".join(f"`{name}`" for name in names)
     subject = f"camera {lost_names} shares" if len(names) == 1 else f"cameras {lost_names} share"
     others = "any other camera" if len(held) > 1 else f"`{held[0]}`"
-    raise ValueError(
+    raise refused(
         f"{subject} no exposure with {others}: {_nearest(problem, names, held)}; fix: show the "
         f"board "
         "where both see it, or leave cameras out with --cameras"

@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from mvtop._printable import refused
 from mvtop.calibration import detect
 from mvtop.calibration.boards import Board
 from mvtop.calibration.images import Sources, grey
@@ -76,14 +77,14 @@ def observe(
     for (camera, key), (size, detection) in zip(tasks, answers, strict=True):
         first = told.sizes.setdefault(camera, size)
         if size != first:
-            raise ValueError(_sizes(camera, first, key, size))
+            raise refused(_sizes(camera, first, key, size))
         if detect.counts(board, detection):
             told.found[camera][key] = detection
         elif len(detection):
             told.scraps[camera][key] = detection
     if not any(told.found.values()):
         some = [told.image(*task) for task in _few(tasks)]
-        raise ValueError(
+        raise refused(
             f"none of {len(tasks)} images shows the {board.kind} of the board file: "
             f"{detect.hint(board, some)}"
         )
@@ -120,7 +121,7 @@ def check_counts(told: Observations, given: Iterable[str]) -> None:
             continue
         scraps = len(told.scraps[camera])
         more = f"; in {scraps} more too little of it is seen" if scraps else ""
-        raise ValueError(
+        raise refused(
             f"camera `{camera}` shows the board in {count} of {of} images, expected {needed} or "
             f"more"
             f"{more}; fix: add exposures, or leave the camera out with --cameras"

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mvtop._mvtop import Camera, Rig
+from mvtop._printable import refused
 from mvtop.calibration import hand_eye, images, initial, observe, rigid, robot_poses
 from mvtop.calibration.adjust import Bundle, View
 from mvtop.calibration.boards import Board
@@ -93,7 +94,7 @@ def _of_rig(rig: Rig, sources: images.Sources) -> images.Sources:
     if len(ids) == 1 and len(sources) == 1:
         return {ids[0]: next(iter(sources.values()))}
     if unknown := sorted(set(sources) - set(ids)):
-        raise ValueError(f"images of `{unknown[0]}`: the rig's cameras are {', '.join(ids)}")
+        raise refused(f"images of `{unknown[0]}`: the rig's cameras are {', '.join(ids)}")
     return sources
 
 
@@ -108,7 +109,7 @@ def board_poses(
     for name in names:
         camera = cameras[name]
         if camera.size != told.sizes[name]:
-            raise ValueError(
+            raise refused(
                 f"camera `{name}`: its images are {told.sizes[name][0]}x{told.sizes[name][1]}, "
                 f"the rig "
                 f"has {camera.size[0]}x{camera.size[1]}"

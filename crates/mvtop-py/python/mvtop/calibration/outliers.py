@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mvtop._printable import refused
 from mvtop.calibration import initial, rigid, solve
 from mvtop.calibration.adjust import Bundle, View
 from mvtop.calibration.solve import Problem, board_alone, view_px
@@ -54,7 +55,7 @@ def leave_out(bundle: Bundle, problem: Problem) -> list[Outlier]:
         for camera, name in enumerate(problem.cameras):
             if all(view.camera != camera for view in kept):
                 why = next(why for view, why in out.items() if view.camera == camera)
-                raise ValueError(f"camera `{name}`: all its views speak against the others; {why}")
+                raise refused(f"camera `{name}`: all its views speak against the others; {why}")
         bundle.views = kept
         solve.settle(bundle)
     return list(out.values())

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mvtop._mvtop import Rig
+from mvtop._printable import refused
 from mvtop.calibration import (
     _need,
     images,
@@ -211,7 +212,7 @@ def _board(board: Board | str | os.PathLike[str] | Mapping[str, Any]) -> Board:
 
 def _number(cameras: Sequence[str], name: str) -> int:
     if name not in cameras:
-        raise ValueError(f"no camera `{name}`; expected one of {', '.join(cameras)}")
+        raise refused(f"no camera `{name}`; expected one of {', '.join(cameras)}")
     return list(cameras).index(name)
 
 
@@ -235,11 +236,11 @@ def _lenses(
     for camera, name in by_camera.items():
         _number(told.cameras, camera)
         if name not in KINDS:
-            raise ValueError(f"lens: expected one of {', '.join(KINDS)}, got {name!r}")
+            raise refused(f"lens: expected one of {', '.join(KINDS)}, got {name!r}")
         kinds[camera] = KINDS[name]
     of_others = getattr(lens, "of_all", "pinhole")
     if of_others not in KINDS:
-        raise ValueError(f"lens: expected one of {', '.join(KINDS)}, got {of_others!r}")
+        raise refused(f"lens: expected one of {', '.join(KINDS)}, got {of_others!r}")
     for camera in told.cameras:
         kinds.setdefault(camera, KINDS[of_others])
     given = {}
@@ -252,13 +253,13 @@ def _lenses(
             if own.size != (width, height):
                 swapped = own.size == (height, width)
                 fix = "width and height are swapped" if swapped else "use images of that size"
-                raise ValueError(
+                raise refused(
                     f"camera `{own.id}`: its images are {width}x{height}, its intrinsics of "
                     f"{own.size[0]}x{own.size[1]}; {fix}"
                 )
             kinds[own.id], given[own.id] = lenses.given(own)
         if not given:
-            raise ValueError(
+            raise refused(
                 f"intrinsics: none is of {', '.join(told.cameras)}, but of "
                 f"{', '.join(camera.id for camera in rig.cameras)}; fix: name images' cameras alike"
             )
@@ -320,7 +321,7 @@ def _check_focal(
         why = f"boards are within {cover.tilt_deg:.0f} degrees of parallel"
         if cover.tilt_deg > PARALLEL_DEG:
             why = f"{report.views} views do not fix it"
-        raise ValueError(
+        raise refused(
             f"camera `{report.camera}`: the focal length is not determined ({focal:.0f} px, "
             f"standard "
             f"deviation {min(report.focal_sd_px, 1e6):.0f}): {why}; fix: tilt the board by 20 "
@@ -336,7 +337,7 @@ def _world(problem: Problem, bundle: Bundle, world: str | None) -> NDArray[np.fl
         return np.eye(4)
     seen = [problem.exposures[b] for b in sorted({view.board for view in bundle.views})]
     if world not in seen:
-        raise ValueError(
+        raise refused(
             f"world: no exposure `{world}` in which the board is seen; expected one of "
             f"{', '.join(seen[:12])}{', ...' if len(seen) > 12 else ''}"
         )

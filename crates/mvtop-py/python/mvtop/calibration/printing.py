@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mvtop._printable import refused
 from mvtop.calibration import _need
 from mvtop.calibration.boards import Board
 
@@ -74,7 +75,7 @@ def boxes(board: Board) -> list[Box]:
         (x0, y0), (x1, y1) = corners[0, :2], corners[2, :2]
         square = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
         if np.abs(corners[:, :2] - square).max() > 1e-9 or np.ptp(corners[:, 2]) > 1e-9:
-            raise ValueError(f"tag {tag} is turned or not flat; expected one that is upright")
+            raise refused(f"tag {tag} is turned or not flat; expected one that is upright")
         found += _marker(board, tag, (float(x0), float(y0)), float(x1 - x0))
     return found
 
@@ -138,7 +139,7 @@ def paper_of(board: Board, name: str | None) -> tuple[float, float]:
                 return paper
     if name is None:
         return width + 2 * MARGIN, height + 2 * MARGIN + CAPTION
-    raise ValueError(
+    raise refused(
         f"a board of {width:.1f} x {height:.1f} mm does not fit on {name} with {MARGIN:g} mm of "
         f"margin; "
         "fix: smaller squares, or larger paper"

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mvtop._printable import refused
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -21,13 +23,13 @@ def numbers(name: str, value: Any, *counts: int) -> NDArray[np.float64]:
     try:
         found = np.array(value, float).ravel()
     except (TypeError, ValueError):
-        raise ValueError(f"pose `{name}`: expected numbers, got {value!r:.60}") from None
+        raise refused(f"pose `{name}`: expected numbers, got {value!r:.60}") from None
     if found.size not in counts:
         *most, last = map(str, counts)
         expected = f"{', '.join(most)} or {last}" if most else last
-        raise ValueError(f"pose `{name}`: expected {expected} numbers, got {found.size}")
+        raise refused(f"pose `{name}`: expected {expected} numbers, got {found.size}")
     if not np.isfinite(found).all():
-        raise ValueError(f"pose `{name}`: expected finite numbers, got {value!r:.60}")
+        raise refused(f"pose `{name}`: expected finite numbers, got {value!r:.60}")
     return found
 
 
@@ -37,7 +39,7 @@ def pose(name: str, form: str, place: Any, turn: Any) -> NDArray[np.float64]:
     if form == "matrix":
         _check_rotation(name, turned.reshape(3, 3))
     if form == "quaternion" and abs((norm := np.linalg.norm(turned)) - 1) > TOLERANCE:
-        raise ValueError(f"pose `{name}`: expected a quaternion of length 1, got {norm:.4f}")
+        raise refused(f"pose `{name}`: expected a quaternion of length 1, got {norm:.4f}")
     return np.concatenate([shift, turned])
 
 
@@ -51,7 +53,7 @@ def flat(name: str, value: Any) -> tuple[str, NDArray[np.float64]]:
     if not np.allclose(matrix[3], LAST_ROW, rtol=0, atol=1e-9):
         transposed = np.allclose(matrix[:, 3], LAST_ROW, rtol=0, atol=1e-9)
         fix = "transpose it, as it is written in columns" if transposed else "give a rigid pose"
-        raise ValueError(
+        raise refused(
             f"pose `{name}`: expected a matrix with the last row [0, 0, 0, 1], got "
             f"{'a transposed one, ' if transposed else ''}{matrix[3].tolist()}; fix: {fix}"
         )
@@ -67,7 +69,7 @@ def _check_rotation(name: str, matrix: NDArray[np.float64]) -> None:
         got, fix = "a mirrored one", "use right-handed axes"
     else:
         got, fix = f"columns off by {off:.1e}", "take out scale and shear, and give all digits"
-    raise ValueError(
+    raise refused(
         f"pose `{name}`: expected a rotation, orthonormal with determinant 1 within {TOLERANCE:g}, "
         f"got {got}, determinant {determinant:.4f}; fix: {fix}"
     )

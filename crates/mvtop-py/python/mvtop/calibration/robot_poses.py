@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from mvtop._printable import refused
 from mvtop.calibration import rigid, robot_numbers
 from mvtop.calibration.boards import read_text
 
@@ -83,7 +84,7 @@ class RobotPoses:
         if greatest <= _TURN:
             return names
         if said and not said.endswith("_deg"):
-            raise ValueError(
+            raise refused(
                 f"rotation: expected radians of {said} up to 2 pi, got {greatest:g}; fix: say "
                 f"{said}_deg where they are degrees"
             )
@@ -94,9 +95,9 @@ def _said(what: str, known: Sequence[str], of_file: str | None, asked: str | Non
     """What the file says, or is asked for."""
     for value in (of_file, asked):
         if value is not None and value not in known:
-            raise ValueError(f"{what} of poses: expected {' or '.join(known)}, got {value!r}")
+            raise refused(f"{what} of poses: expected {' or '.join(known)}, got {value!r}")
     if of_file and asked and of_file != asked:
-        raise ValueError(
+        raise refused(
             f"{what} of poses: expected {of_file}, as their file has it, got {asked}; fix: leave "
             f"--{what} out, or correct the file"
         )
@@ -171,7 +172,7 @@ def load(path: Path) -> RobotPoses:
         poses = _read(text)
         poses.readings()
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        raise refused(f"{path}: {error}") from None
     return poses
 
 
@@ -188,7 +189,7 @@ def _once(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, value in pairs:
         if name in found:
-            raise ValueError(
+            raise refused(
                 f"`{name}`: expected each name once, got it twice; fix: rename or remove one"
             )
         found[name] = value
@@ -199,7 +200,7 @@ def _json(text: str) -> RobotPoses:
     try:
         values = json.loads(text, object_pairs_hook=_once)
     except json.JSONDecodeError as cause:
-        raise ValueError(f"expected JSON: {cause}") from None
+        raise refused(f"expected JSON: {cause}") from None
     head, poses = {}, values
     if isinstance(values, dict):
         head = {key: values[key] for key in _HEAD if key in values}
@@ -212,7 +213,7 @@ def _json(text: str) -> RobotPoses:
     elif isinstance(poses, dict):
         named = poses
     else:
-        raise ValueError(f"`poses`: expected poses by name or a list, got {poses!r:.60}")
+        raise refused(f"`poses`: expected poses by name or a list, got {poses!r:.60}")
     read = {name: _entry(name, entry) for name, entry in named.items()}
     return _of_one_kind(read, head.get("direction"), head.get("unit"))
 
@@ -223,7 +224,7 @@ def _only(given: Iterable[str], known: Iterable[str], named: Iterable[str], whos
     if unknown := sorted(
         key for key in others if not any(word in key.lower() for word in _HARMLESS)
     ):
-        raise ValueError(
+        raise refused(
             f"{whose}: expected {', '.join(named)}, got `{unknown[0]}`; fix: leave it out, or name "
             f"it as one of these"
         )
@@ -244,12 +245,12 @@ def _of_one_kind(poses: dict[str, _Pose], direction: Any, unit: Any) -> RobotPos
     direction = _said("direction", DIRECTIONS, direction, None)
     forms = {f"{pose.form} ({pose.rotation or 'open'})" for pose in poses.values()}
     if len(forms) != 1:
-        raise ValueError(f"expected poses of one form, got {', '.join(sorted(forms)) or 'none'}")
+        raise refused(f"expected poses of one form, got {', '.join(sorted(forms)) or 'none'}")
     told = {pose.direction or direction for pose in poses.values()}
     told |= {direction} if direction else set()
     if len(told) != 1:
         got = " and ".join(sorted(value or "none" for value in told))
-        raise ValueError(
+        raise refused(
             f"direction of poses: expected one of the file and all its poses, got {got}; fix: "
             f"give all as T_base_hand, or all as T_hand_base"
         )
@@ -274,7 +275,7 @@ def _entry(name: str, entry: Any) -> _Pose:
         form, rotation, value = _turn(name, turn, entry[turn])
         place = _axes(name, entry[place], "xyz")
         return _Pose(form, rotation, None, robot_numbers.pose(name, form, place, value))
-    raise ValueError(
+    raise refused(
         f"pose `{name}`: expected a 4x4 matrix, or `t` with one of {', '.join(_NAMED_FORMS)}, got "
         f"the keys {', '.join(given) or 'none'}"
     )
@@ -283,7 +284,7 @@ def _entry(name: str, entry: Any) -> _Pose:
 def _wrapped(name: str, key: str, entry: Any) -> _Pose:
     pose, direction = _entry(name, entry), _WRAPPED[key]
     if pose.direction and direction:
-        raise ValueError(f"pose `{name}`: expected one direction, got one in the other")
+        raise refused(f"pose `{name}`: expected one direction, got one in the other")
     return pose._replace(direction=pose.direction or direction)
 
 
@@ -303,7 +304,7 @@ def _axes(name: str, part: Any, axes: str) -> Any:
     if not isinstance(part, dict):
         return part
     if sorted(part) != sorted(axes):
-        raise ValueError(
+        raise refused(
             f"pose `{name}`: expected the keys {', '.join(axes)}, got {', '.join(part) or 'none'}"
         )
     return [part[axis] for axis in axes]
@@ -315,7 +316,7 @@ def _ros(text: str) -> RobotPoses:
     rows, frames = [], set()
     for index, document in enumerate(documents):
         if stated := re.search(r"^(units?|direction)\s*:", document, re.M):
-            raise ValueError(
+            raise refused(
                 f"document {index}: expected metres, as ROS has them, and no `{stated[1]}`; fix: "
                 f"leave it out, or write the poses as CSV or JSON"
             )
@@ -327,7 +328,7 @@ def _ros(text: str) -> RobotPoses:
         rows.append((name, robot_numbers.pose(name, "quaternion", place, turn)))
     if len(frames) > 1:
         got = " and ".join(sorted(", ".join(frame) or "none" for frame in frames)[:2])
-        raise ValueError(f"frames: expected the same in all documents, got {got}")
+        raise refused(f"frames: expected the same in all documents, got {got}")
     return RobotPoses("quaternion", "xyzw", None, "m", _once(rows))
 
 
@@ -336,7 +337,7 @@ def _ros_part(index: int, document: str, keys: tuple[str, str], axes: str) -> li
     block = rf"^[\s-]*(?:{'|'.join(keys)})[ \t]*:[ \t]*((?:\n[ \t]+[xyzw][ \t]*:.*)+)"
     found = re.findall(block, document, re.M)
     if len(found) != 1:
-        raise ValueError(
+        raise refused(
             f"document {index}: expected one {keys[0]} or {keys[1]}, got {len(found)}; fix: put "
             f"each pose between lines of ---"
         )
@@ -345,9 +346,7 @@ def _ros_part(index: int, document: str, keys: tuple[str, str], axes: str) -> li
         cells = re.findall(rf"^[ \t]+{axis}[ \t]*:[ \t]*(.*?)[ \t]*$", found[0], re.M)
         if len(cells) != 1 or not _is_number(cells[0]):
             got = ", ".join(cells) or "none"
-            raise ValueError(
-                f"document {index}: expected a number `{axis}` of {keys[0]}, got {got}"
-            )
+            raise refused(f"document {index}: expected a number `{axis}` of {keys[0]}, got {got}")
         row.append(float(cells[0]))
     return row
 
@@ -393,7 +392,7 @@ def _with_header(header: list[str], rows: list[list[str]]) -> RobotPoses:
     turn = next((turn for turn in _HEADERS if set(turn[2]) <= set(header)), None)
     if place is None or turn is None:
         forms = "; ".join(", ".join(columns) for *_, columns in _HEADERS)
-        raise ValueError(
+        raise refused(
             f"expected columns x, y, z and one of {forms}, got {', '.join(header)}; fix: name "
             f"them so, or leave the header out"
         )
@@ -403,7 +402,7 @@ def _with_header(header: list[str], rows: list[list[str]]) -> RobotPoses:
     read = []
     for index, row in enumerate(rows):
         if len(row) != len(header):
-            raise ValueError(f"line {index + 2}: expected {len(header)} cells, got {len(row)}")
+            raise refused(f"line {index + 2}: expected {len(header)} cells, got {len(row)}")
         name = str(index) if name_at is None else row[name_at]
         cells = [[_float(row[header.index(c)], name) for c in part] for part in (place, columns)]
         read.append((name, _Pose(form, rotation, None, robot_numbers.pose(name, form, *cells))))
@@ -416,5 +415,5 @@ def _is_number(cell: str) -> bool:
 
 def _float(cell: str, name: str) -> float:
     if not _is_number(cell):
-        raise ValueError(f"pose `{name}`: expected a number, got {cell!r}")
+        raise refused(f"pose `{name}`: expected a number, got {cell!r}")
     return float(cell)

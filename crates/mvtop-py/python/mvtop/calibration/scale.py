@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mvtop._printable import refused
 from mvtop.calibration.boards import Board
 
 GREATEST = 0.1
@@ -49,7 +50,7 @@ def scale_of(board: Board, measured: float) -> Scale:
     what = min(sides, key=lambda side: abs(measured / sides[side] - 1))
     if not abs(measured / sides[what] - 1) < GREATEST:
         known = ", ".join(f"{side} {1e3 * length:.2f} mm" for side, length in sides.items())
-        raise ValueError(
+        raise refused(
             f"measured: {1e3 * measured:.2f} mm is within 10 % of no length of the board file "
             f"({known}); "
             "measure one of these, edge to edge"

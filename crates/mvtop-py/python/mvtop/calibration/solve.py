@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mvtop._printable import refused
 from mvtop.calibration import initial, rigid
 from mvtop.calibration.adjust import Adjusted, Bundle, View, adjust
 from mvtop.calibration.lenses import Kind
@@ -69,7 +70,7 @@ def pose_views(
             try:
                 found, _ = initial.lens(kinds[camera], told.sizes[camera], list(views.values()))
             except ValueError as error:
-                raise ValueError(
+                raise refused(
                     f"camera `{camera}`: {error}; expected `{kinds[camera].name}`, fix: --lens "
                     f"fisheye "
                     "for wide lenses, and boards that are tilted and near"
