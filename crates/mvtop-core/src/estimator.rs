@@ -47,6 +47,7 @@ use crate::request::{Plane, Prior};
 use crate::scorer::Scorer;
 use crate::{Error, Result, Rig, cancel};
 
+pub use self::detections::MOST_GIVEN;
 pub use self::tracker::Tracker;
 pub use self::tracks::{TrackOptions, Tracks};
 

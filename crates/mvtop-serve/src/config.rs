@@ -45,9 +45,14 @@ impl Config {
 
     /// Whether this machine alone reaches the service.
     pub(crate) fn is_local(&self) -> bool {
-        let address = self.host.parse::<std::net::IpAddr>();
-        self.host == "localhost" || address.is_ok_and(|address| address.is_loopback())
+        is_local(&self.host)
     }
+}
+
+/// Whether a name or an address is that of a machine for itself.
+pub(crate) fn is_local(host: &str) -> bool {
+    let address = host.parse::<std::net::IpAddr>();
+    host == "localhost" || address.is_ok_and(|address| address.is_loopback())
 }
 
 /// Exposures that are kept for a look: those that failed, gave nothing or were not certain.

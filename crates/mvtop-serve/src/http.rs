@@ -8,23 +8,26 @@ mod views;
 
 pub use self::guard::is_token;
 
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Router;
-use axum::extract::DefaultBodyLimit;
+use axum::extract::{DefaultBodyLimit, Request};
 use axum::http::{StatusCode, header};
 use axum::middleware::{from_fn_with_state, map_request};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
+use hyper::body::Incoming;
 use hyper::server::conn::http1;
+use hyper::service::{Service as _, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
-use hyper_util::server::graceful::GracefulShutdown;
 use hyper_util::service::TowerToHyperService;
 use tokio::net::TcpListener;
-use tokio::sync::{Semaphore, watch};
+use tokio::sync::watch;
 
-use crate::accept::accept;
+use crate::accept::{self, Known};
+use crate::client::Client;
 use crate::problem::{Kind, Problem};
 use crate::service::Service;
 
@@ -34,28 +37,32 @@ const MOST_CONNECTIONS: usize = 256;
 const HEAD_TIME: Duration = Duration::from_secs(30);
 
 /// Serves until `stopped`, then until all requests are answered.
-pub async fn serve(
-    service: Arc<Service>,
-    listener: TcpListener,
+pub async fn serve(service: Arc<Service>, listener: TcpListener, stopped: watch::Receiver<bool>) {
+    let app = TowerToHyperService::new(router(service));
+    let talk = |client, known| talk(app.clone(), client, known, stopped.clone());
+    accept::each(listener, MOST_CONNECTIONS, stopped.clone(), talk).await;
+}
+
+async fn talk(
+    app: TowerToHyperService<Router>,
+    client: Client,
+    known: Known,
     mut stopped: watch::Receiver<bool>,
 ) {
-    let app = router(service);
-    let connections = Arc::new(Semaphore::new(MOST_CONNECTIONS));
-    let graceful = GracefulShutdown::new();
-    while let Some((stream, place)) = accept(&listener, &connections, &mut stopped).await {
-        // Answers are short: none waits to be sent with more.
-        let _ = stream.set_nodelay(true);
-        let mut http = http1::Builder::new();
-        http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME);
-        let app = TowerToHyperService::new(app.clone());
-        let connection = graceful.watch(http.serve_connection(TokioIo::new(stream), app));
-        tokio::spawn(async move {
-            // What a client does to its connection is its own matter.
-            let _ = connection.await;
-            drop(place);
-        });
+    let app = service_fn(move |mut request: Request<Incoming>| {
+        request.extensions_mut().insert(known.clone());
+        app.call(request)
+    });
+    let mut http = http1::Builder::new();
+    http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME);
+    let mut connection = pin!(http.serve_connection(TokioIo::new(client), app));
+    tokio::select! {
+        // What a client does to its connection is its own matter.
+        _ = &mut connection => return,
+        _ = stopped.changed() => {}
     }
-    graceful.shutdown().await;
+    connection.as_mut().graceful_shutdown();
+    let _ = connection.await;
 }
 
 fn router(service: Arc<Service>) -> Router {

@@ -5,6 +5,7 @@
 //! at once would only delay each other. Start reading at [`run`], then `service`.
 
 mod accept;
+mod client;
 mod config;
 mod exposure;
 mod history;
@@ -37,7 +38,7 @@ use crate::service::Service;
 const TALKING_THREADS: usize = 2;
 /// Threads that decode images, draw pictures and read files.
 const BLOCKING_THREADS: usize = 4;
-/// How long what runs may take to end once nobody may connect any more, beyond the time of a request.
+/// How long clients have to read their answers once all work is done and nobody may connect any more.
 const GRACE: Duration = Duration::from_secs(5);
 
 /// Serves until the process is told to end (SIGTERM or SIGINT), and finishes what runs then.
@@ -103,9 +104,14 @@ async fn serve(
             let _ = line.await;
         }
     };
+    let told = async {
+        // What runs ends with its time.
+        let _ = tokio::time::timeout(config.request_time, service.worked_off()).await;
+        tokio::time::sleep(GRACE).await;
+    };
     tokio::select! {
         () = finished => {}
-        () = tokio::time::sleep(config.request_time + GRACE) => {}
+        () = told => {}
         // Told twice, it does not wait.
         () = ends.next() => {}
     }

@@ -4,21 +4,24 @@
 
 mod reply;
 
+use std::future::pending;
+use std::io;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use mvtop_core::{Request, Rig};
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
-use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{Semaphore, watch};
+use tokio::net::TcpListener;
+use tokio::sync::watch;
 
 use self::reply::Format;
-use crate::accept::accept;
+use crate::accept::{self, Known};
+use crate::client::Client;
 use crate::exposure::{Exposure, Layout, Upload};
 use crate::http::is_token;
 use crate::log;
-use crate::problem::{Kind, Problem};
+use crate::problem::{self, Kind, Problem};
 use crate::service::{Asked, Service};
 
 /// Controllers at once; further ones wait to be accepted.
@@ -27,44 +30,35 @@ const MOST_CONNECTIONS: usize = 16;
 const LONGEST: u64 = 4096;
 /// How long a connection may be silent.
 const SILENCE: Duration = Duration::from_secs(600);
-/// How long a controller may take to read an answer.
-const WRITE_TIME: Duration = Duration::from_secs(10);
+/// Settings beside those of a request.
+const NAMES: [&str; 6] = ["model", "rig", "stream", "max_age_s", "unit", "rotation"];
 /// How the files of a camera may end.
 const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "PNG", "JPG"];
 /// Largest image file.
 const MOST_BYTES: u64 = 1 << 29;
 
 /// Serves until `stopped`, then until what was asked is answered.
-pub async fn serve(
-    service: Arc<Service>,
-    listener: TcpListener,
-    mut stopped: watch::Receiver<bool>,
-) {
-    let connections = Arc::new(Semaphore::new(MOST_CONNECTIONS));
-    while let Some((stream, place)) = accept(&listener, &connections, &mut stopped).await {
+pub async fn serve(service: Arc<Service>, listener: TcpListener, stopped: watch::Receiver<bool>) {
+    let talk = |client, known| {
         let (service, stopped) = (service.clone(), stopped.clone());
-        tokio::spawn(async move {
+        async move {
             // What a client does to its connection is its own matter.
-            let _ = talk(&service, stream, stopped).await;
-            drop(place);
-        });
-    }
-    // All places are free once all connections have ended.
-    let _ = connections.acquire_many(MOST_CONNECTIONS as u32).await;
+            let _ = talk(&service, client, known, stopped).await;
+        }
+    };
+    accept::each(listener, MOST_CONNECTIONS, stopped.clone(), talk).await;
 }
 
 async fn talk(
     service: &Arc<Service>,
-    stream: TcpStream,
+    client: Client,
+    known: Known,
     mut stopped: watch::Receiver<bool>,
-) -> std::io::Result<()> {
-    let _ = stream.set_nodelay(true);
-    let (read, mut write) = stream.into_split();
-    let mut read = BufReader::new(read);
-    let mut known = service.config().token.is_none();
+) -> io::Result<()> {
+    let mut client = BufReader::new(client);
     loop {
         let mut line = Vec::new();
-        let mut bounded = (&mut read).take(LONGEST);
+        let mut bounded = (&mut client).take(LONGEST);
         let got = tokio::select! {
             got = tokio::time::timeout(SILENCE, bounded.read_until(b'\n', &mut line)) => got,
             _ = stopped.changed() => return Ok(()),
@@ -81,7 +75,12 @@ async fn talk(
                 "line: expected {LONGEST} bytes at most, and its end"
             ))),
             true if quits => Ok("OK\n".to_owned()),
-            true => said(service, &text, &mut known).await,
+            true => tokio::select! {
+                // What needs no time is answered even so.
+                biased;
+                said = said(service, &text, &known) => said,
+                () = gone(&mut client) => return Ok(()),
+            },
         };
         let answer = match said {
             Ok(text) => format!("{text}END\n"),
@@ -90,27 +89,38 @@ async fn talk(
                 format!("ERROR {} {}\nEND\n", problem.kind.code(), problem.message)
             }
         };
-        tokio::time::timeout(WRITE_TIME, write.write_all(answer.as_bytes())).await??;
+        client.write_all(answer.as_bytes()).await?;
+        client.flush().await?;
         if quits || !whole {
             return Ok(());
         }
     }
 }
 
+/// Ends when the client closes its connection; lines that it sends ahead are kept.
+async fn gone(client: &mut BufReader<Client>) {
+    if client.fill_buf().await.is_ok_and(|ahead| !ahead.is_empty()) {
+        pending().await
+    }
+}
+
 /// The answer to a line, without its end.
-async fn said(service: &Arc<Service>, text: &str, known: &mut bool) -> Result<String, Problem> {
+async fn said(service: &Arc<Service>, text: &str, known: &Known) -> Result<String, Problem> {
     let mut words = text.split_whitespace();
     let verb = words.next().unwrap_or_default();
-    if let (true, Some(token)) = (verb.eq_ignore_ascii_case("TOKEN"), &service.config().token) {
-        *known = is_token(words.next().unwrap_or_default(), token);
-        if *known {
+    let shows = verb.eq_ignore_ascii_case("TOKEN");
+    match &service.config().token {
+        None => known.note(),
+        Some(token) if shows && is_token(words.next().unwrap_or_default(), token) => {
+            known.note();
             return Ok("OK\n".into());
         }
-    }
-    if !*known {
-        let message =
-            "expected the line `TOKEN ...` with this service's token first; ask who runs it";
-        return Err(Problem::new(Kind::Unauthorized, message));
+        Some(_) if known.is_so() && !shows => {}
+        Some(_) => {
+            let message =
+                "expected the line `TOKEN ...` with this service's token first; ask who runs it";
+            return Err(Problem::new(Kind::Unauthorized, message));
+        }
     }
     let order = Order::read(words)?;
     match verb.to_ascii_uppercase().as_str() {
@@ -157,6 +167,7 @@ impl Order {
                 }
                 "unit" | "rotation" => order.format.set(name, value)?,
                 _ => {
+                    problem::check_setting(name, &NAMES)?;
                     order.request.set(name, value)?;
                     order.given.push(name.to_owned());
                 }
@@ -191,12 +202,12 @@ async fn find(service: &Arc<Service>, order: Order) -> Result<String, Problem> {
         request: order.request,
         began,
     };
+    let mut counted = service.metrics.request();
     let exposure = service.expose(place, asked, uploads).await;
-    service.metrics.count(
-        exposure
-            .as_ref()
-            .map_or_else(|problem| problem.kind.code(), |_| "ok"),
-    );
+    counted.outcome = match &exposure {
+        Ok(_) => "ok",
+        Err(problem) => problem.kind.code(),
+    };
     let exposure = exposure?;
     let found = exposure
         .outcome

@@ -37,6 +37,20 @@ pub struct Metrics {
     ready: Gauge<f64, AtomicU64>,
 }
 
+/// Counts a request when it is dropped, also where the client goes away meanwhile.
+pub struct Counted<'a> {
+    metrics: &'a Metrics,
+    /// `ok`, `abandoned` or the code of a problem.
+    pub outcome: &'static str,
+}
+
+impl Drop for Counted<'_> {
+    fn drop(&mut self) {
+        let outcome = label("outcome", self.outcome);
+        self.metrics.requests.get_or_create(&outcome).inc();
+    }
+}
+
 fn seconds() -> Histogram {
     Histogram::new(SECONDS)
 }
@@ -97,13 +111,12 @@ impl Metrics {
         }
     }
 
-    /// Counts a request.
-    ///
-    /// - `outcome`: `ok`, `abandoned` or the code of a problem
-    pub fn count(&self, outcome: &str) {
-        self.requests
-            .get_or_create(&label("outcome", outcome))
-            .inc();
+    /// A request that has begun, to be counted when it ends.
+    pub fn request(&self) -> Counted<'_> {
+        Counted {
+            metrics: self,
+            outcome: "abandoned",
+        }
     }
 
     /// Counts an exposure that was to be kept.

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use mvtop_core::error::printable;
+use mvtop_core::request::SETTINGS;
 use mvtop_core::{Error, ErrorKind};
 
 /// What went wrong, as HTTP and lines tell it.
@@ -74,9 +75,28 @@ impl Problem {
     }
 }
 
+/// Refuses the name of a setting that a request does not have.
+///
+/// - `others`: further names that are accepted where it came from
+pub fn check_setting(name: &str, others: &[&str]) -> Result<(), Problem> {
+    let known = || others.iter().chain(&SETTINGS).copied();
+    if known().any(|known| known == name) {
+        return Ok(());
+    }
+    let known: Vec<&str> = known().collect();
+    Err(Problem::bad(format!(
+        "`{name}`: no such setting, expected one of: {}",
+        known.join(", ")
+    )))
+}
+
 impl From<Error> for Problem {
     fn from(error: Error) -> Self {
         let kind = match error.kind() {
+            ErrorKind::Interrupted => {
+                let message = "ended before it was done: its time was over, or its client had gone";
+                return Self::new(Kind::TimedOut, message);
+            }
             ErrorKind::Runtime
             | ErrorKind::Provider
             | ErrorKind::Network

@@ -75,6 +75,11 @@ impl Queue {
         }
     }
 
+    /// Waits until nothing is worked on or waits.
+    pub async fn worked_off(&self) {
+        let _ = self.places.acquire_many(self.size as u32).await;
+    }
+
     /// Finishes what waits, and takes nothing more.
     pub fn finish(&self) {
         let worker = self

@@ -26,6 +26,8 @@ const FORMAT: &str = "mvtop-record";
 const VERSION: u32 = 1;
 /// How the folders' names begin.
 const PREFIX: &str = "exposure-";
+/// How those begin that are not whole yet.
+const PARTIAL: &str = ".mvtop-partial-";
 
 /// Writes exposures in a thread of its own.
 pub struct Recorder {
@@ -114,14 +116,16 @@ struct Folder {
 }
 
 impl Folder {
-    /// With what is in it from earlier.
+    /// With what is in it from earlier, without what was begun by a process that was killed.
     fn open(record: &Record) -> io::Result<Self> {
         let mut kept = Vec::new();
         for entry in fs::read_dir(&record.dir)? {
             let path = entry?.path();
             let name = path.file_name().and_then(|name| name.to_str());
-            let named = name.is_some_and(|name| name.starts_with(PREFIX));
-            if named && is_ours(&path) {
+            let named = |prefix| name.is_some_and(|name| name.starts_with(prefix));
+            if named(PARTIAL) {
+                fs::remove_dir_all(&path)?;
+            } else if named(PREFIX) && is_ours(&path) {
                 let bytes = size(&path)?;
                 kept.push((path, bytes));
             }
@@ -143,7 +147,7 @@ impl Folder {
             .dir
             .join(format!("{PREFIX}{ms:014}-{}", kept.exposure.number));
         let whole = tempfile::Builder::new()
-            .prefix(".partial-")
+            .prefix(PARTIAL)
             .tempdir_in(&self.dir)?;
         write_exposure(whole.path(), kept, ms)?;
         let bytes = size(whole.path())?;
@@ -286,7 +290,10 @@ mod tests {
             "exposure-00000000003000-3",
         ];
         assert_eq!(names(dir.path()), all);
-        // Started again it knows what it has.
+        // Started again it knows what it has, and removes what was not finished.
+        let begun = dir.path().join(format!("{PARTIAL}a"));
+        fs::create_dir(&begun).unwrap();
+        fs::write(begun.join("top.png"), "half").unwrap();
         let mut folder = Folder::open(&record).unwrap();
         folder.write(&kept(4)).unwrap();
         assert_eq!(

@@ -6,6 +6,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
+use mvtop_core::cancel::Cancel;
+use mvtop_core::estimator::MOST_GIVEN;
 use mvtop_core::{Request, ViewImage};
 use tokio::sync::{OwnedMutexGuard, Semaphore, oneshot};
 
@@ -21,9 +23,6 @@ use crate::streams::{self, Stream, Streams};
 
 /// Clients that may send images at once: each of them may fill memory up to the largest body.
 pub const MOST_UPLOADS: usize = 16;
-
-/// Objects whose boxes a request may give: each takes its own time.
-const MOST_BOXES: usize = 200;
 
 /// All that is shared by those who ask.
 pub struct Service {
@@ -42,6 +41,16 @@ pub struct Service {
     exposures: AtomicU64,
     requests: AtomicU64,
     started: u64,
+}
+
+/// Ends the work for an answer when it is dropped, as nobody waits for it any more.
+#[derive(Default)]
+struct Awaited(Cancel);
+
+impl Drop for Awaited {
+    fn drop(&mut self) {
+        self.0.ask();
+    }
 }
 
 /// What is asked of some images.
@@ -145,6 +154,11 @@ impl Service {
         format!("{:x}-{number:x}", self.started)
     }
 
+    /// Waits until no exposure is worked on or waits.
+    pub async fn worked_off(&self) {
+        self.queue.worked_off().await;
+    }
+
     /// Takes no new work from now on.
     pub fn stop(&self) {
         self.stopping.store(true, Ordering::Relaxed);
@@ -166,7 +180,7 @@ impl Service {
     /// Decodes the images, waits for the thread that predicts, and answers. Those of a stream come one
     /// after the other.
     ///
-    /// Nothing is done for a client that has gone: the future is then dropped.
+    /// The work ends with the future: with its time, and where it is dropped as the client has gone.
     pub async fn expose(
         self: &Arc<Self>,
         place: Place,
@@ -181,9 +195,10 @@ impl Service {
         let rig = &self.rigs[asked.rig].rig;
         request.check(model.bundle(), rig, model.grasps.is_some())?;
         let boxes = request.boxes.as_ref().map_or(0, Vec::len);
-        if boxes > MOST_BOXES {
+        // Told before images are decoded.
+        if boxes > MOST_GIVEN {
             return Err(Problem::bad(format!(
-                "boxes: expected {MOST_BOXES} objects at most, got {boxes}; send them in several requests"
+                "boxes: expected {MOST_GIVEN} objects at most, got {boxes}; send them in several requests"
             )));
         }
         let stream = match &asked.stream {
@@ -195,12 +210,14 @@ impl Service {
             None => None,
         };
         let request_time = self.config.request_time;
+        let awaited = Awaited::default();
         let answered = async {
             let turn = match stream {
                 Some(stream) => Some(stream.lock_owned().await),
                 None => None,
             };
-            self.submit(place, asked, uploads, turn).await
+            let cancel = awaited.0.clone();
+            self.submit(place, asked, uploads, turn, cancel).await
         };
         match tokio::time::timeout(request_time, answered).await {
             Ok(Ok(answer)) => answer,
@@ -221,17 +238,22 @@ impl Service {
     /// Decodes the images in another thread, and then gives them to the one that predicts.
     ///
     /// - `turn`: the stream that they belong to, until they are answered
+    /// - `cancel`: ends it
     fn submit(
         self: &Arc<Self>,
         place: Place,
         asked: Asked,
         uploads: Vec<Upload>,
         mut turn: Option<OwnedMutexGuard<Stream>>,
+        cancel: Cancel,
     ) -> oneshot::Receiver<Result<Arc<Exposure>, Problem>> {
         let uploads = Arc::new(uploads);
         let (reply, answer) = oneshot::channel();
         let service = self.clone();
         tokio::task::spawn_blocking(move || {
+            if cancel.is_asked() {
+                return;
+            }
             let rig = &service.rigs[asked.rig].rig;
             let images = match decode_all(&uploads, rig) {
                 Ok(images) => images,
@@ -245,11 +267,11 @@ impl Service {
             };
             let queue = service.clone();
             let task = move |place| {
-                // The client has gone.
-                if reply.is_closed() {
+                if cancel.is_asked() {
                     return;
                 }
-                let done = service.predict(&asked, &images, turn.as_deref_mut());
+                let predict = || service.predict(&asked, &images, turn.as_deref_mut());
+                let done = cancel.scope(predict);
                 let answer = match done {
                     Ok(found) => Ok(service.note(asked, uploads, Ok(found))),
                     Err(problem) => {

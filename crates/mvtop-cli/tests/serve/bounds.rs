@@ -4,7 +4,7 @@ use std::io::Write;
 use std::thread;
 use std::time::Duration;
 
-use crate::client::{Answer, Server, cli, images};
+use crate::client::{Answer, Server, cli, images, images_with_boxes};
 
 #[test]
 fn what_is_wrong_is_told_in_one_sentence() {
@@ -35,7 +35,13 @@ fn what_is_wrong_is_told_in_one_sentence() {
         ("?model=nut", images(), 400, "no model `nut`"),
         ("?rig=nut", images(), 400, "no rig `nut`"),
         ("?classes=nut", images(), 400, "no class `nut`"),
-        ("?nonsense=1", images(), 400, "no such setting"),
+        (
+            "?nonsense=1",
+            images(),
+            400,
+            "no such setting, expected one of: model, rig, stream, reference,",
+        ),
+        ("", images_with_boxes(101), 400, "100 objects at most"),
         ("?min_views=3", images(), 400, "at most 2"),
         ("?frame=base", images(), 400, "T_base_world"),
         ("?grasps=true", images(), 400, "grasps.json"),
@@ -221,28 +227,4 @@ fn clients_that_vanish_are_not_waited_for() {
     let count: u32 = abandoned.rsplit(' ').next().unwrap().parse().unwrap();
     assert!(count >= 5, "{metrics}");
     assert!(metrics.contains("mvtop_queue_length 0"), "{metrics}");
-}
-
-#[test]
-fn told_to_end_it_finishes_what_runs() {
-    let mut server = Server::start(&[]);
-    let mut asked: Vec<_> = (0..3).map(|_| server.connect()).collect();
-    for stream in &mut asked {
-        stream
-            .write_all(&server.posted("", &[], &images()))
-            .unwrap();
-    }
-    // They are in the queue before SIGTERM.
-    while server.get("/v1/exposures", &[]).json()["exposures"]
-        .as_array()
-        .unwrap()
-        .is_empty()
-    {
-        thread::sleep(Duration::from_millis(5));
-    }
-    server.terminate();
-    for stream in asked {
-        assert_eq!(Answer::read(stream).status, 200);
-    }
-    assert_eq!(server.child.wait().unwrap().code(), Some(0));
 }

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, channel};
-use std::time::Duration;
+use std::thread;
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
@@ -35,14 +36,20 @@ pub struct Server {
 }
 
 impl Server {
+    /// On a port that is free.
+    ///
     /// - `args`: beside the rig and the port
     pub fn start(args: &[&str]) -> Self {
-        let all = ["serve", "--rig", "examples/mvball/rig.json", "--port", "0"];
+        Self::start_at("0", args)
+    }
+
+    pub fn start_at(port: &str, args: &[&str]) -> Self {
+        let all = ["serve", "--rig", "examples/mvball/rig.json", "--port", port];
         let mut command = cli(&[&all, args].concat());
         let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let stderr = BufReader::new(child.stderr.take().unwrap());
         let (said, log) = channel();
-        std::thread::spawn(move || {
+        thread::spawn(move || {
             for line in stderr.lines().map_while(Result::ok) {
                 let _ = said.send(line);
             }
@@ -93,6 +100,19 @@ impl Server {
         Answer::read(stream)
     }
 
+    /// Waits until as many exposures are worked on or wait; `false` where that takes longer.
+    pub fn comes_to_queue(&self, length: usize, within: Duration) -> bool {
+        let line = format!("mvtop_queue_length {length}.0");
+        let began = Instant::now();
+        while !self.get("/metrics", &[]).text().contains(&line) {
+            if began.elapsed() > within {
+                return false;
+            }
+            thread::sleep(Duration::from_millis(50));
+        }
+        true
+    }
+
     /// The bytes of a request.
     pub fn posted(&self, query: &str, headers: &[&str], parts: &[Part]) -> Vec<u8> {
         let body = multipart(parts);
@@ -136,6 +156,18 @@ impl Server {
         );
     }
 
+    /// Its exit code, once it has ended by itself; `None` where that takes longer.
+    pub fn ends_within(&mut self, time: Duration) -> Option<i32> {
+        let began = Instant::now();
+        while began.elapsed() < time {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                return status.code();
+            }
+            thread::sleep(Duration::from_millis(50));
+        }
+        None
+    }
+
     /// Ends it, and returns its exit code.
     #[cfg(unix)]
     pub fn stop(mut self) -> Option<i32> {
@@ -154,7 +186,7 @@ impl Drop for Server {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
-        if !std::thread::panicking() {
+        if !thread::panicking() {
             assert!(self.is_sound());
         }
     }
@@ -195,6 +227,16 @@ pub fn images() -> Vec<Part<'static>> {
         (name, "image/png", bytes)
     };
     vec![image("cam0"), image("cam1")]
+}
+
+/// The example's images, and boxes of as many objects: each takes its time.
+pub fn images_with_boxes(objects: usize) -> Vec<Part<'static>> {
+    let boxes = serde_json::json!({"cam0": [10, 10, 160, 160], "cam1": [10, 10, 160, 160]});
+    let one = serde_json::json!({"class": "mvball", "boxes": boxes});
+    let request = serde_json::json!({"boxes": vec![one; objects]}).to_string();
+    let mut parts = images();
+    parts.push(("request", "application/json", request.into_bytes()));
+    parts
 }
 
 pub struct Answer {

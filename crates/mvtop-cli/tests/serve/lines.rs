@@ -74,7 +74,10 @@ fn robots_ask_by_lines() {
 
     for (line, said) in [
         ("GRAB", "expected FIND, LAST"),
-        ("FIND nonsense=1", "no such setting"),
+        (
+            "FIND nonsense=1",
+            "one of: model, rig, stream, max_age_s, unit, rotation, reference,",
+        ),
         ("FIND most", "NAME=VALUE"),
         ("FIND max_age_s=1", "look at the camera program"),
         ("FIND rig=nut", "no rig `nut`"),

@@ -5,8 +5,10 @@
 
 mod bounds;
 mod client;
+mod ends;
 mod lines;
 mod records;
+mod strangers;
 mod streams;
 
 use client::{Server, cli, images, timeless};

@@ -82,7 +82,7 @@ pub fn detected(
 }
 
 /// Most objects whose boxes may be given: each takes its own time, half a second on two cores.
-const MOST_GIVEN: usize = 100;
+pub const MOST_GIVEN: usize = 100;
 
 /// Objects whose boxes are given, in their order.
 pub fn given(

@@ -466,7 +466,7 @@ class Rig:
         format
             "opencv", "ros", "kalibr", "colmap", "bop", "nerf", "callab", "halcon", "euroc",
             "anipose", "easymocap", "camodocal", "openmvg", "alicevision", "open3d", "metashape",
-            "multical", "mccalib" or "matlab"; recognised by default.
+            "multical", "mccalib", "matlab", "zed" or "depthai"; recognised by default.
         scale
             Metres per unit of the files.
         unit

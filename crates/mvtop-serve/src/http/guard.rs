@@ -1,5 +1,6 @@
 //! What goes around every request: its id, who may ask, and how errors are told.
 
+use std::net::IpAddr;
 use std::sync::Arc;
 
 use axum::Json;
@@ -11,7 +12,8 @@ use serde_json::json;
 use subtle::ConstantTimeEq;
 
 use super::pages;
-use crate::config::Config;
+use crate::accept::Known;
+use crate::config::{Config, is_local};
 use crate::problem::{Kind, Problem};
 use crate::service::Service;
 
@@ -80,23 +82,31 @@ fn request_id(headers: &HeaderMap) -> Option<String> {
 /// Refuses whom the service is not for.
 fn may(config: &Config, request: &Request) -> Result<(), Problem> {
     let headers = request.headers();
-    let text = |name| {
-        headers
-            .get(name)
-            .and_then(|value: &HeaderValue| value.to_str().ok())
-    };
-    let host = text(header::HOST).unwrap_or_default();
-    // Pages of other hosts that a browser on this machine has open can reach a local port, by its
-    // number or by a name of theirs that leads here.
-    if config.is_local() && config.token.is_none() && !is_local(host) {
+    let host = text(headers, header::HOST)?.unwrap_or_default();
+    let asked = request
+        .uri()
+        .authority()
+        .map_or(host, |asked| asked.as_str());
+    if !asked.eq_ignore_ascii_case(host) {
+        return Err(Problem::bad(format!(
+            "expected a request to `{host}`, as its header `Host` says, got one to `{asked}`; ask by the path alone"
+        )));
+    }
+    // Pages of other hosts that a browser has open can reach this service, by its number or by a name of
+    // theirs that leads here.
+    if config.token.is_none() && !is_own(host, &config.host) {
+        let expected = match config.is_local() {
+            true => "localhost or 127.0.0.1",
+            false => "an IP address or a name without a dot",
+        };
         return Err(Problem::new(
             Kind::Forbidden,
             format!(
-                "expected a request to localhost or 127.0.0.1, got one to `{host}`; name the interface with --host, or set a token"
+                "expected a request to {expected}, got one to `{host}`; name the interface with --host, or set a token"
             ),
         ));
     }
-    if let Some(origin) = text(header::ORIGIN) {
+    if let Some(origin) = text(headers, header::ORIGIN)? {
         let from = origin.split_once("://").map_or(origin, |(_, from)| from);
         if from != host {
             return Err(Problem::new(
@@ -108,18 +118,36 @@ fn may(config: &Config, request: &Request) -> Result<(), Problem> {
         }
     }
     let path = request.uri().path();
-    let Some(token) = &config.token else {
-        return Ok(());
-    };
-    if OPEN.contains(&path) || pages::has(path) {
-        return Ok(());
+    if let Some(token) = &config.token {
+        if OPEN.contains(&path) || pages::has(path) {
+            return Ok(());
+        }
+        let shown = text(headers, header::AUTHORIZATION)?;
+        let shown = shown.and_then(|value| value.strip_prefix("Bearer "));
+        if !shown.is_some_and(|shown| is_token(shown, token)) {
+            let message = "expected the header `Authorization: Bearer TOKEN` with this service's token; ask who runs it";
+            return Err(Problem::new(Kind::Unauthorized, message));
+        }
     }
-    let shown = text(header::AUTHORIZATION).and_then(|value| value.strip_prefix("Bearer "));
-    if shown.is_some_and(|shown| is_token(shown, token)) {
-        return Ok(());
+    if let Some(known) = request.extensions().get::<Known>() {
+        known.note();
     }
-    let message = "expected the header `Authorization: Bearer TOKEN` with this service's token; ask who runs it";
-    Err(Problem::new(Kind::Unauthorized, message))
+    Ok(())
+}
+
+/// A header that is there once at most, in plain text: others might read another one of several.
+fn text(headers: &HeaderMap, name: HeaderName) -> Result<Option<&str>, Problem> {
+    let mut all = headers.get_all(&name).iter();
+    let value = all.next().map(HeaderValue::to_str).transpose();
+    match (value, all.next()) {
+        (Ok(value), None) => Ok(value),
+        (Ok(_), Some(_)) => Err(Problem::bad(format!(
+            "expected one header `{name}`, got several"
+        ))),
+        (Err(_), _) => Err(Problem::bad(format!(
+            "header `{name}`: expected plain ASCII"
+        ))),
+    }
 }
 
 /// Compares in a time that does not tell where they differ.
@@ -127,14 +155,21 @@ pub fn is_token(shown: &str, token: &str) -> bool {
     shown.as_bytes().ct_eq(token.as_bytes()).into()
 }
 
-fn is_local(host: &str) -> bool {
+/// Whether a `Host` is one that nobody elsewhere can have led here: a number, or a name that is not in the
+/// public directory.
+///
+/// - `listened`: name or address of the interface that is listened on
+fn is_own(host: &str, listened: &str) -> bool {
     let name = match host.rsplit_once(':') {
         Some((name, port)) if port.bytes().all(|c| c.is_ascii_digit()) => name,
         _ => host,
     };
     let name = name.trim_start_matches('[').trim_end_matches(']');
-    let address = name.parse::<std::net::IpAddr>();
-    name == "localhost" || address.is_ok_and(|address| address.is_loopback())
+    if is_local(listened) {
+        return is_local(name);
+    }
+    let is_plain = !name.is_empty() && !name.contains('.');
+    is_plain || name == listened || name.parse::<IpAddr>().is_ok()
 }
 
 #[cfg(test)]
@@ -143,23 +178,26 @@ mod tests {
 
     #[test]
     fn names_of_this_machine_are_told_from_others() {
-        for host in [
-            "localhost",
-            "localhost:8080",
-            "127.0.0.1:1",
-            "[::1]:8080",
-            "[::1]",
+        let (local, elsewhere) = ("127.0.0.1", "example.org");
+        for (host, of_local, of_network) in [
+            ("localhost", true, true),
+            ("localhost:8080", true, true),
+            ("127.0.0.1:1", true, true),
+            ("[::1]:8080", true, true),
+            ("[::1]", true, true),
+            ("10.0.0.1:8080", false, true),
+            ("[fd00::1]:8080", false, true),
+            ("cell-7:8080", false, true),
+            ("example.org:8080", false, true),
+            ("", false, false),
+            (":8080", false, false),
+            ("other.example.org", false, false),
+            ("localhost.example.org:8080", false, false),
+            ("127.0.0.1.example.org", false, false),
+            ("cell-7.:8080", false, false),
         ] {
-            assert!(is_local(host), "{host}");
-        }
-        for host in [
-            "",
-            "example.org",
-            "localhost.example.org:8080",
-            "10.0.0.1:8080",
-            "127.0.0.1.example.org",
-        ] {
-            assert!(!is_local(host), "{host}");
+            assert_eq!(is_own(host, local), of_local, "{host}");
+            assert_eq!(is_own(host, elsewhere), of_network, "{host}");
         }
     }
 

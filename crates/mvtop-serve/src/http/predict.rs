@@ -13,11 +13,13 @@ use mvtop_core::{Request, Rig};
 use super::guard::RequestId;
 use crate::exposure::{Exposure, Layout, Upload};
 use crate::log;
-use crate::problem::{Kind, Problem};
+use crate::problem::{self, Kind, Problem};
 use crate::service::{Asked, Service};
 
 /// Name of the part that holds the request as JSON.
 const REQUEST: &str = "request";
+/// Settings of the query that say where a request belongs.
+const NAMES: [&str; 3] = ["model", "rig", "stream"];
 /// How long a client waits for others to have sent their images.
 const UPLOAD_WAIT: Duration = Duration::from_secs(5);
 
@@ -30,7 +32,7 @@ pub async fn predict(
     query: Result<Query<Settings>, QueryRejection>,
     parts: Result<Multipart, MultipartRejection>,
 ) -> Result<Response, Problem> {
-    let mut counted = Counted::new(&service);
+    let mut counted = service.metrics.request();
     let done = answer(&service, id.clone(), query, parts).await;
     match done {
         Ok(exposure) => {
@@ -43,25 +45,6 @@ pub async fn predict(
             log::line(&format!("{id} {} {}", problem.kind.code(), problem.message));
             Err(problem)
         }
-    }
-}
-
-/// Counts a request when it ends, also where the client goes away meanwhile.
-struct Counted<'a> {
-    service: &'a Service,
-    outcome: &'static str,
-}
-
-impl<'a> Counted<'a> {
-    fn new(service: &'a Service) -> Self {
-        let outcome = "abandoned";
-        Self { service, outcome }
-    }
-}
-
-impl Drop for Counted<'_> {
-    fn drop(&mut self) {
-        self.service.metrics.count(self.outcome);
     }
 }
 
@@ -120,7 +103,8 @@ async fn answer(
     let (mut request, uploads) = read?;
     drop(upload);
     for (name, value) in &settings {
-        if !["model", "rig", "stream"].contains(&name.as_str()) {
+        if !NAMES.contains(&name.as_str()) {
+            problem::check_setting(name, &NAMES)?;
             request.set(name, value)?;
         }
     }
