@@ -1,5 +1,5 @@
-"""The paper's own network, which no shipped model uses: of whole images, with positions in fractions
-of these. docs/explanation/paper.md says what its geometry reaches beside that of shipped models.
+"""The paper's own network, which no shipped model uses: of whole images.
+Positions are fractions of them. What this reaches: docs/decisions/0002-geometry-through-rays.md.
 """
 
 from ..network.config import Config
