@@ -94,8 +94,8 @@ def test_a_network_of_one_pose_grows_more(tiny):
 
 
 @pytest.mark.parametrize("queries", [1, 3])
-def test_the_exported_decoder_gives_all_and_the_best(tiny, tmp_path, queries):
-    model = several(tiny, 3)
+def test_the_exported_decoder_gives_all_and_the_best(closeups, tmp_path, queries):
+    model = several(closeups, 3)
     bundle.write_bundle(model, tmp_path, {}, portable=True)
     inputs = decoder_inputs(model.config, 2, queries)
     session = onnxruntime.InferenceSession(tmp_path / "decoder.onnx")

@@ -156,10 +156,9 @@ def test_a_folder_without_pictures_is_no_config_to_keep(dataset, tmp_path):
     assert not (tmp_path / "run" / "config.toml").exists()
 
 
-@pytest.mark.parametrize("closeups", [(), CLOSEUPS])
-def test_from_nothing_to_a_bundle(dataset, tmp_path, closeups):
+def test_from_nothing_to_a_bundle(dataset, tmp_path):
     """The scenes of the data set are whole, so that the generator adds those of the test split."""
-    changes = ["steps=3", "second.copies=1", *closeups]
+    changes = ["steps=3", "second.copies=1", *CLOSEUPS]
     changes += [f"generate.{x}" for x in ("scenes=6", "start=6", "test=1", "workers=1")]
     settings = runconfig.load(config_of(dataset, tmp_path), changes)
     pipeline.run(settings, tmp_path / "run", minutes=30)
@@ -167,8 +166,15 @@ def test_from_nothing_to_a_bundle(dataset, tmp_path, closeups):
     assert result["step"] == 3 and result["things"] == 1
     assert 0 < result["views_2"]["rot_mean_deg"] <= 180
     manifest = json.loads((tmp_path / "run" / "bundle" / "model.json").read_text())
-    assert manifest["preset"] == "tiny" and ("closeup" in manifest) == bool(closeups)
-    assert (tmp_path / "run" / "poses" / "weights.pt").exists() == bool(closeups)
+    assert manifest["preset"] == "tiny" and "closeup" in manifest
+    assert (tmp_path / "run" / "poses" / "weights.pt").exists()
+
+
+def test_a_run_to_a_bundle_needs_closeups(dataset, tmp_path):
+    settings = runconfig.load(config_of(dataset, tmp_path), ["network.closeup=0"])
+    with pytest.raises(UserError, match="closeup: expected above 0, as bundles have close-ups"):
+        pipeline.run(settings, tmp_path / "run", minutes=30)
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_report_has_as_many_scenes_as_the_time_allows(dataset, tmp_path, monkeypatch, capsys):

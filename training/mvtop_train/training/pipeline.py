@@ -78,8 +78,7 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
             print(note)
         stages.done("first scenes")
         left = training_minutes(settings, stages)
-        decodes_closeups = settings.closeup and not settings.pretrained
-        share = settings.second.share if decodes_closeups else 0.0
+        share = 0.0 if settings.pretrained else settings.second.share
         bound = kept_minutes(folder, minutes, left * (1 - share))
         loop.train(settings.model_copy(update={"minutes": bound}), folder)
         generator.check()
@@ -111,6 +110,10 @@ def run(settings: runconfig.RunConfig, folder: Path, minutes: float):
 
 def refuse_early(settings: runconfig.RunConfig, folder: Path):
     """UserError where scenes would be rendered for nothing."""
+    if not settings.closeup:
+        raise UserError(
+            "network.closeup: expected above 0, as bundles have close-ups, got 0; fix: leave it out"
+        )
     runconfig.refuse_another(settings, folder)
     loop.composer_of(settings)
     if settings.pretrained and not settings.init:
@@ -201,7 +204,7 @@ def export(settings: runconfig.RunConfig, weights: Path, bundle: Path, found):
     _ended_well(children.python(
         "-m", "mvtop_train.export", "--weights", weights, "--data",
         settings.data, "--out", bundle, "--bits", 8, "--score-threshold", found.score,
-        "--agree-threshold", found.agree, *(["--integers"] if settings.closeup else []),
+        "--agree-threshold", found.agree, "--integers",
         *(["--object", settings.object] if settings.object else []),
     ))  # fmt: skip
 

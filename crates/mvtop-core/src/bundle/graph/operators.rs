@@ -8,50 +8,88 @@ use std::collections::HashMap;
 use super::protobuf::{Field, fields, varint};
 use super::{BROKEN, OPERATOR_DOMAIN};
 
-/// Of ONNX's standard operators, those that `mvtop-train export` writes; others are unknown to end, some
-/// do not for every input.
-const STANDARD: [&str; 44] = [
+/// Of ONNX's standard operators, those that `mvtop-train export` writes with any settings, and others as
+/// plain. More are unknown to end, some do not for every input.
+const STANDARD: [&str; 82] = [
+    "Abs",
     "Add",
+    "And",
     "ArgMax",
+    "AveragePool",
+    "BatchNormalization",
     "Cast",
+    "Ceil",
     "Clip",
     "Concat",
     "Constant",
     "ConstantOfShape",
     "Conv",
+    "Cos",
     "DepthToSpace",
     "DequantizeLinear",
     "Div",
     "Einsum",
     "Equal",
+    "Erf",
     "Exp",
     "Expand",
+    "Flatten",
+    "Floor",
     "Gather",
     "GatherElements",
+    "Gemm",
+    "GlobalAveragePool",
     "Greater",
+    "GreaterOrEqual",
     "GridSample",
+    "HardSigmoid",
+    "HardSwish",
+    "Identity",
     "LayerNormalization",
+    "LeakyRelu",
+    "Less",
+    "LessOrEqual",
+    "Log",
+    "LogSoftmax",
     "MatMul",
+    "Max",
+    "MaxPool",
+    "Min",
     "Mod",
     "Mul",
+    "Neg",
     "Not",
+    "Or",
+    "Pad",
+    "Pow",
+    "PRelu",
     "QuantizeLinear",
     "Range",
+    "Reciprocal",
     "ReduceL2",
     "ReduceMax",
     "ReduceMean",
+    "ReduceMin",
+    "ReduceProd",
     "ReduceSum",
     "Relu",
     "Reshape",
     "Resize",
+    "Round",
     "Shape",
     "Sigmoid",
+    "Sign",
+    "Sin",
     "Slice",
     "Softmax",
     "Softplus",
     "Split",
+    "Sqrt",
     "Squeeze",
     "Sub",
+    "Sum",
+    "Tanh",
+    "Tile",
     "Transpose",
     "Unsqueeze",
     "Where",
@@ -173,8 +211,14 @@ pub fn check(onnx: &[u8]) -> Result<(), String> {
                  division by 0 ends the process; export it again"
             ));
         }
-        let kind = kind_of_outputs(operator, &node, &inputs)?;
-        known.extend(node.all(NODE_OUTPUT).map(|name| (name, kind)));
+        let kind = kind_of_output(operator, &node, &inputs)?;
+        // What comes beside the first output may be indices, but for parts of a whole.
+        let others = match operator {
+            "Split" => kind,
+            _ => Kind::Integer,
+        };
+        let kinds = std::iter::once(kind).chain(std::iter::repeat(others));
+        known.extend(node.all(NODE_OUTPUT).zip(kinds));
     }
     Ok(())
 }
@@ -197,8 +241,8 @@ fn operator(node: &Message) -> Result<&'static str, String> {
     }
 }
 
-/// What an operator gives of what it is given; types are those of ONNX's operators.
-fn kind_of_outputs(operator: &str, node: &Message, inputs: &[Kind]) -> Result<Kind, String> {
+/// What an operator gives first, of what it is given; types are those of ONNX's operators.
+fn kind_of_output(operator: &str, node: &Message, inputs: &[Kind]) -> Result<Kind, String> {
     let input = |n: usize| inputs.get(n).copied().unwrap_or(Kind::Integer);
     let computed = |kind: Kind| match kind {
         Kind::Positive => Kind::Integer,
@@ -216,7 +260,9 @@ fn kind_of_outputs(operator: &str, node: &Message, inputs: &[Kind]) -> Result<Ki
     };
     Ok(match operator {
         "Shape" | "ArgMax" | "QuantizeLinear" => Kind::Integer,
-        "Equal" | "Greater" | "Not" | "DequantizeLinear" => Kind::Real,
+        "And" | "DequantizeLinear" | "Equal" | "Greater" | "GreaterOrEqual" | "Less"
+        | "LessOrEqual" | "Not" | "Or" => Kind::Real,
+        "Identity" => input(0),
         "Where" => computed(input(1)),
         "Cast" => {
             let to = attribute("to")?.map(|to| to.number(ATTRIBUTE_INTEGER));
@@ -355,6 +401,10 @@ mod tests {
                     assert!(problem.contains("divides integers"), "{problem}");
                 }
             }
+            let copied = node("Identity", &["three"], "by", &[]);
+            let nodes = [integer(3, "three"), copied, whole()];
+            let division = node(operator, &["of", "by"], "y", &[]);
+            assert_eq!(checked(&[nodes.concat(), division]), Ok(()));
             // What is computed of a positive constant may be anything.
             let less = node("Sub", &["three", "three"], "by", &[]);
             let nodes = [integer(3, "three"), less, whole()];
