@@ -13,9 +13,11 @@ import pytest
 import torch
 from conftest import WHOLE, drawn
 
+from mvtop_train.data import objects
 from mvtop_train.errors import UserError
 from mvtop_train.export import __main__ as command
 from mvtop_train.export import bundle, self_test
+from mvtop_train.training.checkpoint import TrainingState
 
 
 def run(session, inputs):
@@ -149,6 +151,16 @@ def test_networks_of_whole_images_have_no_bundle(tmp_path):
     with pytest.raises(UserError, match="expected a network with close-ups, got preset 'tiny'"):
         bundle.write_bundle(drawn(**WHOLE), tmp_path, {})
     assert not list(tmp_path.iterdir())
+
+
+def test_networks_of_whole_images_are_refused_before_pictures_are_taken(tmp_path, monkeypatch):
+    data, run = tmp_path / "data", tmp_path / "run"
+    objects.write(data, [(objects.ball(), objects.ball_mesh())])
+    TrainingState(run, drawn(**WHOLE).config, "cpu").save()
+    arguments = ["--weights", run / "weights.pt", "--data", data, "--out", tmp_path / "bundle"]
+    monkeypatch.setattr("sys.argv", ["export", *map(str, arguments), "--integers"])
+    with pytest.raises(SystemExit, match="expected a network with close-ups"):
+        command.main()
 
 
 def test_onnx_runtime_keeps_nothing_of_its_user(tmp_path):

@@ -18,7 +18,7 @@ from ..network import config as configs
 from ..network.model import Mvtop
 from ..training.checkpoint import load_weights
 from . import integers, mesh
-from .bundle import write_bundle
+from .bundle import check_closeups, write_bundle
 
 
 def _commit() -> str | None:
@@ -68,6 +68,7 @@ def main():
         classes = objects.classes_of(*known)
         config, step = configs.preset(args.untrained, classes), 0
         model = Mvtop(config).eval()
+    check_closeups(config)  # before pictures are taken
     provenance = {
         "trained_steps": step,
         "torch": torch.__version__,

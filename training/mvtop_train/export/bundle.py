@@ -1,11 +1,10 @@
 """A bundle: `model.json` beside two or three ONNX graphs.
 
-`features.onnx` runs once on all views, `decoder.onnx` once per anchor camera; between them Rust
-finds the boxes and computes the lines of sight. Networks with close-ups also have `closeup.onnx`,
-which runs once on these, and the first then only detects. Preset `lite` has no decoder: its
-close-ups give object coordinates. The deformable sampling is the custom operator
-`mvtop::DeformableSampling`; portable bundles have standard operators instead. Meshes are added by
-`mesh.py`.
+`features.onnx` detects in all views, `closeup.onnx` runs on close-ups of the boxes, `decoder.onnx`
+once per anchor camera; between them Rust finds the boxes and computes the lines of sight. Preset
+`lite` has no decoder: its close-ups give object coordinates. The deformable sampling is the custom
+operator `mvtop::DeformableSampling`; portable bundles have standard operators instead. Meshes are
+added by `mesh.py`.
 """
 
 import contextlib
@@ -272,6 +271,16 @@ def _symmetries(known: ObjectClass) -> dict:
     return {name: values for name, values in found.items() if values}
 
 
+def check_closeups(config):
+    """UserError for a network of whole images, which the engine does not run."""
+    if not config.closeup:
+        raise UserError(
+            f"export: expected a network with close-ups, got preset {config.preset!r} without, "
+            "which is for research alone (docs/decisions/0004-crops-instead-of-whole-images.md); "
+            "fix: preset lite or small"
+        )
+
+
 def write_bundle(
     model: Mvtop, out: Path, provenance: dict, portable: bool = False,
     score_threshold: float = 0.3, known: tuple[objects.Object, ...] = (),
@@ -284,12 +293,7 @@ def write_bundle(
     pictures  of `integers.pictures_of`: convolutions are computed in 8 bits
     """
     config = model.config
-    if not config.closeup:
-        raise UserError(
-            f"export: expected a network with close-ups, got preset {config.preset!r} without, "
-            "which is for research alone (docs/decisions/0004-crops-instead-of-whole-images.md); "
-            "fix: preset lite or small"
-        )
+    check_closeups(config)
     known = known or (objects.ball(),)
     check_objects("weights know", [c.name for c in config.classes], known)
     out.mkdir(parents=True, exist_ok=True)
