@@ -134,10 +134,8 @@ fn resolution(top: &Node, options: &Options) -> Checked<(&'static str, [u32; 2])
 
 /// The lens, from the camera's section or from that of all resolutions.
 fn lens(section: &Node, for_all: Option<Node>, options: &Options) -> Checked<Lens> {
-    let plane = section.entries().into_iter();
-    let rest = plane.filter(|(key, _)| !PLANE.contains(key)).count();
     let stated = match for_all {
-        Some(_) if rest > 0 && section.has("K1") => {
+        Some(_) if section.has("K1") => {
             return Err(format!(
                 "{}: expected its lens in one section, got two; take the wrong one out",
                 section.place
