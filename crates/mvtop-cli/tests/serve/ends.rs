@@ -19,7 +19,7 @@ fn work_ends_with_its_time() {
     let late = server.post("", &[], &images_with_boxes(MANY));
     assert_eq!((late.status, late.code().as_str()), (504, "timed_out"));
     assert!(server.comes_to_queue(0, SOON));
-    // It is told to who looks at the last exposures.
+    // The list of the last exposures has it.
     let told = server.get("/v1/exposures/1", &[]).json();
     let told = told["error"].as_str().unwrap().to_owned();
     assert!(told.contains("ended before it was done"), "{told}");

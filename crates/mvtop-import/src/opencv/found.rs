@@ -36,7 +36,7 @@ const NAME_KEYS: &[&str] = &[
     "device",
 ];
 
-/// Words for what is said of a camera, beside its own name.
+/// Words for values of a camera, beside its own name.
 const PARTS: &[&str] = &[
     "cam",
     "camera",
@@ -236,7 +236,7 @@ impl Found {
         };
         let numbered = self.of_suffixes(numbered)?;
         if named.contains_key("K") || named.contains_key("fx") {
-            // What is said inside a camera is of its lens, but a place may be another thing's.
+            // Values inside a camera are of its lens, but a place may be of something else.
             let inside = self.parts[parts_before..].iter_mut();
             let no_place =
                 |part: &&mut Part| !PLACE.iter().any(|key| part.fields.contains_key(*key));

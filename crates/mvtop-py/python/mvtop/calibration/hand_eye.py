@@ -30,7 +30,7 @@ LEAST_TURN_DEG = 5.0
 CLEARER = 2.0
 """How many times better the best reading must fit than the next one."""
 FAR_BETTER = 3.0
-"""What is said is refused where another reading fits so many times better: noise, which both
+"""The stated reading is refused where another one fits so many times better: noise, which both
 share, does not do that."""
 FITS_DEG, FITS_SHARE = 3.0, 0.05
 """A reading fits whose median residuals are at most these: a turn, and a shift as a share of the
@@ -232,9 +232,9 @@ def _check_fits(
     said: Sequence[str | None],
     poses: RobotPoses,
 ) -> None:
-    """Refuses what is said where another reading fits far better, or none fits.
+    """Refuses the stated reading where another one fits far better, or none fits.
 
-    - best: of what is said; None where the hand hardly turns by it
+    - best: of the stated readings; None where the hand hardly turns by these
     - tried: all readings, the best first
     """
     right = [t for t in tried if t.fits and t.fit is tried[0].fit]
