@@ -28,6 +28,8 @@ use crate::service::{Asked, Service};
 const MOST_CONNECTIONS: usize = 16;
 /// Longest line that is read, bytes.
 const LONGEST: u64 = 4096;
+/// How long the rest of a connection is read that ends.
+const REST_TIME: Duration = Duration::from_secs(5);
 /// How long a connection may be silent.
 const SILENCE: Duration = Duration::from_secs(600);
 /// Settings beside those of a request.
@@ -92,9 +94,19 @@ async fn talk(
         client.write_all(answer.as_bytes()).await?;
         client.flush().await?;
         if quits || !whole {
-            return Ok(());
+            return close(client).await;
         }
     }
+}
+
+/// Closes the connection once the client has read the answer. One that is closed with bytes unread is
+/// reset, and the answer may be lost: so what the client still sends is read and forgotten, for a while.
+async fn close(mut client: BufReader<Client>) -> io::Result<()> {
+    client.shutdown().await?;
+    let mut nowhere = tokio::io::sink();
+    let rest = tokio::io::copy(&mut client, &mut nowhere);
+    let _ = tokio::time::timeout(REST_TIME, rest).await;
+    Ok(())
 }
 
 /// Ends when the client closes its connection; lines that it sends ahead are kept.

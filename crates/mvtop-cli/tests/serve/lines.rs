@@ -1,6 +1,11 @@
 //! The line protocol.
 
-use crate::client::{Server, images, root};
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::thread;
+use std::time::Duration;
+
+use crate::client::{PATIENCE, Server, images, root};
 
 #[test]
 fn robots_ask_by_lines() {
@@ -94,8 +99,31 @@ fn robots_ask_by_lines() {
         );
         assert_eq!(answer.lines().count(), 2, "{answer}");
     }
-    let long = server.ask(&[&"x".repeat(10_000)]).remove(0);
-    assert!(long.contains("4096 bytes"), "{long}");
+    assert_eq!(server.stop(), Some(0));
+}
+
+#[test]
+fn what_is_still_sent_after_the_last_answer_loses_none() {
+    let server = Server::start(&["--line-port", "0"]);
+    for (first, rest, said) in [
+        ("x".repeat(10_000), "x\n", "4096 bytes"),
+        ("QUIT\n".into(), "LAST\n", "OK\nEND\n"),
+    ] {
+        let mut stream = TcpStream::connect(server.lines.as_ref().unwrap()).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.write_all(first.as_bytes()).unwrap();
+        // The answer is there: a connection that is closed at once has been by now.
+        thread::sleep(Duration::from_millis(300));
+        stream.write_all(rest.as_bytes()).unwrap();
+        thread::sleep(Duration::from_millis(300));
+        stream.write_all(rest.as_bytes()).unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        assert!(
+            answer.contains(said) && answer.ends_with("END\n"),
+            "{answer}"
+        );
+    }
     assert_eq!(server.stop(), Some(0));
 }
 
