@@ -124,7 +124,9 @@ def plot(axes: dict, path: Path) -> None:
         panel.set_title(f"exponent {found['exponent']:.2f}", fontsize=10)
         panel.spines[["top", "right"]].set_visible(False)
     panels[0].set_ylabel("ms")
-    panels[0].legend(frameon=False, fontsize=8)
+    # Of the last panel, in the order of its bars from above.
+    handles, names = panels[-1].get_legend_handles_labels()
+    figure.legend(handles[::-1], names[::-1], frameon=False, fontsize=9, loc="outside right center")
     figure.savefig(path, dpi=150)
 
 
