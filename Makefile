@@ -88,6 +88,8 @@ lint: .venv/lint.done
 	cargo fmt --all --check
 	rustfmt --check --edition 2024 crates/mvtop-geometry/src/camera/*.rs # declared by a macro, which cargo fmt does not read
 	cargo clippy --release --workspace --all-targets -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --release --workspace --exclude mvtop-benches --no-deps --quiet
+	cargo package --workspace --exclude mvtop-benches --no-verify --allow-dirty --quiet
 	scripts/licences.py --check crates/mvtop-py/THIRD-PARTY-LICENCES.txt
 	scripts/deny.sh
 	$(PY) -m ruff check training crates/mvtop-py
