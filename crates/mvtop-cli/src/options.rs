@@ -117,14 +117,14 @@ impl RuntimeArgs {
     }
 
     pub fn options(&self) -> Options {
-        Options {
-            ort_lib: self.library().map(Path::to_owned),
-            session: SessionOptions {
-                provider: self.provider,
-                threads: self.threads,
-            },
-            inference: self.settings.clone(),
-        }
+        let session = SessionOptions::default()
+            .with_provider(self.provider)
+            .with_threads(self.threads);
+        let mut options = Options::default()
+            .with_session(session)
+            .with_inference(self.settings.clone());
+        options.ort_lib = self.library().map(Path::to_owned);
+        options
     }
 }
 

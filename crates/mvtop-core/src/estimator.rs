@@ -31,6 +31,8 @@ mod wanted;
 #[cfg(feature = "onnx")]
 use std::path::{Path, PathBuf};
 
+use derive_setters::Setters;
+
 use self::pipeline::Pipeline;
 use crate::annotations::GivenBoxes;
 use crate::bundle::{Bundle, Class};
@@ -52,10 +54,13 @@ pub use self::tracker::Tracker;
 pub use self::tracks::{TrackOptions, Tracks};
 
 /// How to run the network.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Setters)]
+#[setters(prefix = "with_", strip_option)]
+#[non_exhaustive]
 pub struct Options {
     /// ONNX Runtime's library; `None` searches for it, see [`onnx::Runtime::locate`].
     #[cfg(feature = "onnx")]
+    #[setters(into)]
     pub ort_lib: Option<PathBuf>,
     /// What runs the graphs, and on how many threads.
     #[cfg(feature = "onnx")]
@@ -65,9 +70,18 @@ pub struct Options {
 }
 
 /// What to predict.
-#[derive(Debug, Clone, Default)]
+///
+/// ```
+/// let options = mvtop_core::estimator::PredictOptions::default()
+///     .with_reference("left")
+///     .with_min_views(2);
+/// ```
+#[derive(Debug, Clone, Default, Setters)]
+#[setters(prefix = "with_", strip_option)]
+#[non_exhaustive]
 pub struct PredictOptions {
     /// Id of the camera in whose frame poses are given (it needs no image); the rig's by default.
+    #[setters(into)]
     pub reference: Option<String>,
     /// Boxes to use instead of detecting.
     pub boxes: Option<Vec<GivenBoxes>>,

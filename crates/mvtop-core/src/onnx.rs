@@ -5,6 +5,7 @@
 
 use self::bounds::{Bounds, Unfinished, bounded};
 use crate::{Error, Result, cancel};
+use derive_setters::Setters;
 use ndarray::{ArrayD, ArrayView, ArrayViewD, CowArray, Dimension, IxDyn};
 use ort::session::{RunOptions, SessionInputValue};
 use ort::value::TensorRef;
@@ -25,7 +26,9 @@ pub use provider::Provider;
 pub use runtime::{Runtime, check_threads};
 
 /// How a graph is run.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
 pub struct SessionOptions {
     /// What runs it.
     pub provider: Provider,

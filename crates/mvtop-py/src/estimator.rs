@@ -61,17 +61,19 @@ impl NativeEstimator {
     ) -> PyResult<Self> {
         let unknown = |error: mvtop_core::Error| value(error.to_string());
         let provider = provider.parse().map_err(unknown)?;
-        let session = SessionOptions { provider, threads };
+        let session = SessionOptions::default()
+            .with_provider(provider)
+            .with_threads(threads);
         let parsed = |(key, text): (String, String)| {
             let parsed = serde_json::from_str(&text);
             let parsed = parsed.map_err(|e| value(format!("inference setting `{key}`: {e}")));
             Ok((key, parsed?))
         };
-        let options = Options {
-            ort_lib,
-            session,
-            inference: inference.into_iter().map(parsed).collect::<PyResult<_>>()?,
-        };
+        let inference = inference.into_iter().map(parsed).collect::<PyResult<_>>()?;
+        let mut options = Options::default()
+            .with_session(session)
+            .with_inference(inference);
+        options.ort_lib = ort_lib;
         let load = || in_pool(|| Estimator::load(&bundle, &options))?.map_err(python);
         let estimator = interruptible(py, load)?;
         let_forks_exit();

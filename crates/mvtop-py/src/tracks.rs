@@ -53,8 +53,7 @@ pub fn options(max_motion_m: Option<f64>, patience: usize) -> PyResult<TrackOpti
             "max_motion_m: expected metres, 0 or more, got {reach}"
         )));
     }
-    Ok(TrackOptions {
-        max_motion_m,
-        patience,
-    })
+    let mut options = TrackOptions::default().with_patience(patience);
+    options.max_motion_m = max_motion_m;
+    Ok(options)
 }

@@ -1,5 +1,6 @@
 //! Which objects of successive predictions are the same.
 
+use derive_setters::Setters;
 use nalgebra::Point3;
 
 use crate::Prediction;
@@ -7,7 +8,9 @@ use crate::bundle::Bundle;
 use crate::prediction::ObjectPose;
 
 /// How objects are followed over time.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Setters)]
+#[setters(prefix = "with_", strip_option)]
+#[non_exhaustive]
 pub struct TrackOptions {
     /// Farthest that an object moves between two predictions, metres; `None`: half its diameter, by
     /// which objects that lie still are distinguished.

@@ -16,10 +16,8 @@ fn estimator(bundle: &str) -> Estimator {
 
 /// With the network's first poses alone, as `training/mvtop_train/export/reference.py` has them.
 fn without_proposers(bundle: &str) -> Estimator {
-    let options = Options {
-        inference: vec![("search.schedule".into(), serde_json::json!([]))],
-        ..Options::default()
-    };
+    let options =
+        Options::default().with_inference(vec![("search.schedule".into(), serde_json::json!([]))]);
     Estimator::load(&fixture_path(bundle), &options).unwrap()
 }
 
@@ -92,10 +90,7 @@ fn boxes(rig: &Rig, cameras: &[usize]) -> PredictOptions {
         class: "mvball".into(),
         boxes: cameras.iter().map(of).collect(),
     };
-    PredictOptions {
-        boxes: Some(vec![given]),
-        ..PredictOptions::default()
-    }
+    PredictOptions::default().with_boxes(vec![given])
 }
 
 fn pose(estimator: &Estimator, rig: &Rig, given: &[usize], boxed: &[usize]) -> Isometry3<f64> {

@@ -15,10 +15,7 @@ fn fixture(name: &str) -> PathBuf {
 }
 
 fn session(name: &str) -> Session {
-    let options = SessionOptions {
-        threads: 2,
-        ..Default::default()
-    };
+    let options = SessionOptions::default().with_threads(2);
     Runtime::locate(None)
         .unwrap()
         .session(&fixture(name), &options)
@@ -208,10 +205,7 @@ fn a_provider_that_the_library_lacks_is_refused_and_not_replaced() {
         "no library has the providers of every maker"
     );
     for provider in lacking {
-        let options = SessionOptions {
-            provider,
-            threads: 0,
-        };
+        let options = SessionOptions::default().with_provider(provider);
         let error = runtime
             .session(&fixture("deformable_sampling.onnx"), &options)
             .unwrap_err();

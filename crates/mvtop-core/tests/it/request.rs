@@ -120,10 +120,10 @@ fn priors_and_planes_admit_what_is_there_and_say_how_far_off_it_is() {
 
 #[test]
 fn an_object_that_is_not_sure_enough_is_told_of_with_its_confidence() {
-    let options = Options {
-        inference: vec![("search.min_confidence".into(), serde_json::json!(1.0))],
-        ..Options::default()
-    };
+    let options = Options::default().with_inference(vec![(
+        "search.min_confidence".into(),
+        serde_json::json!(1.0),
+    )]);
     let answer = Example::ycbv4(&options).ask(&Request {
         why: true,
         ..Request::default()

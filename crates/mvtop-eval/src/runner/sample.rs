@@ -91,13 +91,10 @@ impl Sample {
     /// As [`Estimator::predict`], and for noise that moves a camera too far.
     pub fn predict(&self, estimator: &Estimator, conditions: &Conditions) -> Result<Prediction> {
         let noise = &conditions.noise;
-        let options = PredictOptions {
-            reference: None,
-            boxes: conditions.true_boxes.then(|| self.boxes(noise)),
-            min_views: conditions.min_views as usize,
-            refine: conditions.refine,
-            ..PredictOptions::default()
-        };
+        let mut options = PredictOptions::default();
+        options.boxes = conditions.true_boxes.then(|| self.boxes(noise));
+        options.min_views = conditions.min_views as usize;
+        options.refine = conditions.refine;
         let rig = noise.disturb_rig(&self.rig, &self.name)?;
         let mut prediction = estimator.predict(&rig, &self.images, &options)?;
         if let Some(least) = conditions.min_confidence {
