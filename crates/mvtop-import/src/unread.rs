@@ -1,15 +1,49 @@
 //! What a file states and no reader has read: nothing of it may be left out unseen, as it may be a part of a
 //! lens, a place or a size.
 
+mod said;
+mod texts;
 mod words;
 
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use crate::lens::Lens;
 use crate::node::{Node, count_of_numbers};
 use crate::{Checked, Options};
 
+use self::said::LENSES;
 use self::words::*;
+
+/// A key, and the path to it from the object that was asked about.
+pub struct Key {
+    own: String,
+    path: String,
+    /// Words of the keys around it.
+    around: Vec<String>,
+}
+
+impl Key {
+    fn of(key: &str) -> Self {
+        Self {
+            own: key.to_owned(),
+            path: key.to_owned(),
+            around: Vec::new(),
+        }
+    }
+
+    /// Of an entry of the object at this key.
+    fn entry(&self, key: &str) -> Self {
+        Self {
+            own: key.to_owned(),
+            path: format!("{}_{key}", self.path),
+            around: self.words(),
+        }
+    }
+
+    fn words(&self) -> Vec<String> {
+        words(&self.path)
+    }
+}
 
 /// Refuses an object with something that was not read.
 ///
@@ -31,14 +65,6 @@ pub fn refuse_all(unread: impl Iterator<Item = String>, options: &Options) -> Ch
         unread if unread.is_empty() => Ok(()),
         unread => Err(sentence(&unread)),
     }
-}
-
-/// Whether a key has words of lenses and places.
-pub fn is_suspicious(key: &str) -> bool {
-    let plain = plain(key);
-    ["xi", "skew", "alpha", "beta"].contains(&plain.as_str())
-        || is_coefficient(&plain)
-        || SUSPICIOUS.iter().any(|word| plain.contains(word))
 }
 
 fn sentence(paths: &[String]) -> String {
@@ -69,31 +95,52 @@ fn sentence(paths: &[String]) -> String {
 
 /// Whether a key is not harmless and its value states something.
 pub fn matters(key: &str, value: &Value) -> bool {
-    if is_harmless(key, value) {
-        return false;
-    }
+    matters_at(&Key::of(key), value)
+}
+
+/// The same; what is inside an object is harmless by its own key and by none around it.
+fn matters_at(key: &Key, value: &Value) -> bool {
     match value {
-        Value::Object(map) if !map.contains_key("data") => {
-            map.iter().any(|(inner, value)| matters(inner, value))
-        }
+        Value::Object(map) if is_header(&key.own, map) => false,
+        Value::Object(map) if !map.contains_key("data") => map
+            .iter()
+            .any(|(inner, value)| matters_at(&key.entry(inner), value)),
         Value::Array(list) if list.iter().any(Value::is_object) => {
-            list.iter().any(|value| matters(key, value))
+            list.iter().any(|value| matters_at(key, value))
         }
-        value => states(key, value),
+        Value::Array(list) if texts::lists_coefficients(list) => true,
+        value => {
+            let zero = value.as_f64() == Some(0.0) && texts::zero_chooses(key);
+            zero || states(key, value, is_harmless_of(key, value))
+        }
     }
 }
 
-/// Whether a key is about something else than a camera's lens, place and size.
+/// Whether it is the header of a message of ROS.
+fn is_header(key: &str, map: &Map<String, Value>) -> bool {
+    key == "header"
+        && map
+            .keys()
+            .all(|key| ["seq", "stamp", "frame_id"].contains(&key.as_str()))
+}
+
+/// Whether numbers of a key, or what an object of that key has, are about something else than a camera's lens, place
+/// and size.
 pub fn is_harmless(key: &str, value: &Value) -> bool {
-    let (plain, words) = (plain(key), words(key));
+    is_harmless_of(&Key::of(key), value)
+}
+
+fn is_harmless_of(key: &Key, value: &Value) -> bool {
+    let (own, words) = (plain(&key.own), key.words());
     let objects = || match value {
         Value::Array(list) => list.iter().any(Value::is_object),
         value => value.is_object(),
     };
-    (HARMLESS_KEYS.contains(&plain.as_str()) && !objects())
-        || is_of_rectified(&plain, value)
-        || is_new_matrix(&words, value)
-        || (plain == "extrinsicparameters" && has_rows_of_six(value))
+    let alone = || !is_stating(&key.around, &[]) && !has(&key.around, LENSES);
+    (HARMLESS_KEYS.contains(&own.as_str()) && !objects() && alone())
+        || is_of_rectified(&own, value)
+        || is_new_matrix(&self::words(&key.own), value)
+        || (own == "extrinsicparameters" && has_rows_of_six(value))
         || is_of_quality(&words)
         || (!is_stating(&words, &[])
             && (has(&words, SIZED)
@@ -215,45 +262,24 @@ pub fn cuts(plain: &str) -> impl Iterator<Item = (&str, &str)> {
         .chain(sides)
 }
 
-/// Whether a value states anything: numbers that are not 0, also as text; the name of a lens or of axes; a flag or
-/// a text of another lens, of images that are turned, of a convention or a unit.
-fn states(key: &str, value: &Value) -> bool {
+/// Whether a value states anything: numbers that are not 0 of a key that is not harmless, also as text; flags and texts
+/// as [`texts`] has it.
+fn states(key: &Key, value: &Value, harmless: bool) -> bool {
+    if let Some(on) = texts::flag(value) {
+        return texts::flag_states(key, on, value);
+    }
     match value {
-        Value::Null => false,
-        Value::Bool(on) => *on && TURNING.iter().any(|word| plain(key).contains(word)),
-        Value::Number(number) => number.as_f64() != Some(0.0),
-        Value::String(text) => is_numbers(text).unwrap_or_else(|| {
-            names_a_lens(text)
-                || AXES.iter().any(|axes| plain(text) == *axes)
-                || says_more(key, text)
-        }),
-        Value::Array(list) => list.iter().any(|value| states(key, value)),
-        Value::Object(map) => map.get("data").is_some_and(|data| states(key, data)),
+        Value::Number(number) => !harmless && number.as_f64() != Some(0.0),
+        Value::String(text) => match is_numbers(text) {
+            Some(any) => any && !harmless,
+            None => texts::text_states(key, text, value),
+        },
+        Value::Array(list) => list.iter().any(|value| states(key, value, harmless)),
+        Value::Object(map) => map
+            .get("data")
+            .is_some_and(|data| states(key, data, harmless)),
+        _ => false,
     }
-}
-
-/// Whether text says anything but the plain default of what its key is about.
-fn says_more(key: &str, text: &str) -> bool {
-    let (words, said) = (words(key), plain(text));
-    if has(&words, CONVENTIONS) || (has(&words, PLACES) && has(&words, KINDS)) {
-        return !said.is_empty();
-    }
-    if has(&words, &["unit"]) {
-        return !PLAIN_UNITS.contains(&said.as_str());
-    }
-    let key = plain(key);
-    let is_type = TYPES.contains(&key.as_str());
-    let of_lens = is_type
-        || TURNING.iter().any(|part| key.contains(part))
-        || (has(&words, LENSES) && !has(&words, &["sensor"]));
-    let length = said
-        .strip_suffix("mm")
-        .is_some_and(|mm| mm.parse::<u32>().is_ok());
-    let is_plain = length
-        || PLAIN.contains(&said.as_str())
-        || (is_type && CAMERAS.contains(&said.as_str()))
-        || Lens::named(text, &[0.0; 4]).is_ok_and(|lens| !lens.is_fisheye());
-    of_lens && !is_plain
 }
 
 /// Of text that is numbers, whether one of them is not 0.

@@ -119,6 +119,16 @@ def test_what_is_said_wrongly_is_refused_with_the_reading_that_fits(
     assert hand_eye.solve(boards, robot_poses.load(path), **(beside | TRUE)).rotation == "xyzw"
 
 
+def test_named_columns_are_said_as_they_stand(cell, tmp_path):
+    _, hands, boards = cell("hand")
+    path = tmp_path / "poses.csv"
+    path.write_text(table(hands, order="xyzw", header="name,x,y,z,qx,qy,qz,qw"))
+    found = hand_eye.solve(boards, robot_poses.load(path), eye="hand", rotation="xyzw")
+    assert found.rotation == "xyzw"
+    with pytest.raises(ValueError, match="expected xyzw, as their file has it, got wxyz"):
+        hand_eye.solve(boards, robot_poses.load(path), eye="hand", rotation="wxyz")
+
+
 def test_what_a_file_says_wrongly_is_refused(cell, tmp_path):
     _, hands, boards = cell("hand")
     path = tmp_path / "poses.csv"
@@ -169,6 +179,7 @@ FORMS = {
         [{"name": k, "T_base_hand": v.tolist()} for k, v in hands.items()]
     ),
     "named.csv": lambda hands: table(hands, header="name,x,y,z,qw,qx,qy,qz"),
+    "named_xyzw.csv": lambda hands: table(hands, order="xyzw", header="name,x,y,z,qx,qy,qz,qw"),
     "rotvec.csv": lambda hands: (
         "name,x_mm,y_mm,z_mm,rx,ry,rz\n"
         + "".join(

@@ -67,6 +67,7 @@ pub const STATING_WORDS: &[&str] = &[
     "axes",
     "axis",
     "flip",
+    "rolling",
 ];
 /// Of these, those of matrices that rectified images have as well.
 pub const OF_MATRICES: &[&str] = &["k", "intrinsic", "projection", "rotation"];
@@ -269,101 +270,5 @@ pub const RECTIFIED: &[(&str, usize)] = &[
     ("essentialmatrix", 9),
     ("fundamentalmatrix", 9),
 ];
-/// Words in keys of images and lenses of another kind, where a flag is on or a text does not deny it.
-pub const TURNING: &[&str] = &[
-    "lens", "dist", "fisheye", "omni", "wide", "mirror", "flip", "rotat", "orient", "upside",
-    "invert", "inverse", "transpos", "opengl", "mitsuba",
-];
-/// Words in keys whose text says which lens it is; keys that do so as a whole.
-pub const LENSES: &[&str] = &["projection", "model", "optics"];
-pub const TYPES: &[&str] = &["type", "kind", "cameratype", "camtype", "modeltype"];
-/// Words in keys whose text says what a place maps to what, and in which axes.
-pub const CONVENTIONS: &[&str] = &[
-    "direction",
-    "convention",
-    "axes",
-    "axis",
-    "coordinate",
-    "handedness",
-];
-/// Words in keys of places; what `type` or `order` they have is such a text as well.
-pub const PLACES: &[&str] = &[
-    "extrinsic",
-    "pose",
-    "transform",
-    "rotation",
-    "rot",
-    "euler",
-    "quaternion",
-    "angle",
-];
-pub const KINDS: &[&str] = &["type", "kind", "mode", "format", "order"];
-/// Texts that say nothing of a lens, or of how an image is turned.
-pub const PLAIN: &[&str] = &[
-    "no",
-    "off",
-    "false",
-    "null",
-    "na",
-    "default",
-    "identity",
-    "normal",
-    "upright",
-    "original",
-    "landscape",
-    "standard",
-    "rectilinear",
-    "planar",
-];
-/// Types that say which camera it is, but not of which lens.
-pub const CAMERAS: &[&str] = &[
-    "hd",
-    "vga",
-    "kinectcolor",
-    "rgb",
-    "color",
-    "colour",
-    "mono",
-    "monochrome",
-    "gray",
-    "grey",
-    "ir",
-    "nir",
-    "infrared",
-    "depth",
-    "stereo",
-    "left",
-    "right",
-    "usb",
-    "gige",
-    "webcam",
-    "camera",
-    "cam",
-    "static",
-    "fixed",
-    "frame",
-    "video",
-    "image",
-];
-/// Units that numbers have anyway.
-pub const PLAIN_UNITS: &[&str] = &["", "rad", "radian", "radians", "px", "pixel", "pixels"];
 /// Most keys that an error names.
 pub const MOST_NAMED: usize = 16;
-/// Axes of other programs, in which nothing is read unless the format has them.
-pub const AXES: &[&str] = &[
-    "opengl", "blender", "unity", "unreal", "maya", "arkit", "yup", "directx",
-];
-/// Words in keys about cameras, in files with many keys of other kinds.
-pub const SUSPICIOUS: &[&str] = &[
-    "dist",
-    "coef",
-    "lens",
-    "fisheye",
-    "radial",
-    "tangential",
-    "mirror",
-    "prism",
-    "extrinsic",
-    "bodyt",
-    "worldcam",
-];

@@ -397,6 +397,9 @@ def _with_header(header: list[str], rows: list[list[str]]) -> RobotPoses:
             f"them so, or leave the header out"
         )
     form, rotation, columns = turn
+    in_order = tuple(column for column in header if column in columns)
+    if in_order == ("qx", "qy", "qz", "qw"):
+        rotation, columns = "xyzw", in_order
     _only(header, (*place, *columns, *_NAMES), ("name", *place, *columns), "columns")
     name_at = next((header.index(n) for n in _NAMES if n in header), None)
     read = []
