@@ -30,8 +30,8 @@ def config(
     reserve = end_minutes(held_out, scenes["test"], work)
     fields = {
         "data": str(out / "data"), "minutes": minutes, "preset": "lite", "backbone": PRETRAINED,
-        "images": 64, "searched": 5, "copies": max(2, 4 // max(instances, 1)), "workers": 1,
-        "views": [0.2, 0.4, 0.3, 0.1], "warmup": 100, "backgrounds": backgrounds,
+        "images": 28, "searched": 3, "lr": 2e-3, "copies": max(2, 4 // max(instances, 1)),
+        "views": [0.2, 0.4, 0.3, 0.1], "warmup": 100, "backgrounds": backgrounds, "workers": 1,
         "held_out": held_out,
         # All are rendered before features are kept of them: a tenth of the time for each.
         "generate": {**generate, **scenes, "views": 5, "reserve": reserve},
