@@ -19,7 +19,12 @@ use crate::{Checked, Options, unread, yaml};
 const NEAR: f64 = 0.25;
 
 /// Of intrinsics: what is read, and what says how they were found.
-const KNOWN: [&str; 17] = [
+const KNOWN: [&str; 22] = [
+    "locked",
+    "scaleLocked",
+    "offsetLocked",
+    "distortionLocked",
+    "pixelRatioLocked",
     "intrinsicId",
     "width",
     "height",
@@ -37,6 +42,40 @@ const KNOWN: [&str; 17] = [
     "pixelRatio",
     "principalPoint",
     "initializationMode",
+];
+
+/// Of the file, beside what was triangulated.
+const OF_FILE: [&str; 12] = [
+    "version",
+    "featuresFolders",
+    "matchesFolders",
+    "views",
+    "intrinsics",
+    "poses",
+    "rigs",
+    "structure",
+    "constraints2d",
+    "constraintpoints",
+    "rotationpriors",
+    "surveys",
+];
+/// Of a view; `metadata` is that of its image.
+const OF_VIEW: [&str; 15] = [
+    "viewId",
+    "poseId",
+    "frameId",
+    "intrinsicId",
+    "resectionId",
+    "rigId",
+    "subPoseId",
+    "path",
+    "width",
+    "height",
+    "metadata",
+    "ancestors",
+    "isPoseIndependant",
+    "isPoseIndependent",
+    "imageGroups",
 ];
 
 /// Whether it has views, intrinsics and poses by their ids.
@@ -61,9 +100,11 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
             .into_iter()
             .find(|one| one.find(&[key]).is_some_and(|found| text(&found) == id)))
     };
+    unread::refuse(&top, &OF_FILE, options)?;
     let mut cameras = Vec::new();
     let mut unposed = Vec::new();
     for view in top.get(&["views"])?.list()? {
+        unread::refuse(&view, &OF_VIEW, options)?;
         let path = view.get(&["path"])?.text()?;
         let file = path.rsplit(['/', '\\']).next().unwrap_or(path);
         let name = file.rsplit_once('.').map_or(file, |(name, _)| name);
@@ -82,7 +123,11 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
         let intrinsic = named("intrinsics", "intrinsicId", &id)?
             .ok_or_else(|| format!("{}: no intrinsics {id}", view.place))?;
         let (size, plane, lens) = optics(&intrinsic, options)?;
-        let pose = pose.get(&["pose"])?.get(&["transform"])?;
+        unread::refuse(&pose, &["poseId", "pose"], options)?;
+        let pose = pose.get(&["pose"])?;
+        unread::refuse(&pose, &["transform", "locked"], options)?;
+        let pose = pose.get(&["transform"])?;
+        unread::refuse(&pose, &["rotation", "center"], options)?;
         let rotation = pose.get(&["rotation"])?;
         let world_from_cam = draft::rotation_and_translation(
             &rotation.place,

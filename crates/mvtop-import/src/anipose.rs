@@ -28,6 +28,18 @@ const NAMES: [(&str, &str); 5] = [
 /// Of Caliscope, what says nothing of the lens or the place.
 const OTHERS: [&str; 2] = ["rotation_count", "verified_resolutions"];
 
+/// Of `metadata`, what aniposelib and FreeMoCap say of the calibration.
+const METADATA: [&str; 8] = [
+    "recording_info",
+    "adjusted",
+    "error",
+    "charuco_square_size",
+    "charuco_board_object",
+    "path_to_recorded_videos",
+    "date_time_calibrated",
+    "groundplane_calibration",
+];
+
 /// Of FreeMoCap, the place of the camera in the world, which its rotation and translation say already.
 const WORLD: [&str; 2] = ["world_position", "world_orientation"];
 /// Largest difference of these: of an orientation, of a position in the file's unit or as a share of its distance.
@@ -80,10 +92,52 @@ fn check_world(table: &Node) -> Checked<()> {
     Ok(())
 }
 
+/// What a file says beside its cameras.
+fn others(document: &Value) -> Map<String, Value> {
+    let tables = tables(document);
+    // Of cameras, and of those that were left out.
+    let cameras: Vec<&String> = tables
+        .filter(|(_, table)| states_camera(table) || table.get("size").is_some())
+        .map(|(key, _)| key)
+        .collect();
+    let is_camera = |key: &String| cameras.contains(&key);
+    let mut others = Map::new();
+    for (key, value) in document.as_object().into_iter().flatten() {
+        match (key.as_str(), value) {
+            ("cameras", Value::Object(all)) => {
+                let left = all.iter().filter(|(key, _)| !is_camera(key));
+                others.extend(left.map(|(key, value)| (key.clone(), value.clone())));
+            }
+            ("metadata", Value::Object(all)) => {
+                let left = all
+                    .iter()
+                    .filter(|(key, _)| !METADATA.contains(&key.as_str()));
+                others.insert(
+                    key.clone(),
+                    Value::Object(
+                        left.map(|(key, value)| (key.clone(), value.clone()))
+                            .collect(),
+                    ),
+                );
+            }
+            _ if is_camera(key) => {}
+            _ => {
+                others.insert(key.clone(), value.clone());
+            }
+        }
+    }
+    others
+}
+
 pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let mut documents = Vec::new();
     for source in sources {
         let document = yaml::document(source)?;
+        documents.push((
+            source.stem(),
+            source.name.clone(),
+            Value::Object(others(&document)),
+        ));
         for (key, table) in tables(&document).filter(|(_, table)| states_camera(table)) {
             check_world(&Node::new(table, &format!("{}: {key}", source.name)))?;
             let name = match (table.get("name"), table.get("cam_id")) {

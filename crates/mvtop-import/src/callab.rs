@@ -7,6 +7,11 @@ use crate::lens::{Lens, Plane};
 use crate::source::Source;
 use crate::{Checked, Options, unread};
 
+/// What is read of a camera.
+const KNOWN: [&str; 11] = [
+    "A", "R", "T", "k1", "k2", "k3", "p1", "p2", "width", "height", "origin",
+];
+
 /// Values of a camera by their keys.
 type Fields = BTreeMap<String, String>;
 
@@ -97,9 +102,8 @@ fn camera(place: &str, number: u32, fields: &Fields, options: &Options) -> Check
             ))),
         }
     };
-    let known = |key: &str| ["k1", "k2", "k3", "p1", "p2"].contains(&key);
     let unread = fields.iter().filter(|(key, text)| {
-        !known(key) && unread::is_suspicious(key) && unread::matters(key, &text.as_str().into())
+        !KNOWN.contains(&key.as_str()) && unread::matters(key, &text.as_str().into())
     });
     unread::refuse_all(unread.map(|(key, _)| key.clone()), options).map_err(of)?;
     let [k1, k2, k3] = [one("k1")?, one("k2")?, one("k3")?];

@@ -11,6 +11,7 @@ use serde_json::{Map, Value, json};
 use crate::draft::Draft;
 use crate::node::Node;
 use crate::source::Source;
+use crate::unread::words;
 use crate::{Checked, Options, opencv, unread, yaml};
 
 /// What is read of a camera.
@@ -54,15 +55,20 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let in_body = !bodies.is_empty();
     for (source, document) in bodies {
         let top = Node::new(&document, &source.name);
-        for index in 0..files.len() {
-            let Some(pose) = top.find(&[&format!("body_T_cam{index}")]) else {
-                continue;
-            };
+        let stems: Vec<&str> = files.iter().map(|(file, _)| stem(file)).collect();
+        let numbers = match top.has("cam0_calib") {
+            true => Vec::new(),
+            false => numbers(&top, &stems)?,
+        };
+        for (index, pose) in places(&top) {
             let file = top.find(&[&format!("cam{index}_calib")]);
             let file = file.map(|file| file.text()).transpose()?;
             let file = file.map(str::to_lowercase);
             let (_, name) = match file {
-                None => &files[index],
+                None => match numbers.iter().position(|number| *number == index) {
+                    Some(of) => &files[of],
+                    None => continue,
+                },
                 Some(file) => files
                     .iter()
                     .find(|(known, _)| *known == file)
@@ -86,6 +92,50 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     }
     let posing = "give VINS' file with body_T_cam0, or a file with T_world_cam of each camera";
     Ok(Draft { posing, ..draft })
+}
+
+/// The name of a file without its ending.
+fn stem(file: &str) -> &str {
+    file.rsplit_once('.').map_or(file, |(stem, _)| stem)
+}
+
+/// The places of cameras in the body by their numbers.
+fn places<'a>(top: &Node<'a>) -> Vec<(usize, Node<'a>)> {
+    let all = top.entries().into_iter();
+    let numbered = all.filter_map(|(key, node)| {
+        let number = key.strip_prefix("body_T_cam")?.parse().ok()?;
+        Some((number, node))
+    });
+    numbered.collect()
+}
+
+/// The number of the camera that each file is of: by the numbers or sides in their names, or by their order where no
+/// name has any.
+fn numbers(top: &Node, stems: &[&str]) -> Checked<Vec<usize>> {
+    let known: Vec<usize> = places(top).into_iter().map(|(number, _)| number).collect();
+    let number = |stem: &str| {
+        let words = words(stem);
+        let side = ["left", "right"]
+            .iter()
+            .position(|side| words.iter().any(|word| word == side));
+        let mut numbers = words.iter().filter_map(|word| word.parse().ok());
+        side.or(numbers.find(|number| known.contains(number)))
+    };
+    let named: Vec<Option<usize>> = stems.iter().map(|stem| number(stem)).collect();
+    let says = |stem: &&str| words(stem).iter().any(|word| word.parse::<usize>().is_ok());
+    if named.iter().all(Option::is_none) && !stems.iter().any(says) {
+        return Ok((0..stems.len()).collect());
+    }
+    let all: Option<Vec<usize>> = named.into_iter().collect();
+    let once = |all: &Vec<usize>| (1..all.len()).all(|i| !all[..i].contains(&all[i]));
+    all.filter(once).ok_or_else(|| {
+        format!(
+            "{}: the names of the cameras' files ({}) do not say which body_T_camN each has; give cam0_calib, \
+             cam1_calib, ... there",
+            top.place,
+            stems.join(", ")
+        )
+    })
 }
 
 /// A camera with OpenCV's names.

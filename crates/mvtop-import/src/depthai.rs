@@ -28,6 +28,38 @@ const KNOWN: [&str; 9] = [
     "hfovDeg",
 ];
 
+/// Keys of the whole board: names, IMU and housing, and what rectifies a pair.
+const OF_BOARD: [&str; 22] = [
+    "batchName",
+    "batchTime",
+    "boardConf",
+    "boardCustom",
+    "boardName",
+    "boardOptions",
+    "boardRev",
+    "cameraData",
+    "deviceName",
+    "hardwareConf",
+    "housingExtrinsics",
+    "housing",
+    "imuExtrinsics",
+    "miscellaneousData",
+    "productName",
+    "stereoEnableDistortionCorrection",
+    "stereoRectificationData",
+    "stereoUseSpecTranslation",
+    "swapLeftRightCam",
+    "version",
+    "verticalCameraSocket",
+    "schema_version",
+];
+const OF_EXTRINSICS: [&str; 4] = [
+    "rotationMatrix",
+    "specTranslation",
+    "toCameraSocket",
+    "translation",
+];
+
 /// Coefficients of OpenCV's fisheye.
 const FISHEYE: usize = 4;
 
@@ -46,6 +78,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     };
     let document = yaml::document(source)?;
     let top = Node::new(&document, &source.name);
+    unread::refuse(&top, &OF_BOARD, options)?;
     let (mut cameras, mut links) = (Vec::new(), BTreeMap::new());
     for pair in top.get(&["cameraData"])?.list()? {
         let [socket, data] = &pair.list()?[..] else {
@@ -56,7 +89,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
         let (Some(number), Some(letter)) = (number, letter.filter(|number| *number < 26)) else {
             return Err(socket.wrong("a socket's number"));
         };
-        if links.insert(number, link(data)?).is_some() {
+        if links.insert(number, link(data, options)?).is_some() {
             return Err(socket.wrong("each socket once"));
         }
         let name = format!("CAM_{}", char::from(b'A' + letter));
@@ -111,8 +144,12 @@ fn camera(id: String, data: &Node, options: &Options) -> Checked<DraftCamera> {
     })
 }
 
-fn link(data: &Node) -> Checked<Option<Link>> {
+fn link(data: &Node, options: &Options) -> Checked<Option<Link>> {
     let extrinsics = data.get(&["extrinsics"])?;
+    unread::refuse(&extrinsics, &OF_EXTRINSICS, options)?;
+    if let Some(translation) = extrinsics.find(&["translation"]) {
+        unread::refuse(&translation, &["x", "y", "z"], options)?;
+    }
     let to = extrinsics.get(&["toCameraSocket"])?;
     let socket = to
         .value

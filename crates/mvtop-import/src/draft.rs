@@ -14,6 +14,15 @@ const MOST_OFF_MIDDLE: f64 = 0.25;
 /// order of the sides puts it at most half as far.
 const OFF_ORDER: f64 = 0.1;
 
+/// Sizes of other images that a calibration may be of, as shares of the stated size.
+const SCALES: [f64; 8] = [0.25, 1.0 / 3.0, 0.5, 2.0 / 3.0, 1.5, 2.0, 3.0, 4.0];
+/// How far from the middle of such images a principal point is at most, share of a side.
+const NEAR_MIDDLE: f64 = 0.03;
+/// Shortest focal length of flat images, share of the longer side: of 157 degrees.
+const LEAST_FOCAL: f64 = 0.1;
+/// Largest difference of two numbers that are the same, as a share.
+const SAME_NUMBER: f64 = 1e-3;
+
 /// A rig as a file has it.
 pub struct Draft {
     pub cameras: Vec<DraftCamera>,
@@ -108,6 +117,8 @@ impl Draft {
                 .intrinsics(&camera.plane, size, options.max_angle);
             let (intrinsics, fitted) = lens.map_err(of)?;
             notes.extend(fitted.map(of));
+            let confirmed = options.size_of(&id) == Some(size);
+            plausible(&camera.plane, &camera.lens, size, confirmed).map_err(of)?;
             notes.extend(off_middle(&intrinsics, size).map(of));
             let mut world_from_cam = match camera.pose {
                 Some(pose) => directed(&pose, options).map_err(of)?,
@@ -133,6 +144,55 @@ impl Draft {
             _ => Ok((rig, notes)),
         }
     }
+}
+
+/// Refuses a number that is there twice and different.
+pub fn same_number(what: &str, other: Option<f64>, there: f64) -> Checked<()> {
+    match other {
+        Some(other) if (other - there).abs() > SAME_NUMBER * there.abs().max(1.0) => Err(format!(
+            "{what} is there twice and different, {other} and {there}; leave the wrong one out"
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Refuses intrinsics of images of another size, and focal lengths in mm.
+///
+/// - `confirmed`: whether the size was given, not only stated
+fn plausible(plane: &Plane, lens: &Lens, [w, h]: [u32; 2], confirmed: bool) -> Checked<()> {
+    let flat = matches!(lens, Lens::Native(projection) if projection.family() == "pinhole");
+    let narrow = plane.fx.max(plane.fy) / f64::from(w.max(h));
+    if flat && narrow < LEAST_FOCAL {
+        return Err(format!(
+            "its focal length of {:.4} px is too short for flat images of {w}x{h} px; give it in px, not in mm",
+            plane.fx.max(plane.fy)
+        ));
+    }
+    if confirmed {
+        return Ok(());
+    }
+    let [x, y] = [plane.cx / f64::from(w), plane.cy / f64::from(h)];
+    let near = |share: &&f64| {
+        [x, y]
+            .iter()
+            .all(|side| (side / **share - 0.5).abs() < NEAR_MIDDLE)
+    };
+    let off = |w: u32, h: u32| {
+        let side = |center: f64, side: u32| (center / f64::from(side) - 0.5).abs();
+        side(plane.cx, w).max(side(plane.cy, h))
+    };
+    let of_what = match SCALES.iter().find(near) {
+        Some(scale) => format!("images of {scale:.2} times its size"),
+        None if off(w, h) > OFF_ORDER && off(h, w) < off(w, h) / 2.0 => {
+            format!("images of {h}x{w} px")
+        }
+        None => return Ok(()),
+    };
+    Err(format!(
+        "its principal point, {:.0} {:.0}, is in the middle of {of_what}, not of {w}x{h} px; calibrate at the size of \
+         the images that are used, or, if that is it, confirm it as `image_size` (--image-size {w}x{h})",
+        plane.cx, plane.cy
+    ))
 }
 
 /// Of a crop the principal point is where it may; else the size is that of other images.

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde_json::Value;
 
-use crate::opencv::keys::by_camera;
+use crate::opencv::keys::{by_camera, has_matrices_in_a_list};
 use crate::ros::{frames, hand_eye};
 use crate::source::Source;
 use crate::{
@@ -246,6 +246,12 @@ fn look(source: &Source) -> Checked<Option<Format>> {
         || crate::opencv::has_camera(&by_camera(value.clone()))
     {
         Some(Format::OpenCv)
+    } else if has_matrices_in_a_list(value) {
+        return Err(format!(
+            "{}: lists of camera matrices by position are not read; give an object of each camera, with its matrix, \
+             lens, size and place",
+            source.name
+        ));
     } else {
         None
     })

@@ -8,6 +8,7 @@ use nalgebra::{Isometry3, Quaternion, Rotation3, Translation3, UnitQuaternion, V
 
 use crate::draft::{self, Draft, DraftCamera, Pose};
 use crate::lens::{Foreign, Lens, Plane};
+use crate::names::matched;
 use crate::source::Source;
 use crate::{Checked, Options, unread};
 
@@ -26,10 +27,16 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
             poses.len()
         ));
     }
+    let stems = |all: &[&Source]| all.iter().map(|source| source.stem()).collect::<Vec<_>>();
+    let of_camera = matched(&stems(&poses), &stems(&cameras))?;
+    let pose_of = |index: usize| match &of_camera {
+        Some(of) => of.iter().position(|camera| *camera == index),
+        None => Some(index),
+    };
     let mut draft = Vec::new();
     for (index, source) in cameras.iter().enumerate() {
         let mut camera = camera(source, options)?;
-        if let Some(source) = poses.get(index) {
+        if let Some(source) = pose_of(index).and_then(|pose| poses.get(pose)) {
             let transform =
                 pose(source.text()?).map_err(|problem| format!("{}: {problem}", source.name))?;
             camera.pose = Some(Pose {
@@ -50,6 +57,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
 fn camera(source: &Source, options: &Options) -> Checked<DraftCamera> {
     let of = |problem: String| format!("{}: {problem}", source.name);
     let mut values: BTreeMap<String, f64> = BTreeMap::new();
+    let mut texts = Vec::new();
     for line in source.text()?.lines() {
         // `Focus:foc: 0.008;`; further lines, indented, say its type and what it is.
         if line.starts_with([' ', '\t', '#']) {
@@ -60,6 +68,12 @@ fn camera(source: &Source, options: &Options) -> Checked<DraftCamera> {
             continue;
         };
         let value = value.trim_end_matches(';').trim();
+        if value.parse::<f64>().is_err()
+            && name != "ParGroup"
+            && unread::matters(name, &value.into())
+        {
+            texts.push(name.to_owned());
+        }
         if let Ok(value) = value.parse::<f64>() {
             if !value.is_finite() {
                 return Err(of(format!("`{name}` must be a finite number, got {value}")));
@@ -101,7 +115,8 @@ fn camera(source: &Source, options: &Options) -> Checked<DraftCamera> {
     let rest = values
         .iter()
         .filter(|(key, value)| !known(key) && **value != 0.0);
-    unread::refuse_all(rest.map(|(key, _)| key.clone()), options).map_err(of)?;
+    let rest = rest.map(|(key, _)| key.clone()).chain(texts);
+    unread::refuse_all(rest, options).map_err(of)?;
     let focus = need("focus")?;
     if focus <= 0.0 {
         return Err(of("a telecentric lens (Focus 0) cannot be expressed".into()));

@@ -24,6 +24,11 @@ const KNOWN: [&str; 11] = [
     "cam_overlaps",
 ];
 
+/// Largest difference of two places that are the same: radians, and a share of the distance.
+const SAME_PLACE: f64 = 1e-2;
+/// Shortest distance that this is a share of, metres: files have four digits behind the point.
+const LEAST_BASELINE: f64 = 0.1;
+
 pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     let mut cameras = Vec::new();
     let mut notes = Vec::new();
@@ -110,6 +115,7 @@ fn poses(
         };
         poses.push(pose);
     }
+    check_imu(cameras)?;
     if poses.iter().any(Option::is_some) {
         let world = if chained {
             "the first camera"
@@ -122,6 +128,50 @@ fn poses(
         }
     }
     Ok(poses)
+}
+
+/// Refuses places in the frame of the IMU that are not each other's inverse, or not those of the chain.
+fn check_imu(cameras: &[(&str, Node)]) -> Checked<()> {
+    let matrix = |node: &Node, key: &str| -> Checked<Option<Isometry3<f64>>> {
+        let found = node.find(&[key]);
+        found
+            .map(|node| draft::rigid(&node.place, &node.matrix4()?))
+            .transpose()
+    };
+    let mut before: Option<Isometry3<f64>> = None;
+    for (index, (_, node)) in cameras.iter().enumerate() {
+        let (direct, inverse) = (matrix(node, "T_cam_imu")?, matrix(node, "T_imu_cam")?);
+        if let (Some(direct), Some(inverse)) = (direct, inverse)
+            && differ(&direct, &inverse.inverse())
+        {
+            return Err(twice(node, "`T_cam_imu` and the inverse of `T_imu_cam`"));
+        }
+        let own = direct.or(inverse.map(|pose| pose.inverse()));
+        if let (Some(own), Some(before), Some(chain)) = (own, before, matrix(node, CHAIN[0])?)
+            && index > 0
+            && differ(&chain, &(own * before.inverse()))
+        {
+            return Err(twice(
+                node,
+                "`T_cn_cnm1` and the transform between the places in the IMU's frame",
+            ));
+        }
+        before = own;
+    }
+    Ok(())
+}
+
+fn differ(a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
+    let off = a.inverse() * b;
+    let most = SAME_PLACE * a.translation.vector.norm().max(LEAST_BASELINE);
+    off.rotation.angle() > SAME_PLACE || off.translation.vector.norm() > most
+}
+
+fn twice(node: &Node, what: &str) -> String {
+    format!(
+        "{}: its place is there twice and different, as {what}; leave the wrong one out",
+        node.place
+    )
 }
 
 /// By the names of camera and distortion model, never by the number of coefficients.

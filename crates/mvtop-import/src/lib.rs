@@ -26,6 +26,7 @@ mod matlab;
 mod mccalib;
 mod metashape;
 mod multical;
+mod names;
 mod nerf;
 mod node;
 mod open3d;

@@ -57,6 +57,9 @@ const OF_PAIR: [&str; 12] = [
     "RectificationParams",
 ];
 
+/// Of the second camera's pose.
+const OF_POSE: [&str; 6] = ["A", "R", "Translation", "Rotation", "T", "Dimensionality"];
+
 /// Whether it is a camera, or a pair of these.
 pub fn is_it(value: &Value) -> bool {
     let is_one = |value: &Value| {
@@ -78,7 +81,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
             continue;
         }
         unread::refuse(&top, &OF_PAIR, options)?;
-        let other = second(&top)?;
+        let other = second(&top, options)?;
         // Whatever that maps to what, the first camera is the world.
         let first = Pose {
             transform: Isometry3::identity(),
@@ -103,7 +106,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
 }
 
 /// The place of the second camera.
-fn second(top: &Node) -> Checked<Option<Pose>> {
+fn second(top: &Node, options: &Options) -> Checked<Option<Pose>> {
     if let Some(rotation) = top.find(&["RotationOfCamera2"]) {
         let r: [f64; 9] = rotation.vector()?;
         let r = std::array::from_fn(|i| r[3 * (i % 3) + i / 3]);
@@ -113,6 +116,7 @@ fn second(top: &Node) -> Checked<Option<Pose>> {
     }
     // Releases from 2022 on: what it maps to what is asked for.
     let pose = |pose: Node| {
+        unread::refuse(&pose, &OF_POSE, options)?;
         let matrix = pose.get(&["A"])?;
         let transform = draft::rigid(&matrix.place, &matrix.matrix4()?)?;
         Ok(Pose {
@@ -123,6 +127,42 @@ fn second(top: &Node) -> Checked<Option<Pose>> {
     top.find(&["PoseCamera2"]).map(pose).transpose()
 }
 
+/// K, its transpose `IntrinsicMatrix`, or its numbers by name; those that are there must be the same.
+fn matrix(node: &Node) -> Checked<[f64; 9]> {
+    let transposed = |node: Node| -> Checked<[f64; 9]> {
+        let columns: [f64; 9] = node.vector()?;
+        Ok(std::array::from_fn(|i| columns[3 * (i % 3) + i / 3]))
+    };
+    let k = node.find(&["K"]).map(|node| node.vector()).transpose()?;
+    let other = node
+        .find(&["IntrinsicMatrix"])
+        .map(transposed)
+        .transpose()?;
+    let Some(matrix) = k.or(other) else {
+        let [fx, fy] = node.get(&["FocalLength"])?.vector()?;
+        let [cx, cy] = node.get(&["PrincipalPoint"])?.vector()?;
+        let skew = node.find(&["Skew"]).map_or(Ok(0.0), |skew| skew.number())?;
+        return Ok([fx, skew, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]);
+    };
+    let pair = |key: &str| -> Checked<[Option<f64>; 2]> {
+        let found = node.find(&[key]);
+        let found = found.map(|node| node.vector::<2>()).transpose()?;
+        Ok(found.map_or([None; 2], |pair| pair.map(Some)))
+    };
+    let ([fx, fy], [cx, cy]) = (pair("FocalLength")?, pair("PrincipalPoint")?);
+    let by_name = [fx, None, cx, None, fy, cy, None, None, None];
+    for (index, there) in matrix.iter().enumerate() {
+        for (what, other) in [
+            ("IntrinsicMatrix", other.map(|other| other[index])),
+            ("FocalLength or PrincipalPoint", by_name[index]),
+        ] {
+            draft::same_number(&format!("a number of K and of {what}"), other, *there)
+                .map_err(|problem| format!("{}: {problem}", node.place))?;
+        }
+    }
+    Ok(matrix)
+}
+
 fn camera(
     id: &str,
     node: &Node,
@@ -131,19 +171,7 @@ fn camera(
     options: &Options,
 ) -> Checked<DraftCamera> {
     let of = |problem: String| format!("{}: {problem}", node.place);
-    let matrix: [f64; 9] = match (node.find(&["K"]), node.find(&["IntrinsicMatrix"])) {
-        (Some(k), _) => k.vector()?,
-        (None, Some(transposed)) => {
-            let columns: [f64; 9] = transposed.vector()?;
-            std::array::from_fn(|i| columns[3 * (i % 3) + i / 3])
-        }
-        (None, None) => {
-            let [fx, fy] = node.get(&["FocalLength"])?.vector()?;
-            let [cx, cy] = node.get(&["PrincipalPoint"])?.vector()?;
-            let skew = node.find(&["Skew"]).map_or(Ok(0.0), |skew| skew.number())?;
-            [fx, skew, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
-        }
-    };
+    let matrix = matrix(node)?;
     let plane = Plane::from_matrix(matrix).map_err(of)?;
     let plane = Plane {
         cx: plane.cx - 1.0,

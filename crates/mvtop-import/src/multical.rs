@@ -26,7 +26,10 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
         let top = Node::new(&document, &source.name);
         unread::refuse(&top, &["cameras", "camera_poses", "image_sets"], options)?;
         let poses = top.get(&["camera_poses"])?.object()?;
-        for (name, camera) in top.get(&["cameras"])?.object()? {
+        let mut masters = Vec::new();
+        let cameras = top.get(&["cameras"])?.object()?;
+        for (name, camera) in &cameras {
+            let name = *name;
             let fields = camera.object()?.into_iter();
             let mut fields: Map<String, Value> = fields
                 .map(|(key, node)| (key.to_owned(), node.value.clone()))
@@ -42,11 +45,18 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
             let pose = poses
                 .iter()
                 .find(|(key, _)| *key == name || key.starts_with(&start));
-            if let Some((_, pose)) = pose {
+            if let Some((key, pose)) = pose {
+                unread::refuse(pose, &["R", "T"], options)?;
+                masters.push((*key, key.strip_prefix(&start).unwrap_or(name)));
                 fields.insert("T_cam_world".into(), rows(pose)?);
             }
             documents.push((name.to_owned(), source.name.clone(), Value::Object(fields)));
         }
+        let read: Vec<&str> = masters.iter().map(|(key, _)| *key).collect();
+        if read.len() == cameras.len() {
+            unread::refuse(&top.get(&["camera_poses"])?, &read, options)?;
+        }
+        check_master(&masters)?;
     }
     let mut draft = opencv::assemble(documents, options)?;
     draft.notes.push(
@@ -54,6 +64,27 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     );
     let posing = "give its place in `camera_poses`";
     Ok(Draft { posing, ..draft })
+}
+
+/// Refuses places that are not of one master camera.
+///
+/// - `places`: key and master of each; of the rig or of the master itself, the camera's own name
+fn check_master(places: &[(&str, &str)]) -> Checked<()> {
+    let mut masters = places.iter().filter(|(key, master)| key != master);
+    let Some((first, master)) = masters.next() else {
+        return Ok(());
+    };
+    let own = places.iter().any(|(key, _)| key == master);
+    let others = masters.find(|(_, other)| other != master);
+    match (own, others) {
+        (true, None) => Ok(()),
+        (_, Some((other, _))) => Err(format!(
+            "camera_poses: `{first}` and `{other}` are of two master cameras; give all places for one"
+        )),
+        (false, None) => Err(format!(
+            "camera_poses: `{first}` is of the master camera `{master}`, which has no place; give that as well"
+        )),
+    }
 }
 
 /// Rows of the homogeneous matrix of R and T.

@@ -33,7 +33,12 @@ const READ: [&str; 19] = [
     "p2",
 ];
 /// What nerfstudio, instant-ngp and NeRF's Blender scenes have of scenes, training and files.
-const OTHERS: [&str; 28] = [
+const OTHERS: [&str; 33] = [
+    "fix_premult",
+    "is_hdr",
+    "enable_depth_loading",
+    "enable_ray_loading",
+    "black_transparent",
     "aabb",
     "aabb_scale",
     "applied_scale",

@@ -7,6 +7,11 @@ use crate::Checked;
 /// Rows of a 4x4 matrix.
 pub type Rows4 = [[f64; 4]; 4];
 
+/// Keys of a matrix that is an object.
+const OF_MATRIX: [&str; 8] = [
+    "rows", "cols", "dt", "data", "type_id", "sizes", "shape", "dtype",
+];
+
 /// A value and where it is.
 #[derive(Clone)]
 pub struct Node<'a> {
@@ -98,8 +103,23 @@ impl<'a> Node<'a> {
                 }
             }
         }
+        if let Some((key, _)) = self
+            .entries()
+            .iter()
+            .find(|(key, _)| !OF_MATRIX.contains(key))
+        {
+            return Err(format!(
+                "{}: the key `{key}` of a matrix is not known and may state its order; give rows, cols, dt and data \
+                 alone, row by row",
+                self.place
+            ));
+        }
         let side = |key: &str| self.value.get(key).and_then(Value::as_u64);
-        match (side("rows"), side("cols")) {
+        let channels = channels(self.value);
+        match (
+            side("rows"),
+            side("cols").and_then(|cols| cols.checked_mul(channels)),
+        ) {
             (Some(rows), Some(cols)) if rows.checked_mul(cols) != Some(numbers.len() as u64) => {
                 Err(format!(
                     "{}: expected {rows} x {cols} numbers, as `rows` and `cols` say, got {}",
@@ -153,6 +173,13 @@ impl<'a> Node<'a> {
             std::array::from_fn(|column| numbers[4 * row + column])
         }))
     }
+}
+
+/// Channels of OpenCV's matrix: 3 of `dt: "3d"`.
+fn channels(matrix: &Value) -> u64 {
+    let dt = matrix.get("dt").and_then(Value::as_str).unwrap_or_default();
+    let digits = dt.trim_end_matches(|c: char| !c.is_ascii_digit());
+    digits.parse().unwrap_or(1)
 }
 
 /// How many items a vector or matrix has; `None` for what is neither.

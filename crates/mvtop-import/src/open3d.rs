@@ -11,7 +11,11 @@ use crate::node::Node;
 use crate::source::Source;
 use crate::{Checked, Options, unread, yaml};
 
-const KNOWN: [&str; 7] = [
+/// Keys of a trajectory.
+const KNOWN_OF_ALL: [&str; 4] = ["class_name", "version_major", "version_minor", "parameters"];
+/// Keys of a camera.
+const KNOWN: [&str; 8] = [
+    "class_name",
     "version_major",
     "version_minor",
     "extrinsic",
@@ -34,6 +38,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
         let top = Node::new(&document, &source.name);
         match top.find(&["parameters"]) {
             Some(list) => {
+                unread::refuse(&top, &KNOWN_OF_ALL, options)?;
                 for (index, one) in list.list()?.iter().enumerate() {
                     cameras.push(camera(&format!("cam{index}"), one, options)?);
                 }

@@ -3,13 +3,18 @@
 
 mod camera;
 mod found;
+mod join;
 pub mod keys;
+mod names;
+mod order;
+mod pair;
 
 use nalgebra::Isometry3;
 use serde_json::Value;
 
 use self::camera::{SAME_ROTATION, camera};
-use self::found::{Found, Pair};
+use self::found::Found;
+use self::pair::Pair;
 use crate::draft::{Draft, DraftCamera, Pose, directed};
 use crate::node::Node;
 use crate::source::Source;
@@ -19,9 +24,16 @@ pub use self::camera::transform;
 pub use self::found::has_camera;
 
 pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
-    let documents = sources
-        .iter()
-        .map(|source| Ok((source.stem(), source.name.clone(), yaml::document(source)?)));
+    let documents = sources.iter().map(|source| {
+        let mut all = yaml::documents(source)?;
+        all.retain(|document| !document.is_null());
+        // Several documents are a list of cameras.
+        let document = match all.len() {
+            0 | 1 => yaml::document(source)?,
+            _ => Value::Array(all),
+        };
+        Ok((source.stem(), source.name.clone(), document))
+    });
     assemble(documents.collect::<Checked<_>>()?, options)
 }
 

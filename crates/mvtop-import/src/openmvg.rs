@@ -16,6 +16,33 @@ use crate::source::Source;
 use crate::{Checked, Options, unread, yaml};
 use nalgebra::{Isometry3, Vector3};
 
+/// Keys of the file.
+const OF_FILE: [&str; 7] = [
+    "sfm_data_version",
+    "root_path",
+    "views",
+    "intrinsics",
+    "extrinsics",
+    "structure",
+    "control_points",
+];
+/// Keys of a view; the last ones are of what was known of its place before.
+const OF_VIEW: [&str; 13] = [
+    "local_path",
+    "filename",
+    "width",
+    "height",
+    "id_view",
+    "id_intrinsic",
+    "id_pose",
+    "use_pose_center_prior",
+    "center_weight",
+    "center",
+    "use_pose_rotation_prior",
+    "rotation_weight",
+    "rotation",
+];
+
 /// Whether it says so.
 pub fn is_it(value: &Value) -> bool {
     value.get("sfm_data_version").is_some()
@@ -28,12 +55,14 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
     };
     let document = yaml::document(source)?;
     let top = Node::new(&document, &source.name);
-    let intrinsics = by_number(&top, "intrinsics")?;
-    let poses = by_number(&top, "extrinsics")?;
+    unread::refuse(&top, &OF_FILE, options)?;
+    let intrinsics = by_number(&top, "intrinsics", options)?;
+    let poses = by_number(&top, "extrinsics", options)?;
     let mut cameras = Vec::new();
     let mut unposed = Vec::new();
-    for (number, view) in by_number(&top, "views")? {
-        let view = inner(&view);
+    for (number, view) in by_number(&top, "views", options)? {
+        let view = inner(&view, options)?;
+        unread::refuse(&view, &OF_VIEW, options)?;
         let whole = |key: &str| -> Checked<u64> {
             let node = view.get(&[key])?;
             let number = node.value.as_u64();
@@ -49,13 +78,13 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
         let shared = intrinsics
             .get(&of)
             .ok_or_else(|| format!("{}: view {number}: no intrinsics {of}", source.name))?;
-        let (size, plane, lens) = optics(&inner(shared), options)?;
+        let (size, plane, lens) = optics(&inner(shared, options)?, options)?;
         cameras.push(DraftCamera {
             id: draft::id(name),
             size: Some(size),
             plane,
             lens,
-            pose: Some(Pose::cam_from_world(cam_from_world(pose)?)),
+            pose: Some(Pose::cam_from_world(cam_from_world(pose, options)?)),
         });
     }
     Ok(Draft {
@@ -78,9 +107,10 @@ pub fn left_out(names: &[String]) -> Vec<String> {
 }
 
 /// Entries of a map that is written as a list of `key` and `value`.
-fn by_number<'a>(top: &Node<'a>, key: &str) -> Checked<BTreeMap<u64, Node<'a>>> {
+fn by_number<'a>(top: &Node<'a>, key: &str, options: &Options) -> Checked<BTreeMap<u64, Node<'a>>> {
     let mut all = BTreeMap::new();
     for item in top.get(&[key])?.list()? {
+        unread::refuse(&item, &["key", "value"], options)?;
         let node = item.get(&["key"])?;
         let number = node.value.as_u64();
         let number = number.ok_or_else(|| node.wrong("a whole number"))?;
@@ -92,11 +122,14 @@ fn by_number<'a>(top: &Node<'a>, key: &str) -> Checked<BTreeMap<u64, Node<'a>>> 
 }
 
 /// What a pointer of cereal's points to.
-fn inner<'a>(node: &Node<'a>) -> Node<'a> {
-    let inner = node
-        .find(&["ptr_wrapper"])
-        .and_then(|pointer| pointer.find(&["data"]));
-    inner.unwrap_or_else(|| node.clone())
+fn inner<'a>(node: &Node<'a>, options: &Options) -> Checked<Node<'a>> {
+    let Some(pointer) = node.find(&["ptr_wrapper"]) else {
+        return Ok(node.clone());
+    };
+    let known = ["polymorphic_id", "polymorphic_name", "ptr_wrapper"];
+    unread::refuse(node, &known, options)?;
+    unread::refuse(&pointer, &["id", "data"], options)?;
+    pointer.get(&["data"])
 }
 
 /// What all lenses have may be an object of its own.
@@ -142,7 +175,8 @@ fn optics(node: &Node, options: &Options) -> Checked<([u32; 2], Plane, Lens)> {
     ))
 }
 
-fn cam_from_world(node: &Node) -> Checked<Isometry3<f64>> {
+fn cam_from_world(node: &Node, options: &Options) -> Checked<Isometry3<f64>> {
+    unread::refuse(node, &["rotation", "center"], options)?;
     let rotation = node.get(&["rotation"])?;
     let center = Vector3::from(node.get(&["center"])?.vector::<3>()?);
     let turned = draft::rotation_and_translation(&rotation.place, &rotation.vector()?, [0.0; 3])?;

@@ -73,7 +73,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
             let of_camera = top.find(&["camera_matrix", "K", "k"]).is_some();
             match of_camera {
                 true => infos.push(info(&top, source, options)?),
-                false => tree.add(&top)?,
+                false => tree.add(&top, options)?,
             }
         }
     }
@@ -176,9 +176,11 @@ fn check_row(infos: &[Info]) -> Checked<()> {
 
 fn info(top: &Node, source: &Source, options: &Options) -> Checked<Info> {
     let of = |problem: String| format!("{}: {problem}", top.place);
-    let header = top
-        .find(&["header"])
-        .and_then(|header| header.find(&["frame_id"]));
+    let header = top.find(&["header"]);
+    if let Some(header) = &header {
+        unread::refuse(header, &["frame_id", "seq", "stamp"], options)?;
+    }
+    let header = header.and_then(|header| header.find(&["frame_id"]));
     let frame = header.map(|id| id.text().map(str::to_owned)).transpose()?;
     let name = match top.find(&["camera_name"]) {
         Some(name) => name.text()?.to_owned(),

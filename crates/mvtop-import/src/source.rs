@@ -19,6 +19,8 @@ pub struct Source {
     pub name: String,
     pub path: PathBuf,
     pub bytes: Vec<u8>,
+    /// Whether its folder tells it from others that are called alike.
+    by_folder: bool,
 }
 
 /// Reads files; of folders, those of COLMAP.
@@ -43,6 +45,7 @@ pub fn read(paths: &[PathBuf]) -> Result<Vec<Source>> {
             sources.push(Source::read(&path.join(name))?);
         }
     }
+    name_by_folders(&mut sources);
     if sources.is_empty() {
         return Err(Error::Input(
             "no calibration file given: expected at least one".into(),
@@ -51,12 +54,26 @@ pub fn read(paths: &[PathBuf]) -> Result<Vec<Source>> {
     Ok(sources)
 }
 
+/// Marks files that are called alike in folders that are not: `cam1/calib.json` and `cam2/calib.json`.
+fn name_by_folders(sources: &mut [Source]) {
+    let names: Vec<_> = sources
+        .iter()
+        .map(|source| (source.own_stem(), source.folder()))
+        .collect();
+    for (source, (stem, folder)) in sources.iter_mut().zip(&names) {
+        source.by_folder = names
+            .iter()
+            .any(|(other, of)| other == stem && of != folder);
+    }
+}
+
 impl Source {
     fn read(path: &Path) -> Result<Self> {
         Ok(Self {
             name: path.display().to_string(),
             path: path.to_owned(),
             bytes: file::read(path, MOST_BYTES)?,
+            by_folder: false,
         })
     }
 
@@ -66,10 +83,22 @@ impl Source {
         name.to_string_lossy().to_lowercase()
     }
 
-    /// The name without its ending.
+    /// The name without its ending; the folder's where that tells files apart that are called alike.
     pub fn stem(&self) -> String {
+        match self.folder().filter(|_| self.by_folder) {
+            Some(folder) => folder,
+            None => self.own_stem(),
+        }
+    }
+
+    fn own_stem(&self) -> String {
         let name = self.path.file_stem().unwrap_or_default();
         name.to_string_lossy().into_owned()
+    }
+
+    fn folder(&self) -> Option<String> {
+        let name = self.path.parent()?.file_name()?;
+        Some(name.to_string_lossy().into_owned())
     }
 
     /// Its text, without a byte order mark.

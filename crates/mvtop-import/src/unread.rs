@@ -15,7 +15,7 @@ use self::said::LENSES;
 use self::words::*;
 
 /// A key, and the path to it from the object that was asked about.
-pub struct Key {
+struct Key {
     own: String,
     path: String,
     /// Words of the keys around it.

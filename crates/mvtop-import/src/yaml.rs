@@ -3,6 +3,8 @@
 //! Not serde's YAML: OpenCV's `%YAML:1.0` is no YAML directive, its tags say nothing that is needed,
 //! and a calibration that says a key twice must not lose one of the two.
 
+use std::collections::BTreeMap;
+
 use mvtop_geometry::json;
 use saphyr_parser::{Event, Parser, ScalarStyle};
 use serde_json::{Map, Number, Value};
@@ -12,6 +14,11 @@ use crate::{Checked, xml};
 
 /// Deepest nesting that is read; calibrations have four.
 const DEEPEST: usize = 64;
+
+/// Most values that aliases may repeat.
+const MOST_REPEATED: usize = 1 << 18;
+/// The key that merges other mappings into one.
+const MERGE: &str = "<<";
 
 /// The documents of a file of YAML, JSON, TOML or OpenCV's XML.
 pub fn documents(source: &Source) -> Checked<Vec<Value>> {
@@ -87,7 +94,65 @@ pub fn document(source: &Source) -> Checked<Value> {
 /// A list or mapping that is not complete yet.
 enum Open {
     List(Vec<Value>),
-    Map(Map<String, Value>, Option<String>),
+    /// With the key whose value comes next, and what `<<` merges into it.
+    Map(Map<String, Value>, Option<String>, Map<String, Value>),
+}
+
+/// Values that aliases repeat, by their anchors.
+#[derive(Default)]
+struct Anchors {
+    values: BTreeMap<usize, Value>,
+    /// How many values were repeated.
+    repeated: usize,
+}
+
+impl Anchors {
+    fn repeat(&mut self, anchor: usize) -> Checked<Value> {
+        let value = self.values.get(&anchor);
+        let value = value.ok_or("an alias (*) of something that is not there; write it out")?;
+        self.repeated += count(value);
+        match self.repeated > MOST_REPEATED {
+            true => Err(format!(
+                "aliases (*) repeat more than {MOST_REPEATED} values; write them out"
+            )),
+            false => Ok(value.clone()),
+        }
+    }
+
+    /// Keeps a value for its aliases.
+    fn keep(&mut self, anchor: usize, value: &Value) {
+        // Without an anchor it is 0.
+        if anchor > 0 {
+            self.values.insert(anchor, value.clone());
+        }
+    }
+}
+
+fn count(value: &Value) -> usize {
+    let inner: usize = match value {
+        Value::Array(list) => list.iter().map(count).sum(),
+        Value::Object(map) => map.values().map(count).sum(),
+        _ => 0,
+    };
+    inner + 1
+}
+
+/// The entries that `<<` merges: of one mapping, or of a list of these, the first of which counts.
+fn merged(value: Value) -> Option<Map<String, Value>> {
+    let all = match value {
+        Value::Array(list) => list,
+        one => vec![one],
+    };
+    let mut entries = Map::new();
+    for one in all {
+        let Value::Object(map) = one else {
+            return None;
+        };
+        for (key, value) in map {
+            entries.entry(key).or_insert(value);
+        }
+    }
+    Some(entries)
 }
 
 fn parse(text: &str) -> Checked<Vec<Value>> {
@@ -95,7 +160,8 @@ fn parse(text: &str) -> Checked<Vec<Value>> {
     let opencv = text.strip_prefix("%YAML:1.0");
     let text = opencv.map_or(text.to_owned(), |rest| format!("#        {rest}"));
     let mut documents = Vec::new();
-    let mut open: Vec<Open> = Vec::new();
+    let mut open: Vec<(Open, usize)> = Vec::new();
+    let mut anchors = Anchors::default();
     for event in Parser::new_from_str(&text) {
         let (event, span) = event.map_err(|error| {
             let line = error.marker().line();
@@ -106,34 +172,47 @@ fn parse(text: &str) -> Checked<Vec<Value>> {
         })?;
         let line = span.start.line();
         let value = match event {
-            Event::Alias(_) => {
-                return Err(format!(
-                    "line {line}: YAML aliases (*) are not read; write it out"
-                ));
-            }
+            Event::Alias(anchor) => anchors
+                .repeat(anchor)
+                .map_err(|problem| format!("line {line}: {problem}"))?,
             Event::SequenceStart(..) | Event::MappingStart(..) if open.len() >= DEEPEST => {
                 return Err(format!("line {line}: nested more than {DEEPEST} deep"));
             }
-            Event::SequenceStart(..) => {
-                open.push(Open::List(Vec::new()));
+            Event::SequenceStart(anchor, _) => {
+                open.push((Open::List(Vec::new()), anchor));
                 continue;
             }
-            Event::MappingStart(..) => {
-                open.push(Open::Map(Map::new(), None));
+            Event::MappingStart(anchor, _) => {
+                open.push((Open::Map(Map::new(), None, Map::new()), anchor));
                 continue;
             }
-            Event::Scalar(text, style, ..) => scalar(&text, style),
-            Event::SequenceEnd | Event::MappingEnd => match open.pop() {
-                Some(Open::List(list)) => Value::Array(list),
-                Some(Open::Map(map, _)) => Value::Object(map),
-                None => continue,
-            },
+            Event::Scalar(text, style, anchor, _) => {
+                let value = scalar(&text, style);
+                anchors.keep(anchor, &value);
+                value
+            }
+            Event::SequenceEnd | Event::MappingEnd => {
+                let Some((closed, anchor)) = open.pop() else {
+                    continue;
+                };
+                let value = match closed {
+                    Open::List(list) => Value::Array(list),
+                    Open::Map(mut map, _, more) => {
+                        for (key, value) in more {
+                            map.entry(key).or_insert(value);
+                        }
+                        Value::Object(map)
+                    }
+                };
+                anchors.keep(anchor, &value);
+                value
+            }
             _ => continue,
         };
-        match open.last_mut() {
+        match open.last_mut().map(|(open, _)| open) {
             None => documents.push(value),
             Some(Open::List(list)) => list.push(value),
-            Some(Open::Map(map, key @ None)) => {
+            Some(Open::Map(map, key @ None, _)) => {
                 let name = match value {
                     Value::String(name) => name,
                     Value::Array(_) | Value::Object(_) => {
@@ -146,9 +225,15 @@ fn parse(text: &str) -> Checked<Vec<Value>> {
                 }
                 *key = Some(name);
             }
-            Some(Open::Map(map, key)) => {
-                map.insert(key.take().unwrap_or_default(), value);
-            }
+            Some(Open::Map(map, key, more)) => match key.take().unwrap_or_default() {
+                key if key == MERGE => {
+                    let wrong = || format!("line {line}: `<<` merges a mapping or a list of these");
+                    more.extend(merged(value).ok_or_else(wrong)?);
+                }
+                key => {
+                    map.insert(key, value);
+                }
+            },
         }
     }
     Ok(documents)

@@ -26,6 +26,8 @@ const SIZES: [(&str, [u32; 2]); 8] = [
     ("VGA", [672, 376]),
 ];
 const PLANE: [&str; 4] = ["FX", "FY", "CX", "CY"];
+/// Of the pair; a resolution may follow.
+const STEREO: [&str; 6] = ["BASELINE", "TY", "TZ", "CV", "RX", "RZ"];
 const BROWN_CONRADY: [&str; 8] = ["K1", "K2", "P1", "P2", "K3", "K4", "K5", "K6"];
 const KANNALA_BRANDT: [&str; 4] = ["K1", "K2", "K3", "K4"];
 
@@ -53,7 +55,7 @@ pub fn read(sources: &[Source], options: &Options) -> Checked<Draft> {
             pose: Some(Pose::cam_from_world(pose)),
         })
     };
-    let right_from_left = right_from_left(&top.get(&["STEREO"])?, resolution)?;
+    let right_from_left = right_from_left(&top.get(&["STEREO"])?, resolution, options)?;
     Ok(Draft {
         cameras: vec![
             camera("LEFT", Isometry3::identity())?,
@@ -162,7 +164,11 @@ fn lens(section: &Node, for_all: Option<Node>, options: &Options) -> Checked<Len
 }
 
 /// Of the cameras, mm.
-fn right_from_left(stereo: &Node, resolution: &str) -> Checked<Isometry3<f64>> {
+fn right_from_left(stereo: &Node, resolution: &str, options: &Options) -> Checked<Isometry3<f64>> {
+    let keys = stereo.entries();
+    let known = keys.iter().map(|(key, _)| *key);
+    let known = known.filter(|key| STEREO.contains(&key.split('_').next().unwrap_or(key)));
+    unread::refuse(stereo, &known.collect::<Vec<_>>(), options)?;
     let of = |key: &str| -> Checked<f64> {
         let here = format!("{key}_{resolution}");
         stereo.get(&[&here, key])?.number()

@@ -56,6 +56,18 @@ pub fn cameras(text: &str) -> Checked<Cameras> {
     Ok(cameras)
 }
 
+/// Whether a line is of points of an image: two numbers and a whole one of each.
+fn lists_points(text: &str) -> bool {
+    let words: Vec<&str> = text.split_whitespace().collect();
+    let is_point = |point: &[&str]| match point {
+        [x, y, id] => {
+            x.parse::<f64>().is_ok() && y.parse::<f64>().is_ok() && id.parse::<i64>().is_ok()
+        }
+        _ => false,
+    };
+    words.chunks(3).all(is_point)
+}
+
 /// Every second line lists points, and may be empty.
 pub fn images(text: &str) -> Checked<Vec<Image>> {
     let mut images = Vec::new();
@@ -77,7 +89,16 @@ pub fn images(text: &str) -> Checked<Vec<Image>> {
             q_wxyz,
             t,
         });
-        lines.next();
+        if let Some((line, text)) = lines.next()
+            && !lists_points(text)
+        {
+            return Err(format!(
+                "line {line}: expected the points of image {} (X Y POINT3D_ID of each), got {:?}; write an empty line \
+                 where it has none",
+                images.len(),
+                text.chars().take(40).collect::<String>()
+            ));
+        }
     }
     Ok(images)
 }

@@ -6,7 +6,8 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use serde_json::Value;
 
 use super::found::{BY_COLUMNS, SIZE_KEY};
-use super::keys::{direction, is_yes, rows_first, size_of_text};
+use super::keys::{direction, is_yes, size_of_text};
+use super::order::rows_first;
 use crate::draft::{self, DraftCamera, Pose};
 use crate::lens::{Foreign, Lens, Plane};
 use crate::node::Node;
@@ -26,7 +27,19 @@ pub fn camera(
 ) -> Checked<DraftCamera> {
     let of = |problem: String| format!("camera `{id}`: {problem}");
     let plane = match node.find(&["K"]) {
-        Some(matrix) => Plane::from_matrix(matrix.vector()?).map_err(of)?,
+        Some(matrix) => {
+            let plane = Plane::from_matrix(matrix.vector()?).map_err(of)?;
+            for (key, there) in [
+                ("fx", plane.fx),
+                ("fy", plane.fy),
+                ("cx", plane.cx),
+                ("cy", plane.cy),
+            ] {
+                let other = node.find(&[key]).map(|node| node.number()).transpose()?;
+                draft::same_number(&format!("`{key}`"), other, there).map_err(of)?;
+            }
+            plane
+        }
         None => {
             let number = |key: &str| node.get(&[key])?.number();
             Plane::new([number("fx")?, number("fy")?, number("cx")?, number("cy")?])

@@ -4,8 +4,11 @@ use std::collections::BTreeMap;
 
 use serde_json::{Map, Value};
 
-use super::keys::{in_parts, is_in_order, is_section, is_unit, split};
-use crate::unread::{self, plain, words};
+use super::join::{merge, named, put, share};
+use super::keys::{is_of_lens, is_section, is_unit, split};
+use super::order::{in_parts, is_in_order};
+use super::pair::{Pair, is_pair, of_place};
+use crate::unread::{self, plain};
 use crate::{Checked, Options, Unit, draft};
 
 /// Values of one camera, by the names of [`super::keys`].
@@ -16,7 +19,7 @@ pub const SIZE_KEY: &str = "size's key";
 /// Of [`Fields`]: whether it has librealsense's names, whose matrices are written by columns.
 pub const BY_COLUMNS: &str = "names of librealsense";
 /// Of a camera's place.
-const PLACE: &[&str] = &["R", "T", "rvec", "pose", "world_from_cam", "cam_from_world"];
+pub const PLACE: &[&str] = &["R", "T", "rvec", "pose", "world_from_cam", "cam_from_world"];
 /// What the name of a camera in a list is called, without case and signs; the first one counts.
 const NAME_KEYS: &[&str] = &[
     "id",
@@ -36,31 +39,12 @@ const NAME_KEYS: &[&str] = &[
     "device",
 ];
 
-/// Words for values of a camera, beside its own name.
-const PARTS: &[&str] = &[
-    "cam",
-    "camera",
-    "intrinsic",
-    "intrinsics",
-    "extrinsic",
-    "extrinsics",
-    "distortion",
-    "lens",
-    "pose",
-];
-
-/// R and T from the first to the second of two cameras.
-pub struct Pair {
+/// Values of a camera whose matrix is elsewhere, or of all cameras.
+pub struct Part {
     pub name: String,
     pub fields: Fields,
-}
-
-/// Values of a camera whose matrix is elsewhere, or of all cameras.
-struct Part {
-    name: String,
-    fields: Fields,
     /// Whether it is of a whole document, so of no camera by name.
-    whole: bool,
+    pub whole: bool,
 }
 
 /// What files say, in their order.
@@ -100,7 +84,7 @@ fn has(value: &Value, what: &dyn Fn(&BTreeMap<&str, String>) -> bool) -> bool {
 }
 
 /// Whether fields hold a pose.
-fn is_placed<V>(has: impl Fn(&str) -> Option<V>) -> bool {
+pub fn is_placed<V>(has: impl Fn(&str) -> Option<V>) -> bool {
     let any = |keys: &[&str]| keys.iter().any(|key| has(key).is_some());
     (any(&["R", "rvec"]) && any(&["T"])) || any(&["pose", "world_from_cam", "cam_from_world"])
 }
@@ -140,11 +124,22 @@ fn entries(value: &Value) -> Vec<(String, &Value)> {
     all.into_iter()
         .flat_map(
             |(key, inner)| match value.is_object() && is_section(&key, inner) {
-                true => entries(inner),
+                true => entries(inner)
+                    .into_iter()
+                    .map(|(own, value)| (in_section(&key, own, value), value))
+                    .collect(),
                 false => vec![(key, inner)],
             },
         )
         .collect()
+}
+
+/// The key of an entry of a section: what a lens is called is its model.
+fn in_section(section: &str, key: String, value: &Value) -> String {
+    match is_of_lens(section) && value.is_string() && ["name", "type", "kind"].contains(&&*key) {
+        true => "distortion_model".to_owned(),
+        false => key,
+    }
 }
 
 fn name_in_list(value: &Value, index: usize) -> String {
@@ -159,25 +154,6 @@ fn name_in_list(value: &Value, index: usize) -> String {
         Some(Value::Number(number)) => format!("cam{number}"),
         _ => format!("cam{index}"),
     }
-}
-
-/// Puts a field among others; what is there already must not be another one.
-fn put(fields: &mut Fields, field: &str, value: Value) -> Checked<()> {
-    let pinhole = |value: &Value| value.as_str().is_some_and(|name| plain(name) == "pinhole");
-    match fields.get(field) {
-        Some(there) if *there == value => {}
-        // `camera_model: pinhole` and `distortion_model: radtan` are one lens.
-        Some(there) if field == "model" && pinhole(there) => {
-            fields.insert(field.to_owned(), value);
-        }
-        Some(_) if field == "model" && pinhole(&value) => {}
-        Some(_) if field == SIZE_KEY => {}
-        Some(_) => return Err(format!("`{field}` is there twice; leave one out")),
-        None => {
-            fields.insert(field.to_owned(), value);
-        }
-    }
-    Ok(())
 }
 
 impl Found {
@@ -196,6 +172,7 @@ impl Found {
         let all = entries(value);
         let rectifies = all.iter().any(|(key, inner)| unread::rectifies(key, inner));
         for (key, inner) in all {
+            let key = in_section(name, key, inner);
             if is_unit(&key) {
                 self.units.push(unit(&key, inner)?);
             } else if let Some((field, suffix)) = split(&key, inner) {
@@ -354,12 +331,18 @@ impl Found {
                 Ok(None)
             }
             (1, cameras)
-                if is_pair(&left[0], cameras)
+                if is_pair(&left[0], cameras)?
                     && (!cameras.iter().any(placed) || cameras.iter().all(placed)) =>
             {
                 let Part { name, fields, .. } = left.remove(0);
-                let (fields, of_all) = of_place(fields);
+                let (mut fields, of_all) = of_place(fields);
                 share(cameras, &of_all)?;
+                if cameras
+                    .iter()
+                    .any(|(_, fields)| fields.contains_key(BY_COLUMNS))
+                {
+                    fields.insert(BY_COLUMNS.to_owned(), true.into());
+                }
                 Ok(Some(Pair { name, fields }))
             }
             _ => {
@@ -401,62 +384,7 @@ impl Found {
     }
 }
 
-/// Fields of a place, and the others.
-fn of_place(fields: Fields) -> (Fields, Fields) {
-    let all = fields.into_iter();
-    all.partition(|(key, _)| PLACE.contains(&key.as_str()))
-}
-
-/// Whether it is R and T of two cameras, and not of a camera that is not there.
-fn is_pair(part: &Part, cameras: &[(String, Fields)]) -> bool {
-    let ids = cameras.iter().map(|(id, _)| plain(id));
-    let both = ids.collect::<Vec<_>>().join("to");
-    let of_pair = |word: &String| ["stereo", "pair", "relative"].contains(&word.as_str());
-    is_placed(|key| part.fields.get(key))
-        && part.fields.contains_key("T")
-        && (part.whole || plain(&part.name) == both || words(&part.name).iter().any(of_pair))
-}
-
-/// The camera of that name; `rgbDistortion` is of `rgbIntrinsic`, unless there are several of that kind.
-fn named<'a>(cameras: &'a mut [(String, Fields)], name: &str) -> Option<&'a mut (String, Fields)> {
-    let of = |name: &str| {
-        let words = words(name).into_iter();
-        let own = words.filter(|word| !PARTS.contains(&word.as_str()));
-        own.collect::<Vec<_>>()
-    };
-    let (id, bare) = (draft::id(name), of(name));
-    let exact = cameras.iter().position(|(other, _)| *other == id);
-    let alike = cameras.iter().enumerate();
-    let mut alike = alike.filter(|(_, (other, _))| !bare.is_empty() && of(other) == bare);
-    let index = exact.or_else(|| match (alike.next(), alike.next()) {
-        (Some((index, _)), None) => Some(index),
-        _ => None,
-    })?;
-    cameras.get_mut(index)
-}
-
 fn unit(key: &str, value: &Value) -> Checked<Unit> {
     let known = value.as_str().and_then(Unit::of_file);
     known.ok_or_else(|| format!("`{key}`: expected m, cm or mm, got {value}"))
-}
-
-/// Adds values of a camera from another place.
-fn merge(id: &str, camera: &mut Fields, more: Fields) -> Checked<()> {
-    for (field, value) in more {
-        let twice = PLACE.contains(&field.as_str()) && camera.contains_key(&field);
-        let done = match twice {
-            true => Err(format!("`{field}` is there twice; leave one out")),
-            false => put(camera, &field, value),
-        };
-        done.map_err(|problem| format!("camera `{id}`: {problem}"))?;
-    }
-    Ok(())
-}
-
-/// Gives each camera the values of all.
-fn share(cameras: &mut [(String, Fields)], of_all: &Fields) -> Checked<()> {
-    for (id, camera) in cameras {
-        merge(id, camera, of_all.clone())?;
-    }
-    Ok(())
 }

@@ -1,199 +1,13 @@
-//! What keys are called, which camera they are of, and which of two comes first.
+//! What keys are called, and which camera they are of.
 
 use serde_json::{Map, Value};
 
+use super::names::{NAMED, NAMES};
 use crate::lens::Lens;
 use crate::node::count_of_numbers;
 use crate::unread::{cuts, names_a_lens, plain};
 use crate::{Direction, ImageSize};
 
-/// What programs call the same thing, without case and underscores.
-const NAMES: &[(&str, &[&str])] = &[
-    (
-        "K",
-        &[
-            "k",
-            "m",
-            "a",
-            "kk",
-            "mtx",
-            "cameramatrix",
-            "cammatrix",
-            "intrinsicmatrix",
-            "intrinsicsmatrix",
-            "calibrationmatrix",
-            "intrinsics",
-            "intrinsic",
-            "cameraintrinsics",
-            "cameraintrinsic",
-        ],
-    ),
-    (
-        "D",
-        &[
-            "d",
-            "dist",
-            "distcoeffs",
-            "distcoeff",
-            "distcoef",
-            "distcoefs",
-            "distparams",
-            "distortion",
-            "distortions",
-            "distortioncoefficients",
-            "distortioncoeffs",
-            "distortionvector",
-            "distortionparameters",
-            "distortionparams",
-            "lensdistortion",
-            "coeffs",
-            "coefficients",
-            // Bouguet's toolbox, which OpenCV's order is from.
-            "kc",
-        ],
-    ),
-    (
-        "R",
-        &["r", "rot", "rmat", "rotmat", "rotation", "rotationmatrix"],
-    ),
-    (
-        "T",
-        &["t", "trans", "translation", "translationvector", "tvec"],
-    ),
-    ("rvec", &["rvec", "rotationvector", "om"]),
-    (
-        "size",
-        &[
-            "size",
-            "imagesize",
-            "imgsize",
-            "resolution",
-            "imageresolution",
-            "imgshape",
-            "imageshape",
-            "shape",
-            "hw",
-            "wh",
-            "imagehw",
-            "imagewh",
-            "imghw",
-            "imgwh",
-        ],
-    ),
-    (
-        "width",
-        &["width", "imagewidth", "imgwidth", "w", "cols", "columns"],
-    ),
-    (
-        "height",
-        &["height", "imageheight", "imgheight", "h", "rows"],
-    ),
-    (
-        "model",
-        &[
-            "model",
-            "cameramodel",
-            "distortionmodel",
-            "lensmodel",
-            "distortiontype",
-            "lenstype",
-            "projectiontype",
-            "projectionmodel",
-        ],
-    ),
-    (
-        NAMED,
-        &[
-            "type",
-            "kind",
-            "lens",
-            "cameratype",
-            "modeltype",
-            "projection",
-        ],
-    ),
-    ("fisheye", &["fisheyemodel", "fisheye", "isfisheye"]),
-    (
-        "world_from_cam",
-        &[
-            "worldfromcam",
-            "worldfromcamera",
-            "tworldcam",
-            "tworldcamera",
-            "worldtcam",
-            "worldtcamera",
-            "camtoworld",
-            "cameratoworld",
-            "cam2world",
-            "camera2world",
-            "c2w",
-            "tbasecam",
-            "tbasecamera",
-            "basefromcam",
-        ],
-    ),
-    (
-        "cam_from_world",
-        &[
-            "camfromworld",
-            "camerafromworld",
-            "tcamworld",
-            "tcameraworld",
-            "camtworld",
-            "cameratworld",
-            "worldtocam",
-            "worldtocamera",
-            "world2cam",
-            "world2camera",
-            "w2c",
-        ],
-    ),
-    (
-        "direction",
-        &[
-            "direction",
-            "posedirection",
-            "posetype",
-            "poseconvention",
-            "extrinsicdirection",
-            "extrinsicsdirection",
-            "extrinsictype",
-            "extrinsicstype",
-            "extrinsicsconvention",
-            "transformdirection",
-            "transformtype",
-        ],
-    ),
-    (
-        "axes",
-        &[
-            "axes",
-            "axesconvention",
-            "convention",
-            "coordinateconvention",
-            "coordinatesystem",
-            "cameraconvention",
-            "cameraaxes",
-        ],
-    ),
-    (
-        "roi",
-        &["roi", "imageroi", "croproi", "crop", "regionofinterest"],
-    ),
-    (
-        "pose",
-        &[
-            "pose",
-            "posematrix",
-            "extrinsic",
-            "extrinsics",
-            "extrinsicmatrix",
-            "extrinsicsmatrix",
-            "transform",
-            "rt",
-        ],
-    ),
-];
 /// What OpenCV's axes of a camera are called: x right, y down, z forward.
 const AXES: &[&str] = &[
     "opencv",
@@ -202,8 +16,6 @@ const AXES: &[&str] = &[
     "rightdownforward",
     "xrightydownzforward",
 ];
-/// A model, where the value is the name of one: `lens` may be "8 mm" as well.
-const NAMED: &str = "model by its value";
 /// What the unit of length is called.
 const UNITS: &[&str] = &[
     "unit",
@@ -232,11 +44,28 @@ const NUMBERS: &[(&str, &[&str])] = &[
     ("p1", &["p1"]),
     ("p2", &["p2"]),
 ];
+/// Whether an object of that key is about a lens, so that its name is the lens'.
+pub fn is_of_lens(key: &str) -> bool {
+    let plain = plain(key);
+    plain.starts_with("distortion")
+        || [
+            "lens",
+            "model",
+            "lensmodel",
+            "cameramodel",
+            "lensdistortion",
+            "projection",
+        ]
+        .contains(&plain.as_str())
+}
+
 /// Objects that are about the camera around them, by how their keys begin.
 const SECTIONS: &[&str] = &["intrinsic", "extrinsic", "distortion", "calib", "param"];
 /// The same, by their whole keys.
 const WHOLE_SECTIONS: &[&str] = &[
     "cameras",
+    "metadata",
+    "meta",
     "pose",
     "transform",
     "size",
@@ -399,43 +228,18 @@ pub fn is_section(key: &str, value: &Value) -> bool {
             || SECTIONS.iter().any(|section| plain.starts_with(section)))
 }
 
-/// Whether rows come before columns in a size of that name; `None` where programs differ.
-pub fn rows_first(key: &str) -> Option<bool> {
-    match plain(key).as_str() {
-        shape if shape.contains("shape") || shape.ends_with("hw") => Some(true),
-        // MATLAB's `ImageSize` is rows and columns, others' is not.
-        _ if key == "ImageSize" => None,
-        _ => Some(false),
-    }
-}
-
-/// What a key consists of, in lower case; numbers compare by what they count, so `cam9` comes before `cam10`.
-#[derive(PartialEq, Eq, PartialOrd, Ord)]
-pub enum Part {
-    Number(u64),
-    Text(String),
-}
-
-pub fn in_parts(key: &str) -> Vec<Part> {
-    let letters: Vec<char> = key.to_lowercase().chars().collect();
-    let runs = letters.chunk_by(|a, b| a.is_ascii_digit() == b.is_ascii_digit());
-    let texts = runs.map(String::from_iter);
-    texts
-        .map(|text| text.parse().map_or(Part::Text(text), Part::Number))
-        .collect()
-}
-
-/// Whether names say that one camera comes before another: by their numbers, or as left and right.
-pub fn is_in_order(first: &str, second: &str) -> bool {
-    let (a, b) = (in_parts(first), in_parts(second));
-    let mut differ = a.iter().zip(&b).filter(|(a, b)| a != b);
-    let numbered = match (differ.next(), differ.next()) {
-        (Some((Part::Number(a), Part::Number(b))), None) => a < b,
-        _ => false,
+/// Whether a document has a list of camera matrices, as lists of one thing of all cameras have.
+pub fn has_matrices_in_a_list(value: &Value) -> bool {
+    let matrices = |value: &Value| {
+        let list = value.as_array().filter(|list| list.len() > 1);
+        list.is_some_and(|list| list.iter().all(|one| count_of_numbers(one) == Some(9)))
     };
-    let (first, second) = (first.to_lowercase(), second.to_lowercase());
-    let rest = first.strip_suffix('l');
-    (a.len() == b.len() && numbered)
-        || (first.contains("left") && second.contains("right"))
-        || rest.is_some_and(|rest| second.strip_suffix('r') == Some(rest))
+    let of_k = |key: &String| {
+        let plain = plain(key);
+        let names = [plain.as_str(), plain.trim_end_matches('s')];
+        let mut known = NAMES.iter().filter(|(name, _)| *name == "K");
+        known.any(|(_, known)| names.iter().any(|name| known.contains(name)))
+    };
+    let mut all = value.as_object().into_iter().flatten();
+    all.any(|(key, value)| of_k(key) && matrices(value))
 }

@@ -1,20 +1,24 @@
 //! Frames and their parents: TF's messages, a URDF's joints, and lists as these are.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::f64::consts::FRAC_PI_2;
 
 use mvtop_geometry::transform;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, UnitQuaternion};
 use serde_json::Value;
 
 use super::hand_eye;
 use super::urdf::{Joint, from_xyz_and_rpy};
-use crate::Checked;
 use crate::node::Node;
+use crate::{Checked, Options, unread};
 
 /// Keys of a frame in a list.
 const KEYS: [&str; 5] = ["parent", "xyz", "rpy", "q_wxyz", "q_xyzw"];
 /// What turns a body's frame (x forward) to optical axes, as one types it.
 const TO_OPTICAL: &str = "rpy: [-1.570796, 0, -1.570796]";
+
+/// Largest difference of two turns that are the same, radians.
+const SAME_TURN: f64 = 1e-3;
 
 /// Frames that stand still in each other.
 #[derive(Default)]
@@ -40,9 +44,9 @@ impl Tree {
     }
 
     /// Adds those of a message, of a list of messages, of a list of frames, or of a hand-eye result.
-    pub fn add(&mut self, top: &Node) -> Checked<()> {
+    pub fn add(&mut self, top: &Node, options: &Options) -> Checked<()> {
         if hand_eye::is_it(top.value) {
-            let (robot, camera, pose) = hand_eye::read(top)?;
+            let (robot, camera, pose) = hand_eye::read(top, options)?;
             return self.insert(&top.place, robot, camera, pose);
         }
         if is_list(top) {
@@ -53,14 +57,20 @@ impl Tree {
             return Ok(());
         }
         let messages = match top.find(&["transforms"]) {
-            Some(list) => list.list()?,
+            Some(list) => {
+                unread::refuse(top, &["transforms"], options)?;
+                list.list()?
+            }
             None if top.value.is_array() => top.list()?,
             None => vec![top.clone()],
         };
         for item in messages {
-            let parent = item.get(&["header"])?.get(&["frame_id"])?.text()?;
+            unread::refuse(&item, &["header", "child_frame_id", "transform"], options)?;
+            let header = item.get(&["header"])?;
+            unread::refuse(&header, &["frame_id", "seq", "stamp"], options)?;
+            let parent = header.get(&["frame_id"])?.text()?;
             let child = item.get(&["child_frame_id"])?.text()?;
-            self.insert(&item.place, parent, child, of_message(&item)?)?;
+            self.insert(&item.place, parent, child, of_message(&item, options)?)?;
         }
         Ok(())
     }
@@ -100,19 +110,35 @@ impl Tree {
         }
     }
 
+    /// A frame in that one with the usual turn from a body's axes to optical ones.
+    fn optical_child(&self, frame: &str) -> Option<&str> {
+        let [roll, pitch, yaw] = [-FRAC_PI_2, 0.0, -FRAC_PI_2];
+        let usual = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+        let mut all = self.still.iter();
+        let (child, _) = all.find(|(_, (parent, pose))| {
+            parent == frame && pose.rotation.angle_to(&usual) < SAME_TURN
+        })?;
+        Some(child)
+    }
+
     /// Where a camera stands.
     ///
     /// - `frame`: of its optical axes, where its file says it
     pub fn placed(&self, name: &str, frame: Option<&str>) -> Checked<Placed> {
         let name = plain(name);
-        // A frame of optical axes (z forward); `_link` and `_frame` are a body's (x forward).
-        let optical = [
-            name.clone(),
-            format!("{name}_optical_frame"),
-            format!("{name}_color_optical_frame"),
-            format!("{name}_optical"),
+        let frame = frame.map(plain);
+        // A frame of optical axes (z forward) goes before one of the camera's bare name, which may be a body's, as
+        // `_link` and `_frame` are (x forward).
+        let stated = frame.iter().filter(|frame| is_optical(frame)).cloned();
+        let ends = [
+            "_optical_frame",
+            "_color_optical_frame",
+            "_optical",
+            "_optical_link",
         ];
-        let candidates: Vec<String> = frame.map(plain).into_iter().chain(optical).collect();
+        let usual = ends.iter().map(|end| format!("{name}{end}"));
+        let bare = frame.iter().chain([&name]).cloned();
+        let candidates: Vec<String> = stated.clone().chain(usual).chain(bare).collect();
         let parents: BTreeSet<&String> = self.still.values().map(|(parent, _)| parent).collect();
         let known = |frame: &&String| self.still.contains_key(*frame) || parents.contains(frame);
         let bodies = [format!("{name}_link"), format!("{name}_frame")];
@@ -123,6 +149,15 @@ impl Tree {
                  {TO_OPTICAL}}}` to a list of frames, and name the camera `{name}`"
             )
         };
+        let missing = stated.clone().find(|frame| !known(&frame));
+        if let Some(frame) = missing {
+            let known: Vec<&str> = self.still.keys().map(String::as_str).collect();
+            return Err(format!(
+                "camera `{name}`: its file states the optical frame `{frame}`, and no transform has it, only {}; give \
+                 that transform",
+                known.join(", ")
+            ));
+        }
         let Some(frame) = candidates.iter().find(known) else {
             if let Some(frame) = bodies.iter().find(known) {
                 return Err(body(frame));
@@ -135,10 +170,14 @@ impl Tree {
                 known.join(", ")
             ));
         };
-        if ["_link", "_frame"].iter().any(|end| frame.ends_with(end))
-            && !frame.ends_with("optical_frame")
-        {
+        if ["_link", "_frame"].iter().any(|end| frame.ends_with(end)) && !is_optical(frame) {
             return Err(body(frame));
+        }
+        if let Some(child) = self.optical_child(frame).filter(|_| !is_optical(frame)) {
+            return Err(format!(
+                "camera `{name}`: its frame `{frame}` is a body's, as `{child}` has the usual turn to optical axes in \
+                 it; set the message's frame_id to `{child}`"
+            ));
         }
         let (mut at, mut root_from_cam) = (frame, Isometry3::identity());
         for _ in 0..=self.still.len() {
@@ -179,6 +218,10 @@ fn is_list(top: &Node) -> bool {
     !entries.is_empty() && entries.iter().all(|(_, item)| item.has("parent"))
 }
 
+fn is_optical(frame: &str) -> bool {
+    frame.contains("optical")
+}
+
 fn plain(frame: &str) -> String {
     frame.trim_start_matches('/').to_owned()
 }
@@ -217,16 +260,8 @@ fn from_quaternion(wxyz: [f64; 4], t: [f64; 3]) -> Checked<Isometry3<f64>> {
     transform::from_quaternion_wxyz(wxyz, t).map_err(|error| error.to_string())
 }
 
-fn of_message(item: &Node) -> Checked<Isometry3<f64>> {
+fn of_message(item: &Node, options: &Options) -> Checked<Isometry3<f64>> {
     let motion = item.get(&["transform"])?;
-    let (t, q) = (motion.get(&["translation"])?, motion.get(&["rotation"])?);
-    let part = |node: &Node, key: &str| node.get(&[key])?.number();
-    let wxyz = [
-        part(&q, "w")?,
-        part(&q, "x")?,
-        part(&q, "y")?,
-        part(&q, "z")?,
-    ];
-    let t = [part(&t, "x")?, part(&t, "y")?, part(&t, "z")?];
+    let (wxyz, t) = hand_eye::parts(&motion, options)?;
     from_quaternion(wxyz, t).map_err(|error| format!("{}: {error}", motion.place))
 }

@@ -9,8 +9,24 @@ use mvtop_geometry::transform;
 use nalgebra::Isometry3;
 use serde_json::Value;
 
-use crate::Checked;
 use crate::node::Node;
+use crate::{Checked, Options, unread};
+
+/// Parameters of both programs; those about the robot's motion say nothing of the result.
+const PARAMETERS: [&str; 12] = [
+    "name",
+    "namespace",
+    "calibration_type",
+    "eye_on_hand",
+    "robot_base_frame",
+    "robot_effector_frame",
+    "tracking_base_frame",
+    "tracking_marker_frame",
+    "freehand_robot_movement",
+    "move_group_namespace",
+    "move_group",
+    "publish_tf",
+];
 
 /// Whether it is such a result.
 pub fn is_it(value: &Value) -> bool {
@@ -19,8 +35,10 @@ pub fn is_it(value: &Value) -> bool {
 }
 
 /// The robot's frame, the camera's, and robot_from_camera, metres.
-pub fn read<'a>(top: &Node<'a>) -> Checked<(&'a str, &'a str, Isometry3<f64>)> {
+pub fn read<'a>(top: &Node<'a>, options: &Options) -> Checked<(&'a str, &'a str, Isometry3<f64>)> {
+    unread::refuse(top, &["parameters", "transformation", "transform"], options)?;
     let parameters = top.get(&["parameters"])?;
+    unread::refuse(&parameters, &PARAMETERS, options)?;
     let on_hand = match parameters.find(&["eye_on_hand"]) {
         Some(node) => node
             .value
@@ -42,17 +60,29 @@ pub fn read<'a>(top: &Node<'a>) -> Checked<(&'a str, &'a str, Isometry3<f64>)> {
     let camera = parameters.get(&["tracking_base_frame"])?;
     let pose = match top.find(&["transformation"]) {
         Some(flat) => {
+            unread::refuse(&flat, &["qw", "qx", "qy", "qz", "x", "y", "z"], options)?;
             let [w, x, y, z] = numbers(&flat, ["qw", "qx", "qy", "qz"])?;
             rigid(&flat, [w, x, y, z], numbers(&flat, ["x", "y", "z"])?)?
         }
         None => {
             let motion = top.get(&["transform"])?;
-            let q = numbers(&motion.get(&["rotation"])?, ["w", "x", "y", "z"])?;
-            let t = numbers(&motion.get(&["translation"])?, ["x", "y", "z"])?;
-            rigid(&motion, q, t)?
+            let (wxyz, t) = parts(&motion, options)?;
+            rigid(&motion, wxyz, t)?
         }
     };
     Ok((robot.text()?, camera.text()?, pose))
+}
+
+/// Quaternion (w x y z) and translation of a transform as ROS' messages have it.
+pub fn parts(motion: &Node, options: &Options) -> Checked<([f64; 4], [f64; 3])> {
+    let (q, t) = (motion.get(&["rotation"])?, motion.get(&["translation"])?);
+    unread::refuse(motion, &["rotation", "translation"], options)?;
+    unread::refuse(&q, &["w", "x", "y", "z"], options)?;
+    unread::refuse(&t, &["x", "y", "z"], options)?;
+    Ok((
+        numbers(&q, ["w", "x", "y", "z"])?,
+        numbers(&t, ["x", "y", "z"])?,
+    ))
 }
 
 fn numbers<const N: usize>(node: &Node, keys: [&str; N]) -> Checked<[f64; N]> {

@@ -78,6 +78,14 @@ fn joint(node: Node) -> Checked<Joint> {
             .and_then(|numbers| numbers.try_into().ok())
             .ok_or_else(|| format!("{place}: `{key}` must be 3 finite numbers, got {text:?}"))
     };
+    let attributes = child_of("origin").into_iter();
+    let mut attributes = attributes.flat_map(|origin| origin.attributes());
+    if let Some(other) = attributes.find(|one| !["xyz", "rpy"].contains(&one.name())) {
+        return Err(format!(
+            "{place}: expected `xyz` and `rpy` of its `origin`, got `{}`; give the turn as `rpy`",
+            other.name()
+        ));
+    }
     Ok(Joint {
         kind: attribute(node, "type", &place)?,
         parent: link("parent")?,

@@ -15,7 +15,7 @@ mod nerf;
 mod open3d;
 mod opencv_xml;
 mod openmvg;
-mod samples;
+pub mod samples;
 mod scalars;
 mod zed;
 

@@ -2,10 +2,14 @@
 
 mod asked;
 mod by_hand;
+mod contradictions;
 mod fitted;
 mod formats;
 mod hostile;
+mod joined;
+mod levels;
 mod stated;
+mod texts;
 mod unread;
 mod written;
 
