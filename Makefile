@@ -32,9 +32,8 @@ MIRI = six_locations_worked_by_hand gradients_worked_by_hand locations_that_are_
 MODEL ?= models/mvball
 SAMPLES = out/eval/$(SPLIT)-seed$(SEED)-views$(VIEWS)-$(PAIRS)
 
-# Test sets of parts are left out where there is no such bundle.
 OUT ?= out/accuracy.json
-MODEL_PARTS ?= runs/parts/bundle
+MODEL_PARTS ?= models/parts
 ACCURACY = $(PY) -m mvtop_train.evaluation.accuracy
 BASELINE = training/tests/accuracy-baseline.json
 
@@ -173,7 +172,7 @@ eval: $(MVTOP)  ## held-out scenes: SPLIT=hard|easy SEED=n PAIRS=n VIEWS=n
 
 accuracy: .venv/test.done $(MVTOP)  ## recall, false positives, calibration on fixed test sets: OUT=file; resumes
 	scripts/need-gl.sh
-	$(ACCURACY) run --out $(OUT) $(if $(wildcard $(MODEL_PARTS)/model.json),--model-parts $(MODEL_PARTS))
+	$(ACCURACY) run --out $(OUT) --model-parts $(MODEL_PARTS)
 
 test-accuracy: out/accuracy-short.json  ## a small part of it, compared with what it was
 	$(ACCURACY) compare $(BASELINE) $< --fail-if-worse

@@ -22,7 +22,7 @@ fn doctor_says_what_was_found_or_what_to_do() {
         text.contains("self-test  answers as when it was exported"),
         "{text}"
     );
-    for shipped in ["models/mvball", "models/ycbv4"] {
+    for shipped in ["models/mvball", "models/ycbv4", "models/parts"] {
         let text = stdout(&mvtop(&["doctor", "--model", shipped]));
         assert!(
             text.contains("self-test  answers as when it was exported"),

@@ -102,6 +102,34 @@ fn shipped_model_finds_each_of_four_parts_in_three_views() {
 }
 
 #[test]
+fn shipped_parts_are_found_in_four_views_of_another_renderer() {
+    let example = |file: &str| format!("examples/parts/{file}");
+    let (rig, images) = (
+        example("rig.json"),
+        ["cam0.jpg", "cam1.jpg", "cam2.jpg", "cam3.jpg"].map(example),
+    );
+    let fixed = ["infer", "--json", "--model", "models/parts", "--rig", &rig];
+    let output = mvtop(&[&fixed[..], &images.each_ref().map(String::as_str)].concat());
+    let json: Value = serde_json::from_str(&stdout(&output)).unwrap();
+    assert_eq!(json["warnings"], serde_json::json!([]));
+    let truth = std::fs::read(root().join(example("truth.json"))).unwrap();
+    let truth: Value = serde_json::from_slice(&truth).unwrap();
+    let (found, known) = (&json["objects"], &truth["objects"]);
+    assert_eq!(found.as_array().unwrap().len(), 8);
+    for known in known.as_array().unwrap() {
+        let of_class = found.as_array().unwrap().iter();
+        let of_class = of_class.filter(|one| one["class"] == known["class"]);
+        // Most have symmetries, so their places are compared. They are 0.1 to 1.1 mm off.
+        let nearest = of_class.map(|one| off(one, known).1).reduce(f64::min);
+        assert!(
+            nearest.unwrap() < 0.003,
+            "{}: {nearest:?} m",
+            known["class"]
+        );
+    }
+}
+
+#[test]
 fn what_is_poorly_visible_has_a_low_confidence_and_is_rejected() {
     let folder = TempDir::new().unwrap();
     // So blurred that little is left of some of the four.
