@@ -324,7 +324,7 @@ impl Request {
                 reported.t_frame_obj = Some(report::rows(&pose));
             }
             if let (true, Some(grasps)) = (self.grasps, grasps) {
-                let of_given = grasps.of_all(&all, &given, bundle, &frame_from_world);
+                let of_given = grasps.of_all(&all, &given, bundle, &frame_from_world)?;
                 for (reported, grasps) in report.objects.iter_mut().zip(of_given) {
                     reported.grasps = Some(grasps);
                 }

@@ -126,7 +126,10 @@ pub struct Exposure {
 
 /// What was found in an exposure.
 pub struct Found {
+    /// With the objects that were asked for alone.
     pub prediction: Prediction,
+    /// With all objects.
+    pub all: Prediction,
     /// The document, as `infer --json` prints it.
     pub json: String,
     pub accepted: bool,

@@ -68,11 +68,14 @@ impl History {
             .cloned()
     }
 
-    /// The newest exposure, of a stream if one is named.
-    pub fn last_of(&self, stream: Option<&str>) -> Option<Entry> {
-        let of_stream =
-            |entry: &&Entry| stream.is_none() || entry.exposure.stream.as_deref() == stream;
-        self.entries().find(of_stream).cloned()
+    /// The newest exposure of a model and a rig, and of a stream if one is named.
+    pub fn last_of(&self, model: usize, rig: usize, stream: Option<&str>) -> Option<Entry> {
+        let of = |entry: &&Entry| {
+            let exposure = &entry.exposure;
+            (exposure.model, exposure.rig) == (model, rig)
+                && (stream.is_none() || exposure.stream.as_deref() == stream)
+        };
+        self.entries().find(of).cloned()
     }
 }
 
@@ -97,8 +100,9 @@ mod tests {
             add(&mut history, number, 100);
         }
         assert_eq!(history.entries().count(), MOST);
-        assert_eq!(history.last_of(None).unwrap().exposure.number, 200);
+        assert_eq!(history.last_of(0, 0, None).unwrap().exposure.number, 200);
         assert!(history.get(100).is_none() && history.get(101).is_some());
+        assert!(history.last_of(0, 1, None).is_none() && history.last_of(1, 0, None).is_none());
         let with_images = history.entries().filter(|entry| entry.uploads.is_some());
         assert_eq!(with_images.count(), 10);
         add(&mut history, 201, 5000);

@@ -4,9 +4,10 @@
 
 mod reply;
 
+use std::ffi::OsStr;
 use std::future::pending;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -34,8 +35,10 @@ const REST_TIME: Duration = Duration::from_secs(5);
 const SILENCE: Duration = Duration::from_secs(600);
 /// Settings beside those of a request.
 const NAMES: [&str; 6] = ["model", "rig", "stream", "max_age_s", "unit", "rotation"];
-/// How the files of a camera may end.
-const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "PNG", "JPG"];
+/// How the files of a camera may end, in any case.
+const ENDINGS: [&str; 6] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp"];
+/// How far the clock of who writes images may be ahead, seconds.
+const AHEAD_S: f64 = 1.0;
 /// Largest image file.
 const MOST_BYTES: u64 = 1 << 29;
 
@@ -160,10 +163,11 @@ struct Order {
 
 impl Order {
     fn read<'a>(words: impl Iterator<Item = &'a str>) -> Result<Self, Problem> {
-        let mut order = Self::default();
+        let (mut order, mut seen) = (Self::default(), Vec::new());
         for word in words {
             let wrong = || Problem::bad(format!("`{word}`: expected NAME=VALUE, as in most=1"));
             let (name, value) = word.split_once('=').ok_or_else(wrong)?;
+            problem::check_once(name, &mut seen)?;
             match name {
                 "model" => order.model = Some(value.to_owned()),
                 "rig" => order.rig = Some(value.to_owned()),
@@ -236,23 +240,18 @@ async fn find(service: &Arc<Service>, order: Order) -> Result<String, Problem> {
 /// The images of a folder that are named after cameras.
 fn images(folder: &Path, rig: &Rig, most_age_s: Option<f64>) -> Result<Vec<Upload>, Problem> {
     let mut uploads = Vec::new();
-    for (index, camera) in rig.cameras().iter().enumerate() {
-        // An id is always one that a file may have.
-        let paths = ENDINGS
-            .iter()
-            .map(|ending| folder.join(format!("{}.{ending}", camera.id())));
-        let Some(path) = paths.into_iter().find(|path| path.is_file()) else {
-            continue;
-        };
-        let changed = path.metadata().and_then(|about| about.modified());
-        let age_s = changed
-            .ok()
-            .and_then(|changed| changed.elapsed().ok())
-            .map_or(0.0, |age| age.as_secs_f64());
-        if let Some(most) = most_age_s.filter(|most| age_s > *most) {
+    for (index, path) in files(folder, rig)? {
+        let age_s = age_s(&path);
+        let is_old = |most: &f64| !age_s.is_some_and(|age| age <= *most && age >= -AHEAD_S);
+        if let Some(most) = most_age_s.filter(is_old) {
+            let got = match age_s {
+                None => "one of unknown age".to_owned(),
+                Some(age) if age < 0.0 => format!("one from {:.1} s ahead, set the clocks", -age),
+                Some(age) => format!("one of {age:.1} s"),
+            };
             return Err(Problem::bad(format!(
-                "image of camera `{}`: expected one of at most {most} s, got one of {age_s:.1} s; look at the camera program",
-                camera.id()
+                "image of camera `{}`: expected one of at most {most} s, got {got}; look at the camera program",
+                rig.cameras()[index].id()
             )));
         }
         let bytes = mvtop_core::file::read(&path, MOST_BYTES)?.into();
@@ -273,6 +272,45 @@ fn images(folder: &Path, rig: &Rig, most_age_s: Option<f64>) -> Result<Vec<Uploa
     Ok(uploads)
 }
 
+/// The file of each camera that has one, with the camera's index, in the rig's order.
+fn files(folder: &Path, rig: &Rig) -> Result<Vec<(usize, PathBuf)>, Problem> {
+    let failed = |error| Problem::bad(format!("{}: {error}", folder.display()));
+    let mut files: Vec<(usize, PathBuf)> = Vec::new();
+    for entry in folder.read_dir().map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        let text = |part: Option<&OsStr>| part.and_then(OsStr::to_str).map(str::to_owned);
+        let (name, ending) = (text(path.file_stem()), text(path.extension()));
+        let ending = ending.map(|ending| ending.to_ascii_lowercase());
+        let is_image = ending.is_some_and(|ending| ENDINGS.contains(&ending.as_str()));
+        let Some(index) = name.and_then(|name| rig.index_of(&name)) else {
+            continue;
+        };
+        if !is_image || !path.is_file() {
+            continue;
+        }
+        if let Some((_, other)) = files.iter().find(|(camera, _)| *camera == index) {
+            return Err(Problem::bad(format!(
+                "{}: expected one image of each camera, got {} and {}; remove the older one",
+                folder.display(),
+                other.file_name().unwrap_or_default().display(),
+                path.file_name().unwrap_or_default().display()
+            )));
+        }
+        files.push((index, path));
+    }
+    files.sort();
+    Ok(files)
+}
+
+/// Seconds since a file was changed, below 0 where that is to come; `None` where it is not known.
+fn age_s(path: &Path) -> Option<f64> {
+    let changed = path.metadata().and_then(|about| about.modified()).ok()?;
+    Some(match changed.elapsed() {
+        Ok(age) => age.as_secs_f64(),
+        Err(ahead) => -ahead.duration().as_secs_f64(),
+    })
+}
+
 /// Chooses from the last exposure, however it came.
 fn last(service: &Arc<Service>, mut order: Order) -> Result<String, Problem> {
     let settled = ["reference", "min_views", "refine"];
@@ -285,17 +323,25 @@ fn last(service: &Arc<Service>, mut order: Order) -> Result<String, Problem> {
             "LAST: `{name}` was settled with the exposure; ask for FIND"
         )));
     }
+    let (model, rig) = (
+        service.model(order.model.as_deref())?,
+        service.rig(order.rig.as_deref())?,
+    );
     let of_stream = order.stream.as_deref();
     let nothing = || {
         let message = match of_stream {
-            None => "LAST: no exposure yet; send images to /v1/predict first".to_owned(),
+            None => "LAST: no exposure yet of this model and rig; send images to /v1/predict first"
+                .to_owned(),
             Some(name) => {
                 format!("LAST: no exposure of stream `{name}` among the last hundred; ask for FIND")
             }
         };
         Problem::new(Kind::NotFound, message)
     };
-    let entry = service.history().last_of(of_stream).ok_or_else(nothing)?;
+    let entry = service
+        .history()
+        .last_of(model, rig, of_stream)
+        .ok_or_else(nothing)?;
     let exposure: &Exposure = &entry.exposure;
     let age_s = exposure.time.elapsed().map_or(0.0, |age| age.as_secs_f64());
     if let Some(most) = order.most_age_s.filter(|most| age_s > *most) {
@@ -322,7 +368,7 @@ fn last(service: &Arc<Service>, mut order: Order) -> Result<String, Problem> {
     }
     request.check(model.bundle(), rig, model.grasps.is_some())?;
     let grasps = model.grasps.as_ref();
-    let answer = request.choose(found.prediction.clone(), model.bundle(), grasps, rig)?;
+    let answer = request.choose(found.all.clone(), model.bundle(), grasps, rig)?;
     order
         .format
         .told(exposure, &answer.prediction, &order.request, rig)

@@ -6,6 +6,9 @@ use mvtop_core::error::printable;
 use mvtop_core::request::SETTINGS;
 use mvtop_core::{Error, ErrorKind};
 
+/// Characters of a message, at most.
+const LONGEST: usize = 2000;
+
 /// What went wrong, as HTTP and lines tell it.
 #[derive(Debug, Clone)]
 pub struct Problem {
@@ -64,10 +67,13 @@ impl Kind {
 
 impl Problem {
     pub fn new(kind: Kind, message: impl fmt::Display) -> Self {
-        Self {
-            kind,
-            message: printable(&message.to_string()),
+        let mut message = printable(&message.to_string());
+        // What clients send is a part of it.
+        if let Some((end, _)) = message.char_indices().nth(LONGEST) {
+            message.truncate(end);
+            message.push_str(" ...");
         }
+        Self { kind, message }
     }
 
     pub fn bad(message: impl fmt::Display) -> Self {
@@ -88,6 +94,19 @@ pub fn check_setting(name: &str, others: &[&str]) -> Result<(), Problem> {
         "`{name}`: no such setting, expected one of: {}",
         known.join(", ")
     )))
+}
+
+/// Refuses a setting that is there twice.
+///
+/// - `seen`: those before it
+pub fn check_once(name: &str, seen: &mut Vec<String>) -> Result<(), Problem> {
+    if seen.iter().any(|one| one == name) {
+        return Err(Problem::bad(format!(
+            "`{name}`: expected it once, got it twice; leave one out"
+        )));
+    }
+    seen.push(name.to_owned());
+    Ok(())
 }
 
 impl From<Error> for Problem {

@@ -304,13 +304,20 @@ impl Service {
             let (estimator, grasps) = (&model.estimator, model.grasps.as_ref());
             let tracks = stream.as_mut().map(|stream| &mut stream.tracks);
             let request = &asked.request;
-            let answer = request.answer_tracked(estimator, grasps, rig, images, tracks)?;
+            let bundle = estimator.bundle();
+            request.check(bundle, rig, grasps.is_some())?;
+            let mut all = estimator.predict(rig, images, &request.options())?;
+            if let Some(tracks) = tracks {
+                tracks.follow(&mut all, bundle);
+            }
+            let answer = request.choose(all.clone(), bundle, grasps, rig)?;
             let mut json = answer.report.to_json()?;
             json.push('\n');
             Ok(Found {
                 json,
                 accepted: answer.is_accepted(request),
                 prediction: answer.prediction,
+                all,
                 stream_exposures: stream.map(|stream| {
                     stream.exposures += 1;
                     stream.exposures

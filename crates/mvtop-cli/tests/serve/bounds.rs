@@ -48,11 +48,20 @@ fn what_is_wrong_is_told_in_one_sentence() {
         ("", request("{"), 400, "request: expected JSON"),
         ("", request(r#"{"nonsense": 1}"#), 400, "unknown field"),
         ("", broken(&vec![0; 3 << 20]), 413, "--max-body-mb"),
+        ("", request(&" ".repeat(300_000)), 413, "262144 bytes"),
+        ("?rig=a&rig=b", images(), 400, "`rig`: expected it once"),
+        (
+            "",
+            vec![(&*"a".repeat(100_000).leak(), "image/png", whole.clone())],
+            400,
+            "no camera `aaa",
+        ),
     ] {
         let got = server.post(query, &[], &parts);
         assert_eq!(got.status, status, "{query}: {}", got.text());
         got.code();
         assert!(got.text().contains(said), "{said}: {}", got.text());
+        assert!(got.text().len() < 4000, "{said}");
     }
     for (path, headers, code) in [
         ("/nothing", vec![], "not_found"),

@@ -44,8 +44,11 @@ impl Server {
     }
 
     pub fn start_at(port: &str, args: &[&str]) -> Self {
-        let all = ["serve", "--rig", "examples/mvball/rig.json", "--port", port];
-        let mut command = cli(&[&all, args].concat());
+        Self::start_with(port, &["--rig", "examples/mvball/rig.json"], args)
+    }
+
+    pub fn start_with(port: &str, rigs: &[&str], args: &[&str]) -> Self {
+        let mut command = cli(&[&["serve", "--port", port], rigs, args].concat());
         let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let stderr = BufReader::new(child.stderr.take().unwrap());
         let (said, log) = channel();

@@ -163,3 +163,86 @@ fn plain_python_is_enough_for_a_robot() {
         "{err}"
     );
 }
+
+/// The first pose of an answer, as words.
+fn first_pose(answer: &str) -> Vec<&str> {
+    let line = answer.lines().nth(1);
+    line.unwrap_or_else(|| panic!("{answer}"))
+        .split(' ')
+        .collect()
+}
+
+#[test]
+fn last_is_of_the_rig_that_is_asked_for_and_has_all_that_was_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let example = std::fs::read(root().join("examples/mvball/rig.json")).unwrap();
+    let mut rig: serde_json::Value = serde_json::from_slice(&example).unwrap();
+    for camera in rig["cameras"].as_array_mut().unwrap() {
+        let x = &mut camera["T_world_cam"]["t"][0];
+        *x = (x.as_f64().unwrap() + 1.0).into();
+    }
+    let moved = folder.path().join("moved.json");
+    std::fs::write(&moved, rig.to_string()).unwrap();
+    let moved = format!("moved={}", moved.display());
+    let server = Server::start_with(
+        "0",
+        &["--rig", "first=examples/mvball/rig.json", "--rig", &moved],
+        &["--line-port", "0", "--line-images", "examples/mvball"],
+    );
+    let said = server.ask(&[
+        "FIND",
+        "FIND rig=moved region=5,5,5,6,6,6",
+        "LAST",
+        "LAST rig=moved",
+        "LAST rig=third",
+        "LAST rig=moved rig=first",
+    ]);
+    assert!(said[1].contains(" poses=0 "), "{}", said[1]);
+    assert_eq!(first_pose(&said[0])[5..8], first_pose(&said[2])[5..8]);
+    let x = |answer: &str| first_pose(answer)[5].parse::<f64>().unwrap();
+    // What the region left out is there.
+    assert!((x(&said[3]) - x(&said[0]) - 1.0).abs() < 1e-3, "{said:?}");
+    assert!(said[4].contains("no rig `third`"), "{}", said[4]);
+    assert!(
+        said[5].contains("expected it once, got it twice"),
+        "{}",
+        said[5]
+    );
+}
+
+#[test]
+fn images_of_a_folder_are_one_of_each_camera_and_of_a_known_age() {
+    let folder = tempfile::tempdir().unwrap();
+    let put = |camera: &str, name: &str| {
+        let from = root().join(format!("examples/mvball/{camera}.png"));
+        std::fs::copy(from, folder.path().join(name)).unwrap();
+    };
+    put("cam0", "cam0.PNG");
+    put("cam1", "cam1.png");
+    let images = folder.path().display().to_string();
+    let server = Server::start(&["--line-port", "0", "--line-images", &images]);
+    let found = server.ask(&["FIND max_age_s=100"]).remove(0);
+    assert!(
+        first_pose(&found)[3].parse::<f64>().unwrap() > 0.9,
+        "{found}"
+    );
+    put("cam1", "cam1.Png");
+    let twice = server.ask(&["FIND"]).remove(0);
+    assert!(
+        twice.contains("expected one image of each camera"),
+        "{twice}"
+    );
+    std::fs::remove_file(folder.path().join("cam1.Png")).unwrap();
+    let ahead = std::time::SystemTime::now() + Duration::from_secs(3600);
+    let file = std::fs::File::options()
+        .append(true)
+        .open(folder.path().join("cam1.png"))
+        .unwrap();
+    file.set_modified(ahead).unwrap();
+    let early = server.ask(&["FIND max_age_s=5"]).remove(0);
+    assert!(
+        early.contains("`cam1`") && early.contains("s ahead"),
+        "{early}"
+    );
+    assert!(server.ask(&["FIND"]).remove(0).starts_with("OK "));
+}

@@ -2,15 +2,15 @@
 
 use std::path::Path;
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use serde::Deserialize;
 
-use crate::bundle::Bundle;
+use crate::bundle::{Bundle, Class};
 use crate::error::misleads;
 use crate::prediction::ObjectPose;
 use crate::report::{ReportedGrasp, rows};
 use crate::transform::from_matrix;
-use crate::{Error, Result, json};
+use crate::{Error, Result, cancel, json};
 
 /// Name of the file in a bundle's folder.
 pub const FILE: &str = "grasps.json";
@@ -176,13 +176,17 @@ impl Grasps {
     /// - `objects`: all that were found
     /// - `given`: indices of those that are given
     /// - `frame_from_world`: to the frame that the grasps are given in
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
     pub(super) fn of_all(
         &self,
         objects: &[ObjectPose],
         given: &[usize],
         bundle: &Bundle,
         frame_from_world: &Isometry3<f64>,
-    ) -> Vec<Vec<ReportedGrasp>> {
+    ) -> Result<Vec<Vec<ReportedGrasp>>> {
+        let (gripper, reaches) = (self.bound(), reaches(bundle));
         let place = |object: &usize| given.iter().position(|one| one == object);
         let of_object = |index: usize| {
             let object = &objects[index];
@@ -191,6 +195,7 @@ impl Grasps {
                 .iter()
                 .filter(|grasp| grasp.class == object.class);
             let grasps = own.map(|grasp| {
+                cancel::check()?;
                 let world_from_tool = object.world_from_obj * grasp.obj_from_tool;
                 let others = (0..objects.len()).filter(|other| *other != index);
                 let touched: Vec<usize> = others
@@ -200,23 +205,39 @@ impl Grasps {
                             return false;
                         };
                         let tool_from_obj = world_from_tool.inverse() * other.world_from_obj;
+                        let apart = tool_from_obj * Point3::origin() - gripper.center;
+                        if apart.norm() > gripper.radius_m + reaches[class] {
+                            return false;
+                        }
                         let points = &bundle.classes[class].points;
                         let mut points = points.iter().map(|point| Point3::from(point.position));
                         points.any(|point| self.fills(&(tool_from_obj * point)))
                     })
                     .collect();
                 let known = !self.gripper.is_empty();
-                ReportedGrasp {
+                Ok(ReportedGrasp {
                     name: grasp.name.clone(),
                     t_frame_tool: rows(&(frame_from_world * world_from_tool)),
                     opening_m: grasp.opening_m,
                     collides: known.then_some(!touched.is_empty()),
                     collides_with: known.then(|| touched.iter().filter_map(place).collect()),
-                }
+                })
             });
             grasps.collect()
         };
         given.iter().copied().map(of_object).collect()
+    }
+
+    /// A sphere around all of the gripper, tool frame.
+    fn bound(&self) -> Sphere {
+        let count = self.gripper.len().max(1) as f64;
+        let sum: Vector3<f64> = self.gripper.iter().map(|one| one.center.coords).sum();
+        let center = Point3::from(sum / count);
+        let reach = |one: &Sphere| (one.center - center).norm() + one.radius_m;
+        Sphere {
+            center,
+            radius_m: self.gripper.iter().map(reach).fold(0.0, f64::max),
+        }
     }
 
     /// Whether the gripper fills a point of the tool's frame.
@@ -224,4 +245,15 @@ impl Grasps {
         let within = |sphere: &Sphere| (point - sphere.center).norm() <= sphere.radius_m;
         self.gripper.iter().any(within)
     }
+}
+
+/// The largest distance of a surface point of each class from its origin, metres.
+fn reaches(bundle: &Bundle) -> Vec<f64> {
+    let reach = |class: &Class| {
+        let points = class.points.iter().map(|point| point.position);
+        points
+            .map(|at| Vector3::from(at).norm())
+            .fold(0.0, f64::max)
+    };
+    bundle.classes.iter().map(reach).collect()
 }

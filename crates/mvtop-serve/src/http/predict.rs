@@ -18,6 +18,8 @@ use crate::service::{Asked, Service};
 
 /// Name of the part that holds the request as JSON.
 const REQUEST: &str = "request";
+/// Largest request as JSON, bytes: it is kept with its exposure.
+const MOST_JSON: usize = 256 << 10;
 /// Settings of the query that say where a request belongs.
 const NAMES: [&str; 3] = ["model", "rig", "stream"];
 /// How long a client waits for others to have sent their images.
@@ -73,6 +75,10 @@ async fn answer(
     let began = Instant::now();
     let Query(settings) =
         query.map_err(|error| Problem::bad(format!("query: {}", error.body_text())))?;
+    let mut seen = Vec::new();
+    for (name, _) in &settings {
+        problem::check_once(name, &mut seen)?;
+    }
     let named = |what: &str| {
         let found = settings.iter().find(|(name, _)| name == what);
         found.map(|(_, value)| value.as_str())
@@ -138,13 +144,27 @@ async fn read(
             error.body_text()
         )),
     };
-    let mut request = Request::default();
+    let mut request: Option<Request> = None;
     let mut uploads: Vec<Upload> = Vec::new();
-    while let Some(part) = parts.next_field().await.map_err(wrong)? {
+    while let Some(mut part) = parts.next_field().await.map_err(wrong)? {
         let name = part.name().unwrap_or_default().to_owned();
         if name == REQUEST && rig.index_of(REQUEST).is_none() {
-            let text = part.text().await.map_err(wrong)?;
-            request = Request::from_json(&text)?;
+            if request.is_some() {
+                return Err(Problem::bad(
+                    "part `request`: expected it once, got it twice",
+                ));
+            }
+            let mut json = Vec::new();
+            while let Some(chunk) = part.chunk().await.map_err(wrong)? {
+                json.extend_from_slice(&chunk);
+                if json.len() > MOST_JSON {
+                    let message = format!("part `request`: expected {MOST_JSON} bytes at most");
+                    return Err(Problem::new(Kind::TooLarge, message));
+                }
+            }
+            let text = String::from_utf8(json)
+                .map_err(|_| Problem::bad("part `request`: expected JSON in UTF-8"))?;
+            request = Some(Request::from_json(&text)?);
             continue;
         }
         let camera = rig.find(&format!("part `{name}`"), &name)?;
@@ -170,7 +190,7 @@ async fn read(
     }
     // The order in which they came is to change nothing.
     uploads.sort_by_key(|upload| upload.camera);
-    Ok((request, uploads))
+    Ok((request.unwrap_or_default(), uploads))
 }
 
 fn content_type<'a>(part: &'a Field) -> Option<&'a str> {

@@ -94,6 +94,15 @@ const STANDARD: [&str; 82] = [
     "Unsqueeze",
     "Where",
 ];
+/// Attributes of whole numbers that ONNX Runtime divides by.
+const DIVISORS: [&str; 6] = [
+    "blocksize",
+    "dilations",
+    "group",
+    "kernel_shape",
+    "num_outputs",
+    "strides",
+];
 /// This crate's.
 const OWN: &str = "DeformableSampling";
 
@@ -194,6 +203,7 @@ pub fn check(onnx: &[u8]) -> Result<(), String> {
     for node in graph.all(GRAPH_NODE) {
         let node = Message::new(node)?;
         let operator = operator(&node)?;
+        check_divisors(&node)?;
         let mut inputs = Vec::new();
         for name in node.all(NODE_INPUT) {
             // An input that is left out has no name.
@@ -239,6 +249,52 @@ fn operator(node: &Message) -> Result<&'static str, String> {
             String::from_utf8_lossy(domain)
         )),
     }
+}
+
+/// Refuses numbers below 1 where they are divided by.
+fn check_divisors(node: &Message) -> Result<(), String> {
+    for attribute in node.all(NODE_ATTRIBUTE) {
+        let attribute = Message::new(attribute)?;
+        let name = attribute.one(ATTRIBUTE_NAME)?;
+        let mut divisors = DIVISORS.iter();
+        let Some(name) = divisors.find(|divisor| divisor.as_bytes() == name) else {
+            continue;
+        };
+        let numbers = numbers_of(&attribute);
+        if numbers.is_empty() || positive(numbers) != Kind::Positive {
+            return Err(format!(
+                "has a `{name}` below 1, expected 1 or more, as a division by 0 ends the process; \
+                 export it again"
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// The whole numbers of an attribute; `None` for what is none.
+fn numbers_of(attribute: &Message) -> Vec<Option<u64>> {
+    let mut numbers = Vec::new();
+    for (field, value) in &attribute.0 {
+        match (*field, value) {
+            (ATTRIBUTE_INTEGER | ATTRIBUTE_INTEGERS, Field::Number(number)) => {
+                numbers.push(Some(*number));
+            }
+            (ATTRIBUTE_INTEGERS, Field::Bytes(packed)) => numbers.extend(varints(packed)),
+            _ => {}
+        }
+    }
+    numbers
+}
+
+/// The numbers of a packed field, one more than [`MOST_NUMBERS`] at most; `None` for what is broken.
+fn varints(mut packed: &[u8]) -> Vec<Option<u64>> {
+    let mut numbers = Vec::new();
+    while !packed.is_empty() && numbers.len() <= MOST_NUMBERS {
+        let next = varint(packed);
+        packed = next.map_or(&[], |(_, rest)| rest);
+        numbers.push(next.map(|(number, _)| number));
+    }
+    numbers
 }
 
 /// What an operator gives first, of what it is given; types are those of ONNX's operators.
@@ -316,13 +372,7 @@ fn kind_of_tensor(tensor: &Message) -> Result<Kind, String> {
             numbers.map(|bytes| Some(u64::from_le_bytes(*bytes))),
         ));
     }
-    let mut packed = tensor.one(TENSOR_INT64)?;
-    let mut numbers = Vec::new();
-    while !packed.is_empty() && numbers.len() <= MOST_NUMBERS {
-        let next = varint(packed);
-        packed = next.map_or(&[], |(_, rest)| rest);
-        numbers.push(next.map(|(number, _)| number));
-    }
+    let numbers = varints(tensor.one(TENSOR_INT64)?);
     Ok(match numbers.len() <= MOST_NUMBERS {
         true => positive(numbers),
         false => kind,
@@ -411,6 +461,29 @@ mod tests {
             let division = node(operator, &["of", "by"], "y", &[]);
             assert!(checked(&[nodes.concat(), division]).is_err());
         }
+    }
+
+    #[test]
+    fn attributes_that_are_divided_by_are_above_0() {
+        let of = |attribute: Vec<u8>| checked(&[node("Conv", &["x"], "y", &[attribute])]);
+        let one = |name: &[u8], number: u8| of([message(1, name), vec![3 << 3, number]].concat());
+        let packed = |numbers: &[u8]| of([message(1, b"strides"), message(8, numbers)].concat());
+        assert_eq!(one(b"group", 1), Ok(()));
+        assert_eq!(packed(&[2, 2]), Ok(()));
+        let absent = of(message(1, b"group"));
+        let listed = of([message(1, b"dilations"), vec![8 << 3, 1, 8 << 3, 0]].concat());
+        for refused in [
+            one(b"group", 0),
+            packed(&[1, 0]),
+            packed(&[]),
+            absent,
+            listed,
+        ] {
+            let problem = refused.unwrap_err();
+            assert!(problem.contains("below 1"), "{problem}");
+        }
+        // Others may be anything.
+        assert_eq!(one(b"axis", 0), Ok(()));
     }
 
     #[test]
