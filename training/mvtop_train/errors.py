@@ -38,7 +38,8 @@ def _escaped(character: str) -> str:
 
 def command(main):
     """Decorates the `main` of a command: a `UserError` becomes a line on stderr, exit code 1; so
-    does a file where a folder is to be, and what is printed where nothing takes it."""
+    do a file where a folder is to be, a path that cannot be used, and what is printed where nothing
+    takes it."""
 
     @functools.wraps(main)
     def run(*args):
@@ -51,6 +52,13 @@ def command(main):
             sys.exit(
                 f"error: {printable(error.filename)}: expected a folder, got a file in its place; "
                 "fix: name another folder"
+            )
+        except OSError as error:
+            if error.filename is None:
+                raise
+            sys.exit(
+                f"error: {printable(error.filename)}: {printable(error.strerror)}; fix: name "
+                "another path, or let this user read and write it"
             )
 
     return run

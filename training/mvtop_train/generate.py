@@ -29,6 +29,13 @@ def parse_shard(text: str) -> tuple[int, int]:
     return shard, shards
 
 
+# Least and greatest numbers of the options.
+BOUNDS = {
+    "scenes": (1, 10**6), "images": (1, 10**7), "views": (1, 1000), "workers": (1, 1000),
+    "width": (1, 2**14), "instances": (1, 100), "seed": (0, 2**32 - 1),
+}  # fmt: skip
+
+
 @command
 def main():
     parser = argument_parser(__doc__)
@@ -71,10 +78,11 @@ def main():
     own.add_argument("--width", type=int, default=640, help="of the images at most, px")
     args = parser.parse_args()
     shard, shards = parse_shard(args.shard)
-    for option in ("scenes", "images", "views", "workers", "width", "instances"):
-        if getattr(args, option) is not None and getattr(args, option) < 1:
+    for option, (least, most) in BOUNDS.items():
+        given = getattr(args, option)
+        if given is not None and not least <= given <= most:
             raise UserError(
-                f"--{option}: expected at least 1, got {getattr(args, option)}; fix: leave it out"
+                f"--{option}: expected {least} to {most}, got {given}; fix: leave it out"
             )
     args.rig = [str(shipped.rig(path)) for path in args.rig or ()]
     recipe, work = generate.prepare(args)

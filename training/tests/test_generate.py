@@ -109,13 +109,16 @@ MESHES = ("--mesh", "a.obj", "--mesh", "b.obj", "--mesh-unit", "mm")
     ("options", "message"),
     [
         (["--shard", "3/2"], "error: --shard: expected I/N with 0 <= I < N, got '3/2'"),
-        (["--views", "0"], "error: --views: expected at least 1, got 0"),
+        (["--views", "0"], "error: --views: expected 1 to 1000, got 0"),
+        (["--seed", "-1"], "error: --seed: expected 0 to 4294967295, got -1"),
+        (["--workers", "100000"], "error: --workers: expected 1 to 1000, got 100000"),
+        (["--out", "/proc/none"], "error: /proc/none: "),
         (["--paper", "--split", "control"], "error: --paper: expected a split of"),
         (["--mesh", "a.obj"], "error: --mesh-unit: expected with --mesh, got none"),
         ([*MESHES, "--id", "3"], "error: --id: expected one for each --mesh (2), got 1"),
         ([*MESHES, "--name", "x", "--name", "x"], "error: --name: expected each once, got x twice"),
         ([*MESHES], "error: mesh a.obj: no such file"),
-        ([*MESHES, "--instances", "0"], "error: --instances: expected at least 1, got 0"),
+        ([*MESHES, "--instances", "0"], "error: --instances: expected 1 to 100, got 0"),
     ],
 )
 def test_bad_options_are_one_sentence(monkeypatch, tmp_path, options, message):
