@@ -16,7 +16,7 @@ mod text;
 
 use std::collections::BTreeMap;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3};
 use serde::{Deserialize, Serialize};
 
 pub use self::choice::{LeftOut, WorldBox};
@@ -40,6 +40,8 @@ const MOST_POINTS: usize = 1000;
 
 /// Most priors, and most planes: each prior may be looked for by itself.
 const MOST_PRIORS: usize = 100;
+/// Largest distance of the base or a prior from the nearest camera, metres.
+const FARTHEST_M: f64 = 100.0;
 
 /// What is asked of a set of images; asks for everything by default.
 ///
@@ -222,6 +224,7 @@ impl Request {
             }
         }
         self.frame_from_world(rig)?;
+        self.check_unit(rig)?;
         match self.min_confidence {
             Some(least) if !(0.0..=1.0).contains(&least) => {
                 return Err(refuse(&format!(
@@ -335,6 +338,33 @@ impl Request {
             report,
             left_out,
         })
+    }
+
+    /// Refuses a base and priors so far from all cameras that their unit is hardly the metre.
+    fn check_unit(&self, rig: &Rig) -> Result<()> {
+        let cameras = || {
+            let places = rig.cameras().iter();
+            places.map(|camera| Point3::from(camera.world_from_cam().translation.vector))
+        };
+        let check = |role: &str, distances: &mut dyn Iterator<Item = f64>| {
+            let nearest = distances.fold(f64::INFINITY, f64::min);
+            match nearest > FARTHEST_M {
+                false => Ok(()),
+                true => Err(refuse(&format!(
+                    "{role}: expected a camera within {FARTHEST_M} m of it, got {nearest:.0} m; give translations in metres"
+                ))),
+            }
+        };
+        if let Some(Ok(base_from_world)) = self.base_from_world.as_ref().map(from_matrix) {
+            let mut distances = cameras().map(|at| (base_from_world * at).coords.norm());
+            check("T_base_world", &mut distances)?;
+        }
+        for prior in &self.priors {
+            let place = prior.world_from_obj().translation.vector;
+            let mut distances = cameras().map(|at| (at.coords - place).norm());
+            check(&format!("prior of `{}`", prior.class()), &mut distances)?;
+        }
+        Ok(())
     }
 
     /// World frame to the frame that is asked for; the world's by default.

@@ -68,7 +68,9 @@ def test_a_request_is_what_its_schema_allows(check):
         check("request", {"class": "mvball"})
 
 
-@pytest.mark.parametrize("folder", ["models/mvball", "models/ycbv4", "models/parts", "fixtures/tiny"])
+@pytest.mark.parametrize(
+    "folder", ["models/mvball", "models/ycbv4", "models/parts", "fixtures/tiny"]
+)
 def test_bundles_are_what_their_schema_allows(check, folder):
     document = json.loads((ROOT / folder / "model.json").read_text())
     check("bundle", document)

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use axum::extract::FromRequestParts;
+use axum::http::request::Parts;
 use mvtop_core::error::printable;
 use mvtop_core::request::SETTINGS;
 use mvtop_core::{Error, ErrorKind};
@@ -78,6 +80,23 @@ impl Problem {
 
     pub fn bad(message: impl fmt::Display) -> Self {
         Self::new(Kind::BadRequest, message)
+    }
+}
+
+/// A part of a request, refused as a [`Problem`] where it cannot be read.
+pub struct Told<E>(pub E);
+
+impl<S, E> FromRequestParts<S> for Told<E>
+where
+    S: Send + Sync,
+    E: FromRequestParts<S>,
+    E::Rejection: fmt::Display,
+{
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        let read = E::from_request_parts(parts, state).await;
+        read.map(Self).map_err(Problem::bad)
     }
 }
 

@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::UNIX_EPOCH;
 
-use mvtop_core::Rig;
+use mvtop_core::{Options, Rig};
 use serde_json::json;
 
 use crate::config::Record;
@@ -31,6 +31,8 @@ const PARTIAL: &str = ".mvtop-partial-";
 
 /// Writes exposures in a thread of its own.
 pub struct Recorder {
+    /// Options of the command that repeats an exposure: what runs networks, and how.
+    options: String,
     writer: Mutex<Option<(SyncSender<Kept>, JoinHandle<()>)>>,
 }
 
@@ -39,11 +41,14 @@ struct Kept {
     uploads: Arc<Vec<Upload>>,
     rig: Rig,
     model: PathBuf,
+    /// See [`Recorder::options`].
+    options: String,
     doubt: String,
 }
 
 impl Recorder {
-    pub fn new(record: &Record) -> Result<Self, String> {
+    /// - `options`: by which the models were loaded
+    pub fn new(record: &Record, options: &Options) -> Result<Self, String> {
         let failed = |cause| format!("--record {}: cannot be used: {cause}", record.dir.display());
         fs::create_dir_all(&record.dir).map_err(failed)?;
         let mut folder = Folder::open(record).map_err(failed)?;
@@ -61,7 +66,12 @@ impl Recorder {
         };
         let thread = thread::Builder::new().name("record".into()).spawn(write);
         let thread = thread.map_err(|cause| format!("cannot start a thread: {cause}"))?;
+        let mut told = format!(" --provider {}", options.session.provider);
+        for (key, value) in &options.inference {
+            told.push_str(&format!(" --set {}", quoted(&format!("{key}={value}"))));
+        }
         Ok(Self {
+            options: told,
             writer: Mutex::new(Some((kept, thread))),
         })
     }
@@ -78,8 +88,10 @@ impl Recorder {
         model: &Path,
         doubt: String,
     ) -> bool {
-        let model = model.to_owned();
+        // The command is for another folder.
+        let model = model.canonicalize().unwrap_or_else(|_| model.to_owned());
         let kept = Kept {
+            options: self.options.clone(),
             exposure,
             uploads,
             rig,
@@ -123,7 +135,7 @@ impl Folder {
             let path = entry?.path();
             let name = path.file_name().and_then(|name| name.to_str());
             let named = |prefix| name.is_some_and(|name| name.starts_with(prefix));
-            if named(PARTIAL) {
+            if named(PARTIAL) && path.is_dir() {
                 fs::remove_dir_all(&path)?;
             } else if named(PREFIX) && is_ours(&path) {
                 let bytes = size(&path)?;
@@ -175,6 +187,7 @@ fn write_exposure(dir: &Path, kept: &Kept, ms: u128) -> io::Result<()> {
         uploads,
         rig,
         model,
+        options,
         doubt,
     } = kept;
     let mut images = serde_json::Map::new();
@@ -182,6 +195,7 @@ fn write_exposure(dir: &Path, kept: &Kept, ms: u128) -> io::Result<()> {
         "mvtop-cli infer --json --model {}",
         quoted(&model.display().to_string())
     );
+    command.push_str(options);
     command.push_str(" --rig rig.json --request request.json");
     for upload in uploads.iter() {
         let camera = &rig.cameras()[upload.camera];
@@ -221,10 +235,16 @@ fn quoted(word: &str) -> String {
 
 /// Whether a folder is one that this wrote.
 fn is_ours(path: &Path) -> bool {
+    let about = path.join(ABOUT);
     let is_folder = path.symlink_metadata().is_ok_and(|about| about.is_dir());
-    let text = fs::read_to_string(path.join(ABOUT)).unwrap_or_default();
+    // A pipe would be waited for.
+    let is_file = about.symlink_metadata().is_ok_and(|about| about.is_file());
+    if !(is_folder && is_file) {
+        return false;
+    }
+    let text = fs::read_to_string(about).unwrap_or_default();
     let about: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
-    is_folder && about["format"] == FORMAT
+    about["format"] == FORMAT
 }
 
 fn size(dir: &Path) -> io::Result<u64> {
@@ -257,6 +277,7 @@ mod tests {
             uploads: Arc::new(vec![upload]),
             rig: Rig::new(vec![camera], 0).unwrap(),
             model: "models/it's".into(),
+            options: " --provider cpu".into(),
             doubt: "failed: a sentence".into(),
         }
     }
@@ -274,6 +295,8 @@ mod tests {
     fn oldest_exposures_make_way_and_nothing_else_is_removed() {
         let dir = tempfile::tempdir().unwrap();
         fs::create_dir(dir.path().join("exposure-0-theirs")).unwrap();
+        let theirs = dir.path().join(format!("{PARTIAL}theirs"));
+        fs::write(&theirs, "a file").unwrap();
         let record = Record {
             dir: dir.path().to_owned(),
             most: 2,
@@ -281,6 +304,7 @@ mod tests {
             below: 0.5,
         };
         let mut folder = Folder::open(&record).unwrap();
+        fs::remove_file(&theirs).unwrap();
         for number in 1..=3 {
             folder.write(&kept(number)).unwrap();
         }

@@ -72,7 +72,10 @@ impl Service {
     pub fn new(config: Config) -> Result<Self, String> {
         station::check_names("model", &config.models)?;
         station::check_names("rig", &config.rigs)?;
-        let recorder = config.record.as_ref().map(Recorder::new).transpose()?;
+        let recorder = config.record.as_ref();
+        let recorder = recorder
+            .map(|record| Recorder::new(record, &config.options))
+            .transpose()?;
         let since = SystemTime::now().duration_since(UNIX_EPOCH);
         Ok(Self {
             rigs: station::load_rigs(&config.rigs)?,

@@ -19,6 +19,8 @@ const FORMAT: &str = "mvtop-grasps";
 const VERSION: u32 = 1;
 /// Most grasps, and most spheres of a gripper: each is compared with the points of all objects.
 const MOST: usize = 1000;
+/// Largest opening and radius: larger ones are of another unit.
+const LONGEST_M: f64 = 10.0;
 
 /// The grasps of a bundle's classes.
 #[derive(Debug, Clone, PartialEq)]
@@ -164,6 +166,14 @@ impl Grasps {
                 opening_m: written.opening * unit,
             })
         };
+        let lengths = document.gripper.iter().map(|sphere| sphere.radius);
+        let lengths = lengths.chain(document.grasps.iter().map(|grasp| grasp.opening));
+        let longest = unit * lengths.fold(0.0, f64::max);
+        if longest > LONGEST_M {
+            return Err(refuse(format!(
+                "expected openings and radii of {LONGEST_M} m at most, got {longest} m; check the unit"
+            )));
+        }
         let gripper = document.gripper.iter().enumerate().map(sphere);
         let gripper = gripper.collect::<Result<_>>()?;
         let grasps = document.grasps.into_iter().enumerate().map(grasp);

@@ -185,6 +185,15 @@ fn what_cannot_be_meant_is_refused_in_one_sentence() {
             r#"{"T_base_world": [[1,0,0,0],[0,1,0,0],[0,0,-1,0],[0,0,0,1]]}"#,
             "reflection",
         ),
+        (
+            r#"{"T_base_world": [[1,0,0,500],[0,1,0,200],[0,0,1,800],[0,0,0,1]]}"#,
+            "a camera within 100 m",
+        ),
+        (
+            r#"{"priors": [{"class": "soup_can", "sigma_m": 10, "sigma_deg": 10,
+                "T_world_obj": [[1,0,0,500],[0,1,0,200],[0,0,1,800],[0,0,0,1]]}]}"#,
+            "a camera within 100 m",
+        ),
         (r#"{"min_confidence": 1.5}"#, "probability"),
         (r#"{"grasps": true}"#, "grasps.json"),
         (r#"{"reference": "top"}"#, "no camera `top`"),
@@ -501,6 +510,7 @@ fn grasps_without_a_gripper_do_not_know_of_collisions() {
 fn files_of_grasps_that_are_wrong_are_refused_in_one_sentence() {
     for (from, to, said) in [
         (r#""unit": "mm""#, r#""unit": "inch""#, "`m` or `mm`"),
+        (r#""unit": "mm""#, r#""unit": "m""#, "10 m at most"),
         ("soup_can", "nut", "no class `nut`"),
         (r#""version": 1"#, r#""version": 2"#, "version 1"),
         (r#""opening": 70"#, r#""opening": -1"#, "opening"),
