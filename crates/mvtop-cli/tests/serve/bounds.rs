@@ -54,7 +54,7 @@ fn what_is_wrong_is_told_in_one_sentence() {
             "",
             vec![(&*"a".repeat(100_000).leak(), "image/png", whole.clone())],
             400,
-            "no camera `aaa",
+            "part `aaa",
         ),
     ] {
         let got = server.post(query, &[], &parts);

@@ -178,8 +178,16 @@ fn last_is_of_the_rig_that_is_asked_for_and_has_all_that_was_found() {
     let example = std::fs::read(root().join("examples/mvball/rig.json")).unwrap();
     let mut rig: serde_json::Value = serde_json::from_slice(&example).unwrap();
     for camera in rig["cameras"].as_array_mut().unwrap() {
-        let x = &mut camera["T_world_cam"]["t"][0];
-        *x = (x.as_f64().unwrap() + 1.0).into();
+        // What lies at x in the world lies at x + 1 in the other one.
+        for row in camera["T_cam_world"]
+            .as_array_mut()
+            .unwrap()
+            .iter_mut()
+            .take(3)
+        {
+            let shift = row[3].as_f64().unwrap() - row[0].as_f64().unwrap();
+            row[3] = shift.into();
+        }
     }
     let moved = folder.path().join("moved.json");
     std::fs::write(&moved, rig.to_string()).unwrap();
