@@ -194,7 +194,29 @@ impl Order {
 }
 
 /// Looks at the images in the folder of the camera program.
-async fn find(service: &Arc<Service>, order: Order) -> Result<String, Problem> {
+async fn find(service: &Arc<Service>, mut order: Order) -> Result<String, Problem> {
+    // Also counted where its client goes before it is done.
+    let mut counted = service.metrics.request();
+    let exposure = expose(service, &mut order).await;
+    counted.outcome = match &exposure {
+        Ok(_) => "ok",
+        Err(problem) => problem.kind.code(),
+    };
+    let exposure = exposure?;
+    let found = exposure
+        .outcome
+        .as_ref()
+        .map_err(|problem| Problem::new(Kind::Internal, problem))?;
+    order.format.told(
+        &exposure,
+        &found.prediction,
+        &exposure.request,
+        &service.rigs()[exposure.rig].rig,
+    )
+}
+
+/// An exposure of these images.
+async fn expose(service: &Arc<Service>, order: &mut Order) -> Result<Arc<Exposure>, Problem> {
     let began = Instant::now();
     let (model, rig) = (
         service.model(order.model.as_deref())?,
@@ -214,27 +236,11 @@ async fn find(service: &Arc<Service>, order: Order) -> Result<String, Problem> {
         id: service.next_id(),
         model,
         rig,
-        stream: order.stream,
-        request: order.request,
+        stream: order.stream.take(),
+        request: std::mem::take(&mut order.request),
         began,
     };
-    let mut counted = service.metrics.request();
-    let exposure = service.expose(place, asked, uploads).await;
-    counted.outcome = match &exposure {
-        Ok(_) => "ok",
-        Err(problem) => problem.kind.code(),
-    };
-    let exposure = exposure?;
-    let found = exposure
-        .outcome
-        .as_ref()
-        .map_err(|problem| Problem::new(Kind::Internal, problem))?;
-    order.format.told(
-        &exposure,
-        &found.prediction,
-        &exposure.request,
-        &service.rigs()[rig].rig,
-    )
+    service.expose(place, asked, uploads).await
 }
 
 /// The images of a folder that are named after cameras.
