@@ -3,7 +3,7 @@
 use crate::Checked;
 use crate::unread::words;
 
-/// Words for what is said of a camera, beside its own name.
+/// Words of a name for a part of a calibration, beside the camera's own.
 const PARTS: &[&str] = &[
     "cam",
     "camera",

@@ -173,7 +173,12 @@ pub fn words(key: &str) -> Vec<String> {
 
 /// Whether some of the words, up to three in a row, are in a list: `focal_length` as "focallength".
 fn has(words: &[String], list: &[&str]) -> bool {
-    (1..=3).any(|count| words.windows(count).any(|run| is_in(&run.concat(), list)))
+    runs(words).any(|run| is_in(&run, list))
+}
+
+/// The words alone, and two and three in a row as one.
+fn runs(words: &[String]) -> impl Iterator<Item = String> {
+    (1..=3).flat_map(|count| words.windows(count).map(|run| run.concat()))
 }
 
 /// Whether a word or, of several things, its singular is in a list.

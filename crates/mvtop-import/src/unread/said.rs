@@ -62,16 +62,12 @@ pub const CAMERAS: &[&str] = &[
 ];
 /// Units that numbers have anyway.
 pub const PLAIN_UNITS: &[&str] = &["", "rad", "radian", "radians", "px", "pixel", "pixels"];
-/// Words in keys whose texts say nothing of a lens, a place or a size, beside those of numbers.
-pub const TEXTS: &[&str] = &[
-    // What it is called, and where it is kept.
+/// Words in keys whose texts are names, places in a file system or prose.
+pub const PROSE: &[&str] = &[
     "name",
     "label",
     "title",
     "id",
-    "uuid",
-    "guid",
-    "token",
     "topic",
     "rostopic",
     "namespace",
@@ -88,10 +84,24 @@ pub const TEXTS: &[&str] = &[
     "session",
     "recording",
     "project",
-    // By whom and what it was made.
     "user",
     "operator",
     "company",
+    "command",
+    "message",
+    "remark",
+    "info",
+    "host",
+    "hostname",
+    "warning",
+];
+/// Further words in keys whose texts say nothing of a lens, a place or a size, beside those of numbers.
+pub const TEXTS: &[&str] = &[
+    // What it is called.
+    "uuid",
+    "guid",
+    "token",
+    // By whom and what it was made.
     "brand",
     "maker",
     "program",
@@ -111,18 +121,12 @@ pub const TEXTS: &[&str] = &[
     "algorithm",
     "solver",
     "optimizer",
-    "command",
     "status",
-    "message",
-    "remark",
-    "info",
     "schema",
     "revision",
     // On what.
     "driver",
     "hardware",
-    "host",
-    "hostname",
     "ip",
     "mac",
     "usb",
@@ -144,7 +148,6 @@ pub const TEXTS: &[&str] = &[
     "dict",
     "purpose",
     "keyword",
-    "warning",
 ];
 /// Words in keys of frames and cameras that something is relative to, whose names say what a place is of.
 pub const RELATIVE: &[&str] = &[
@@ -158,41 +161,13 @@ pub const RELATIVE: &[&str] = &[
     "from",
     "to",
 ];
-/// Of these and of harmless words, those whose texts are names, times or prose: words among others say nothing there.
+/// Harmless words whose texts, as those of [`PROSE`], say nothing by a word among others.
 pub const FREE: &[&str] = &[
-    "name",
-    "label",
-    "title",
-    "id",
-    "topic",
-    "rostopic",
-    "namespace",
-    "file",
-    "filename",
-    "path",
-    "dir",
-    "folder",
-    "directory",
-    "url",
-    "uri",
-    "bag",
-    "dataset",
-    "session",
-    "recording",
-    "project",
-    "user",
-    "operator",
     "author",
     "creator",
-    "company",
     "comment",
     "note",
     "description",
-    "info",
-    "remark",
-    "message",
-    "warning",
-    "command",
     "date",
     "time",
     "serial",
@@ -201,8 +176,6 @@ pub const FREE: &[&str] = &[
     "camera",
     "cam",
     "overlap",
-    "hostname",
-    "host",
 ];
 /// Words in keys of flags that are on where all is well, beside harmless ones.
 pub const FLAGS: &[&str] = &[

@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use super::said::*;
 use super::words::{HARMLESS_KEYS, SIZES};
-use super::{Key, has, is_harmless_of, is_numbers, is_stating, plain, words};
+use super::{Key, has, is_harmless_of, is_numbers, is_stating, plain, runs, words};
 use crate::lens::Lens;
 use crate::opencv::keys::{direction, is_yes, size_of_text};
 use crate::options::Unit;
@@ -21,7 +21,7 @@ pub fn flag_states(key: &Key, on: bool, value: &Value) -> bool {
         return true;
     }
     let harmless =
-        !has(&words, IMAGES) && (is_harmless_of(key, value) || has_harmless(key, &words, FLAGS));
+        !has(&words, IMAGES) && (is_harmless_of(key, value) || has_harmless(key, &words, &[FLAGS]));
     on && !harmless
 }
 
@@ -40,10 +40,10 @@ pub fn text_states(key: &Key, text: &str, value: &Value) -> bool {
     if has(&words, CONVENTIONS) {
         return true;
     }
-    let harmless =
-        !has(&words, IMAGES) && (is_harmless_of(key, value) || has_harmless(key, &words, TEXTS));
+    let harmless = !has(&words, IMAGES)
+        && (is_harmless_of(key, value) || has_harmless(key, &words, &[PROSE, TEXTS]));
     match harmless {
-        true => says(text, has(&words, FREE)),
+        true => says(text, [PROSE, FREE].iter().any(|list| has(&words, list))),
         false => !is_plain(key, &words, text),
     }
 }
@@ -54,10 +54,10 @@ pub fn lists_coefficients(list: &[Value]) -> bool {
     texts.is_some_and(|texts| is_order(&texts.join(" ")))
 }
 
-/// Whether words are of a list, and none of a lens, a place or a size.
-fn has_harmless(key: &Key, words: &[String], list: &[&str]) -> bool {
+/// Whether words are of one of the lists, and none of a lens, a place or a size.
+fn has_harmless(key: &Key, words: &[String], lists: &[&[&str]]) -> bool {
     let own = HARMLESS_KEYS.contains(&plain(&key.own).as_str());
-    (own || has(words, list))
+    (own || lists.iter().any(|list| has(words, list)))
         && !is_stating(words, &[])
         && [SIZES, LENSES, RELATIVE]
             .iter()
@@ -76,14 +76,13 @@ fn says(text: &str, whole: bool) -> bool {
                 .any(|list| list.contains(&word))
     };
     let words = words(text);
-    let runs = || (1..=3).flat_map(|count| words.windows(count));
     listed(&all)
         || UNITS.contains(&all.as_str())
         || Unit::of_file(text.trim()).is_some()
         || size_of_text(text).is_some()
         || is_order(text)
         || (!whole
-            && (runs().any(|run| listed(&run.concat()))
+            && (runs(&words).any(|run| listed(&run))
                 || text
                     .split_whitespace()
                     .any(|word| size_of_text(word).is_some())))
@@ -91,11 +90,7 @@ fn says(text: &str, whole: bool) -> bool {
 
 /// Whether words, up to three in a row, are a direction: `camera_to_world` and `c2w`.
 fn names_a_direction(words: &[String]) -> bool {
-    (1..=3).any(|count| {
-        words
-            .windows(count)
-            .any(|run| direction(&run.concat()).is_some())
-    })
+    runs(words).any(|run| direction(&run).is_some())
 }
 
 /// Whether text lists radial and tangential coefficients.
