@@ -234,7 +234,7 @@ def _check_fits(
 ) -> None:
     """Refuses the stated reading where another one fits far better, or none fits.
 
-    - best: of the stated readings; None where the hand rotates by less than `LEAST_TURN_DEG` by these
+    - best: of the stated readings; None where the hand rotates too little by these
     - tried: all readings, the best first
     """
     right = [t for t in tried if t.fits and t.fit is tried[0].fit]
