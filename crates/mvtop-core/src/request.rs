@@ -280,13 +280,29 @@ impl Request {
         images: &[ViewImage],
         tracks: Option<&mut Tracks>,
     ) -> Result<Answer> {
+        let found = self.find_all(estimator, grasps, rig, images, tracks)?;
+        self.choose(found, estimator.bundle(), grasps, rig)
+    }
+
+    /// All objects that [`Request::choose`] chooses from, to choose from them again later.
+    ///
+    /// # Errors
+    /// Those of [`Request::answer`].
+    pub fn find_all(
+        &self,
+        estimator: &Estimator,
+        grasps: Option<&Grasps>,
+        rig: &Rig,
+        images: &[ViewImage],
+        tracks: Option<&mut Tracks>,
+    ) -> Result<Prediction> {
         let bundle = estimator.bundle();
         self.check(bundle, rig, grasps.is_some())?;
         let mut found = estimator.predict(rig, images, &self.options())?;
         if let Some(tracks) = tracks {
             tracks.follow(&mut found, bundle);
         }
-        self.choose(found, bundle, grasps, rig)
+        Ok(found)
     }
 
     /// Chooses from what was found; [`Request::options`] do not count.
@@ -340,7 +356,7 @@ impl Request {
         })
     }
 
-    /// Refuses a base and priors so far from all cameras that their unit is hardly the metre.
+    /// Refuses a base and priors so far from all cameras that their unit is probably another one than the metre.
     fn check_unit(&self, rig: &Rig) -> Result<()> {
         let cameras = || {
             let places = rig.cameras().iter();

@@ -191,6 +191,12 @@ impl Order {
         }
         Ok(order)
     }
+
+    /// Indices of the model and the rig that are asked for, or of the first ones.
+    fn model_and_rig(&self, service: &Service) -> Result<(usize, usize), Problem> {
+        let model = service.model(self.model.as_deref())?;
+        Ok((model, service.rig(self.rig.as_deref())?))
+    }
 }
 
 /// Looks at the images in the folder of the camera program.
@@ -218,10 +224,7 @@ async fn find(service: &Arc<Service>, mut order: Order) -> Result<String, Proble
 /// An exposure of these images.
 async fn expose(service: &Arc<Service>, order: &mut Order) -> Result<Arc<Exposure>, Problem> {
     let began = Instant::now();
-    let (model, rig) = (
-        service.model(order.model.as_deref())?,
-        service.rig(order.rig.as_deref())?,
-    );
+    let (model, rig) = order.model_and_rig(service)?;
     let config = service.config().line.as_ref();
     let folder = config.and_then(|line| line.images.clone()).ok_or_else(|| {
         Problem::bad("FIND: expected a folder with images, got none; start the service with --line-images DIR, or ask for LAST")
@@ -329,10 +332,7 @@ fn last(service: &Arc<Service>, mut order: Order) -> Result<String, Problem> {
             "LAST: `{name}` was settled with the exposure; ask for FIND"
         )));
     }
-    let (model, rig) = (
-        service.model(order.model.as_deref())?,
-        service.rig(order.rig.as_deref())?,
-    );
+    let (model, rig) = order.model_and_rig(service)?;
     let of_stream = order.stream.as_deref();
     let nothing = || {
         let message = match of_stream {

@@ -84,9 +84,9 @@ impl Problem {
 }
 
 /// A part of a request, refused as a [`Problem`] where it cannot be read.
-pub struct Told<E>(pub E);
+pub struct Checked<E>(pub E);
 
-impl<S, E> FromRequestParts<S> for Told<E>
+impl<S, E> FromRequestParts<S> for Checked<E>
 where
     S: Send + Sync,
     E: FromRequestParts<S>,

@@ -31,8 +31,6 @@ const PARTIAL: &str = ".mvtop-partial-";
 
 /// Writes exposures in a thread of its own.
 pub struct Recorder {
-    /// Options of the command that repeats an exposure: what runs networks, and how.
-    options: String,
     writer: Mutex<Option<(SyncSender<Kept>, JoinHandle<()>)>>,
 }
 
@@ -41,8 +39,6 @@ struct Kept {
     uploads: Arc<Vec<Upload>>,
     rig: Rig,
     model: PathBuf,
-    /// See [`Recorder::options`].
-    options: String,
     doubt: String,
 }
 
@@ -51,7 +47,7 @@ impl Recorder {
     pub fn new(record: &Record, options: &Options) -> Result<Self, String> {
         let failed = |cause| format!("--record {}: cannot be used: {cause}", record.dir.display());
         fs::create_dir_all(&record.dir).map_err(failed)?;
-        let mut folder = Folder::open(record).map_err(failed)?;
+        let mut folder = Folder::open(record, options).map_err(failed)?;
         let (kept, taken): (SyncSender<Kept>, Receiver<Kept>) = sync_channel(WAITING);
         let write = move || {
             while let Ok(kept) = taken.recv() {
@@ -66,12 +62,7 @@ impl Recorder {
         };
         let thread = thread::Builder::new().name("record".into()).spawn(write);
         let thread = thread.map_err(|cause| format!("cannot start a thread: {cause}"))?;
-        let mut told = format!(" --provider {}", options.session.provider);
-        for (key, value) in &options.inference {
-            told.push_str(&format!(" --set {}", quoted(&format!("{key}={value}"))));
-        }
         Ok(Self {
-            options: told,
             writer: Mutex::new(Some((kept, thread))),
         })
     }
@@ -88,10 +79,8 @@ impl Recorder {
         model: &Path,
         doubt: String,
     ) -> bool {
-        // The command is for another folder.
-        let model = model.canonicalize().unwrap_or_else(|_| model.to_owned());
+        let model = model.to_owned();
         let kept = Kept {
-            options: self.options.clone(),
             exposure,
             uploads,
             rig,
@@ -121,6 +110,8 @@ impl Recorder {
 /// The folder of all exposures that are kept.
 struct Folder {
     dir: PathBuf,
+    /// Of the command that repeats an exposure: what runs networks, and how.
+    options: String,
     most: usize,
     most_bytes: u64,
     /// The oldest first, with their bytes.
@@ -129,7 +120,7 @@ struct Folder {
 
 impl Folder {
     /// With what is in it from earlier, without what was begun by a process that was killed.
-    fn open(record: &Record) -> io::Result<Self> {
+    fn open(record: &Record, options: &Options) -> io::Result<Self> {
         let mut kept = Vec::new();
         for entry in fs::read_dir(&record.dir)? {
             let path = entry?.path();
@@ -144,8 +135,13 @@ impl Folder {
         }
         // Their names begin with the time.
         kept.sort();
+        let mut text = format!(" --provider {}", options.session.provider);
+        for (key, value) in &options.inference {
+            text.push_str(&format!(" --set {}", quoted(&format!("{key}={value}"))));
+        }
         Ok(Self {
             dir: record.dir.clone(),
+            options: text,
             most: record.most.max(1),
             most_bytes: record.most_bytes,
             kept: kept.into(),
@@ -161,7 +157,7 @@ impl Folder {
         let whole = tempfile::Builder::new()
             .prefix(PARTIAL)
             .tempdir_in(&self.dir)?;
-        write_exposure(whole.path(), kept, ms)?;
+        write_exposure(whole.path(), kept, &self.options, ms)?;
         let bytes = size(whole.path())?;
         fs::rename(whole.path(), &path)?;
         // It is no longer there under that name.
@@ -181,15 +177,16 @@ impl Folder {
     }
 }
 
-fn write_exposure(dir: &Path, kept: &Kept, ms: u128) -> io::Result<()> {
+fn write_exposure(dir: &Path, kept: &Kept, options: &str, ms: u128) -> io::Result<()> {
     let Kept {
         exposure,
         uploads,
         rig,
         model,
-        options,
         doubt,
     } = kept;
+    // The command is for another folder.
+    let model = model.canonicalize().unwrap_or_else(|_| model.clone());
     let mut images = serde_json::Map::new();
     let mut command = format!(
         "mvtop-cli infer --json --model {}",
@@ -277,7 +274,6 @@ mod tests {
             uploads: Arc::new(vec![upload]),
             rig: Rig::new(vec![camera], 0).unwrap(),
             model: "models/it's".into(),
-            options: " --provider cpu".into(),
             doubt: "failed: a sentence".into(),
         }
     }
@@ -303,7 +299,7 @@ mod tests {
             most_bytes: 1 << 20,
             below: 0.5,
         };
-        let mut folder = Folder::open(&record).unwrap();
+        let mut folder = Folder::open(&record, &Options::default()).unwrap();
         fs::remove_file(&theirs).unwrap();
         for number in 1..=3 {
             folder.write(&kept(number)).unwrap();
@@ -318,7 +314,7 @@ mod tests {
         let begun = dir.path().join(format!("{PARTIAL}a"));
         fs::create_dir(&begun).unwrap();
         fs::write(begun.join("top.png"), "half").unwrap();
-        let mut folder = Folder::open(&record).unwrap();
+        let mut folder = Folder::open(&record, &Options::default()).unwrap();
         folder.write(&kept(4)).unwrap();
         assert_eq!(
             names(dir.path())[1..],
@@ -339,7 +335,10 @@ mod tests {
             most_bytes: 1,
             ..record
         };
-        Folder::open(&few).unwrap().write(&kept(5)).unwrap();
+        Folder::open(&few, &Options::default())
+            .unwrap()
+            .write(&kept(5))
+            .unwrap();
         assert_eq!(names(dir.path())[1..], ["exposure-00000000005000-5"]);
     }
 }

@@ -307,13 +307,8 @@ impl Service {
             let (estimator, grasps) = (&model.estimator, model.grasps.as_ref());
             let tracks = stream.as_mut().map(|stream| &mut stream.tracks);
             let request = &asked.request;
-            let bundle = estimator.bundle();
-            request.check(bundle, rig, grasps.is_some())?;
-            let mut all = estimator.predict(rig, images, &request.options())?;
-            if let Some(tracks) = tracks {
-                tracks.follow(&mut all, bundle);
-            }
-            let answer = request.choose(all.clone(), bundle, grasps, rig)?;
+            let all = request.find_all(estimator, grasps, rig, images, tracks)?;
+            let answer = request.choose(all.clone(), estimator.bundle(), grasps, rig)?;
             let mut json = answer.report.to_json()?;
             json.push('\n');
             Ok(Found {

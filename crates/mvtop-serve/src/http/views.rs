@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use crate::exposure::Exposure;
 use crate::history::Entry;
 use crate::pictures;
-use crate::problem::{Kind, Problem, Told};
+use crate::problem::{Checked, Kind, Problem};
 use crate::service::Service;
 use crate::station::{self, Model};
 
@@ -64,7 +64,7 @@ pub async fn info(State(service): Served) -> Json<Value> {
 /// A rig as its file says, in metres.
 pub async fn rig(
     State(service): Served,
-    Told(Path(name)): Told<Path<String>>,
+    Checked(Path(name)): Checked<Path<String>>,
 ) -> Result<Response, Problem> {
     let rig = service.rig(Some(&name)).map_err(not_found)?;
     let json = service.rigs()[rig].rig.to_json();
@@ -74,7 +74,7 @@ pub async fn rig(
 /// A model's classes, with points to draw.
 pub async fn model(
     State(service): Served,
-    Told(Path(name)): Told<Path<String>>,
+    Checked(Path(name)): Checked<Path<String>>,
 ) -> Result<Json<Value>, Problem> {
     let model = &service.models()?[service.model(Some(&name)).map_err(not_found)?];
     let class = |class: &Class| {
@@ -110,7 +110,7 @@ pub struct After {
 /// The last exposures, the newest first.
 pub async fn exposures(
     State(service): Served,
-    Told(Query(query)): Told<Query<After>>,
+    Checked(Query(query)): Checked<Query<After>>,
 ) -> Result<Json<Value>, Problem> {
     let after = match query.after.as_str() {
         "" => 0,
@@ -127,7 +127,7 @@ pub async fn exposures(
 /// One of them, with its answer.
 pub async fn exposure(
     State(service): Served,
-    Told(Path(number)): Told<Path<String>>,
+    Checked(Path(number)): Checked<Path<String>>,
 ) -> Result<Json<Value>, Problem> {
     let entry = find(&service, &number)?;
     let mut told = summary(&service, &entry);
@@ -178,7 +178,7 @@ fn summary(service: &Service, entry: &Entry) -> Value {
 /// A view as JPEG, with the poses drawn into it.
 pub async fn picture(
     State(service): Served,
-    Told(Path((number, camera))): Told<Path<(String, String)>>,
+    Checked(Path((number, camera))): Checked<Path<(String, String)>>,
 ) -> Result<Response, Problem> {
     let entry = find(&service, &number)?;
     let gone = || {
