@@ -63,6 +63,9 @@ def opened(browser: Browser, ball: str):
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.goto(ball)
     expect(page.locator("#state")).to_have_text("ready", timeout=PATIENCE_MS)
+    # The history comes after the state.
+    earlier = len(page.request.get(f"{ball}v1/exposures?after=0").json()["exposures"])
+    expect(page.locator("#history button")).to_have_count(earlier, timeout=PATIENCE_MS)
     yield page
     assert [url for url in asked if not url.startswith((ball, "blob:", "data:"))] == []
     assert complaints == []
