@@ -51,11 +51,11 @@ MOST_easy = 2
 TABLES = out/tables/$(notdir $(MODEL))-seed$(SEED)-$(PAIRS)
 
 .PHONY: help demo test built-tests test-rust test-python lint fuzz soak soak-serve miri fixtures eval accuracy test-accuracy accuracy-baseline detector \
-  lies tables pictures bench bench-peers bench-predict bench-serve bench-train wheel release-wheel test-wheel stubs reference site licences test-ray \
+  lies tables pictures bench bench-peers bench-predict bench-serve bench-train wheel release-wheel release-wheel-aarch64 test-wheel stubs reference site licences test-ray \
   test-page test-ros
 
 help:  ## this list
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
+	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 24
 
 demo: .venv/run.done $(CLI)  ## poses of the shipped two-view example, with overlay pictures
 	$(RUNTIME) $(CLI) infer --rig examples/mvball/rig.json examples/mvball/*.png \
@@ -103,13 +103,20 @@ UNNAMED = --remap-path-prefix=$(or $(CARGO_HOME),$(HOME)/.cargo)=/cargo --remap-
 
 # As old a glibc as onnxruntime's own wheels ask for; zig links against any. On PATH, as maturin
 # calls `python -m ziglang`.
+RELEASE = PATH="$(CURDIR)/.venv/bin:$$PATH" RUSTFLAGS="$(UNNAMED)" $(PY) -m maturin build --release --strip --locked --zig \
+  --compatibility manylinux_2_28 -m crates/mvtop-py/Cargo.toml --out out/wheels
+
 release-wheel: .venv/release.done $(SHIPPED)/model/model.json $(WHEELS)/built-train  ## both wheels, for every Linux with glibc 2.28 (2018) or newer, in out/wheels
-	rm -f out/wheels/mvtop-*.whl out/wheels/mvtop_train-*.whl
-	PATH="$(CURDIR)/.venv/bin:$$PATH" RUSTFLAGS="$(UNNAMED)" $(PY) -m maturin build --release --strip --locked --zig \
-	  --compatibility manylinux_2_28 -m crates/mvtop-py/Cargo.toml --out out/wheels
-	scripts/names-no-home.py out/wheels/mvtop-*.whl
-	scripts/try-wheel.sh out/wheels/mvtop-*.whl
+	rm -f out/wheels/mvtop-*_$$(uname -m).whl out/wheels/mvtop_train-*.whl
+	$(RELEASE)
+	scripts/names-no-home.py out/wheels/mvtop-*_$$(uname -m).whl
+	scripts/try-wheel.sh out/wheels/mvtop-*_$$(uname -m).whl
 	cp $(WHEELS)/mvtop_train-*.whl out/wheels
+
+release-wheel-aarch64: .venv/release.done $(SHIPPED)/model/model.json  ## that of mvtop for aarch64; RELEASING.md
+	rm -f out/wheels/mvtop-*_aarch64.whl
+	$(RELEASE) --target aarch64-unknown-linux-gnu
+	scripts/names-no-home.py out/wheels/mvtop-*_aarch64.whl
 
 test-wheel: .venv/test.done $(MVTOP)
 	scripts/try-wheel.sh $(WHEELS)/mvtop-*.whl
