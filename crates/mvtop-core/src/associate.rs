@@ -57,7 +57,7 @@ pub fn associate(
     views: &[Vec<LineOfSight>],
     radii: &[[f64; 2]],
 ) -> Vec<Vec<Option<usize>>> {
-    let mut free: Vec<Vec<bool>> = views.iter().map(|boxes| vec![true; boxes.len()]).collect();
+    let mut free = all_free(views);
     let mut queue: BinaryHeap<Proposal> = pairs(views)
         .into_iter()
         .filter_map(|seed| Proposal::grow(config, seed, views, radii, &free))
@@ -84,6 +84,34 @@ pub fn associate(
         }
     }
     objects
+}
+
+/// All matches of boxes, the best one first: a box may be in several.
+///
+/// Arguments and matches are those of [`associate`]; a box in no match is not returned.
+pub fn matches(
+    config: &AssociationConfig,
+    views: &[Vec<LineOfSight>],
+    radii: &[[f64; 2]],
+) -> Vec<Vec<Option<usize>>> {
+    let free = all_free(views);
+    let seeds = pairs(views).into_iter();
+    let mut all: Vec<Proposal> = seeds
+        .filter_map(|seed| Proposal::grow(config, seed, views, radii, &free))
+        .collect();
+    all.sort_by(|a, b| b.cmp(a));
+    let mut found: Vec<Vec<Option<usize>>> = Vec::new();
+    for Proposal { members, .. } in all {
+        if !found.contains(&members) {
+            found.push(members);
+        }
+    }
+    found
+}
+
+/// Of each box, that it is in no object yet.
+fn all_free(views: &[Vec<LineOfSight>]) -> Vec<Vec<bool>> {
+    views.iter().map(|boxes| vec![true; boxes.len()]).collect()
 }
 
 /// Two boxes, each by view and index.

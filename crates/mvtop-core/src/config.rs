@@ -104,7 +104,9 @@ pub struct SearchConfig {
     pub min_initial_log_odds: Option<f64>,
     /// Least confidence of an instance with further proposals.
     pub hopeless: f64,
-    /// Most instances per proposer and tiling, the most confident first.
+    /// Confidence below which other matches of an instance's boxes are tried.
+    pub doubtful: f64,
+    /// Most instances per proposer and tiling, the most confident first; most other matches.
     pub max_instances: usize,
     /// Poses closer than this, up to symmetry, are one candidate, degrees.
     pub merge_deg: f64,
@@ -234,6 +236,7 @@ impl Default for SearchConfig {
             settled: 0.9,
             min_initial_log_odds: None,
             hopeless: 0.02,
+            doubtful: 0.5,
             max_instances: 8,
             merge_deg: 25.0,
             max_candidates: 6,
@@ -355,6 +358,7 @@ impl InferenceConfig {
         positive("search.merge_deg", search.merge_deg)?;
         share("search.settled", search.settled)?;
         share("search.hopeless", search.hopeless)?;
+        share("search.doubtful", search.doubtful)?;
         share("search.min_confidence", search.min_confidence)?;
         share("search.min_in_image", search.min_in_image)?;
         share("search.same_box_iou", search.same_box_iou)?;

@@ -17,6 +17,7 @@ mod pnp;
 mod priors;
 mod proposals;
 mod refinement;
+mod rematch;
 mod reprojection;
 mod rig_check;
 mod rig_test;

@@ -80,10 +80,9 @@ fn object_hidden_from_all_views_but_one_stands_alone() {
     );
 }
 
-#[test]
-fn third_view_settles_which_of_two_crossings_is_real() {
-    // Both balls lie in one plane with both cameras, so in two views the wrong pairs cross
-    // too; the boxes' sizes are off by what makes the wrong pairs fit better there.
+/// Two balls in one plane with two cameras, so that the wrong pairs cross too, and a third camera. The
+/// boxes' sizes are off by what makes the wrong pairs fit better.
+fn crossed() -> Vec<Vec<LineOfSight>> {
     let cameras = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, -1.5, 0.0]];
     let (near, far) = ([0.0, 0.0, 2.8], [0.0, 0.0, 3.2]);
     let mut views: Vec<Vec<LineOfSight>> = cameras
@@ -95,7 +94,12 @@ fn third_view_settles_which_of_two_crossings_is_real() {
     }
     views[1][0].sin_radius /= 0.9 * 0.9;
     views[1][1].sin_radius /= 1.1 * 1.1;
+    views
+}
 
+#[test]
+fn third_view_settles_which_of_two_crossings_is_real() {
+    let views = crossed();
     let mut by_two = associate(&views[..2]);
     by_two.sort();
     assert_eq!(
@@ -106,6 +110,29 @@ fn third_view_settles_which_of_two_crossings_is_real() {
     let mut by_three = associate(&views);
     by_three.sort();
     assert_eq!(by_three, [[Some(0); 3], [Some(1); 3]]);
+}
+
+#[test]
+fn matches_are_all_that_lines_of_sight_allow_the_best_first() {
+    let all = |views: &[Vec<LineOfSight>]| {
+        matches(
+            &AssociationConfig::default(),
+            views,
+            &[[0.0, f64::INFINITY]; 2],
+        )
+    };
+    let mut by_two = all(&crossed()[..2]);
+    by_two[..2].sort();
+    by_two[2..].sort();
+    let wrong = [[Some(0), Some(1)], [Some(1), Some(0)]];
+    assert_eq!(by_two, [wrong, [[Some(0); 2], [Some(1); 2]]].concat());
+    // Each once, although three pairs of boxes propose it.
+    let by_three = all(&crossed());
+    assert_eq!(
+        by_three.iter().filter(|one| **one == [Some(0); 3]).count(),
+        1
+    );
+    assert!(all(&crossed()[..1]).is_empty());
 }
 
 #[test]

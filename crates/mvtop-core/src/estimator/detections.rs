@@ -5,7 +5,7 @@ use ndarray::Axis;
 use super::instance::Instance;
 use super::view::View;
 use crate::annotations::GivenBoxes;
-use crate::associate::{LineOfSight, associate};
+use crate::associate::{LineOfSight, associate, matches};
 use crate::bundle::Bundle;
 use crate::closeup::CloseUp;
 use crate::config::AssociationConfig;
@@ -54,31 +54,72 @@ pub fn detected(
     views: &[View],
     boxes: &[Vec<Detection>],
 ) -> Vec<Instance> {
-    let threshold = f64::from(bundle.detector.score_threshold);
-    let mut detections: Vec<Vec<Detection>> = Vec::new();
-    let mut lines_of_sight = Vec::new();
-    for (view, boxes) in views.iter().zip(boxes) {
-        let (found, lines) = boxes
-            .iter()
-            .filter(|seen| CloseUp::is_of(view.camera, seen.bbox))
-            .filter_map(|seen| Some((*seen, LineOfSight::new(seen.class, view.camera, seen.bbox)?)))
-            .unzip();
-        detections.push(found);
-        lines_of_sight.push(lines);
-    }
-
-    let instance = |members: Vec<Option<usize>>| {
-        let seen = members.iter().zip(&detections);
-        let seen: Vec<Option<Detection>> = seen
-            .map(|(index, found)| index.map(|index| found[index]))
-            .collect();
-        let instance = Instance::new(seen.iter().flatten().next()?.class, seen);
-        (instance.score() >= threshold).then_some(instance)
-    };
-    let members = associate(config, &lines_of_sight, radii);
-    let mut instances: Vec<Instance> = members.into_iter().filter_map(instance).collect();
+    let seen = Seen::new(views, boxes);
+    let members = associate(config, &seen.lines, radii);
+    let mut instances = seen.instances(bundle, members);
     instances.sort_by(|a, b| b.score().total_cmp(&a.score()));
     instances
+}
+
+/// Instances that other matches of the boxes of some instances make, the best match first.
+///
+/// - `instances`: whose boxes are matched; the other arguments are those of [`detected`]
+pub fn rematched(
+    bundle: &Bundle,
+    config: &AssociationConfig,
+    radii: &[[f64; 2]],
+    views: &[View],
+    instances: &[Instance],
+) -> Vec<Instance> {
+    let of_view = |v: usize| instances.iter().filter_map(move |one| one.detections[v]);
+    let boxes: Vec<Vec<Detection>> = (0..views.len()).map(|v| of_view(v).collect()).collect();
+    let seen = Seen::new(views, &boxes);
+    let mut others = seen.instances(bundle, matches(config, &seen.lines, radii));
+    let known = |other: &Instance| {
+        instances
+            .iter()
+            .any(|one| one.detections == other.detections)
+    };
+    others.retain(|other| !known(other));
+    others
+}
+
+/// Boxes of each view that can be decoded, with their lines of sight.
+struct Seen {
+    boxes: Vec<Vec<Detection>>,
+    lines: Vec<Vec<LineOfSight>>,
+}
+
+impl Seen {
+    fn new(views: &[View], boxes: &[Vec<Detection>]) -> Self {
+        let of_view = |(view, boxes): (&View, &Vec<Detection>)| {
+            let boxes = boxes.iter();
+            boxes
+                .filter(|seen| CloseUp::is_of(view.camera, seen.bbox))
+                .filter_map(|seen| {
+                    Some((*seen, LineOfSight::new(seen.class, view.camera, seen.bbox)?))
+                })
+                .unzip()
+        };
+        let (boxes, lines) = views.iter().zip(boxes).map(of_view).unzip();
+        Self { boxes, lines }
+    }
+
+    /// Instances of boxes by their indices, those whose score reaches the threshold.
+    ///
+    /// - `members`: `[objects][V]`
+    fn instances(&self, bundle: &Bundle, members: Vec<Vec<Option<usize>>>) -> Vec<Instance> {
+        let threshold = f64::from(bundle.detector.score_threshold);
+        let instance = |members: Vec<Option<usize>>| {
+            let seen = members.iter().zip(&self.boxes);
+            let seen: Vec<Option<Detection>> = seen
+                .map(|(index, boxes)| index.map(|index| boxes[index]))
+                .collect();
+            let instance = Instance::new(seen.iter().flatten().next()?.class, seen);
+            (instance.score() >= threshold).then_some(instance)
+        };
+        members.into_iter().filter_map(instance).collect()
+    }
 }
 
 /// Most objects whose boxes may be given: each takes its own time, half a second on two cores.

@@ -76,6 +76,7 @@ impl<'a> Pipeline<'a> {
         clock.lap(|timings| &mut timings.detect);
 
         self.first_candidates(&mut instances, &mut clock)?;
+        self.rematch(&mut instances, &mut clock)?;
         self.propose_priors(&mut instances, &mut clock)?;
         for proposer in &self.config().search.schedule {
             self.search(*proposer, &mut instances, &mut clock)?;
@@ -152,7 +153,11 @@ impl<'a> Pipeline<'a> {
     }
 
     /// The network's candidates from the detected boxes.
-    fn first_candidates(&self, instances: &mut [Instance], clock: &mut Clock) -> Result<()> {
+    pub(super) fn first_candidates(
+        &self,
+        instances: &mut [Instance],
+        clock: &mut Clock,
+    ) -> Result<()> {
         let rois: Vec<_> = instances.iter().map(Instance::boxes).collect();
         let requests = instances.iter().zip(&rois).enumerate();
         let requests = requests.map(|(object, (one, rois))| self.request(object, one.class, rois));

@@ -10,6 +10,7 @@ mod instances;
 mod judged;
 mod occlusion;
 mod proposers;
+mod rematch;
 mod wanted;
 
 use super::grouping::mean_rotation;
