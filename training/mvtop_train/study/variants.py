@@ -51,6 +51,11 @@ RAYS = Variant(geometry="rays", los_encoding="plucker_origin", queries=1)
 VARIANTS = {
     "baseline": Variant(),
     "baseline_no_encoder": Variant(encoder_layers=0),
+    # Without the encoder a step takes a third of the time.
+    "no_encoder_direction": Variant(encoder_layers=0, los_encoding="direction"),
+    "no_encoder_plucker": Variant(encoder_layers=0, los_encoding="plucker"),
+    "no_encoder_plucker_origin": Variant(encoder_layers=0, los_encoding="plucker_origin"),
+    "no_encoder_single": Variant(encoder_layers=0, los_encoding="none", views=1),
     "baseline_direction": Variant(los_encoding="direction"),
     "baseline_plucker": Variant(los_encoding="plucker"),
     "baseline_plucker_origin": Variant(los_encoding="plucker_origin"),
