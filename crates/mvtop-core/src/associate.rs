@@ -4,7 +4,7 @@
 //! of sight of all the boxes that show one object.
 
 use std::cmp::Ordering;
-use std::collections::BinaryHeap;
+use std::collections::{BinaryHeap, HashSet};
 
 use nalgebra::Vector3;
 
@@ -58,10 +58,7 @@ pub fn associate(
     radii: &[[f64; 2]],
 ) -> Vec<Vec<Option<usize>>> {
     let mut free = all_free(views);
-    let mut queue: BinaryHeap<Proposal> = pairs(views)
-        .into_iter()
-        .filter_map(|seed| Proposal::grow(config, seed, views, radii, &free))
-        .collect();
+    let mut queue = BinaryHeap::from(proposals(config, views, radii, &free));
 
     let mut objects = Vec::new();
     while let Some(best) = queue.pop() {
@@ -94,24 +91,29 @@ pub fn matches(
     views: &[Vec<LineOfSight>],
     radii: &[[f64; 2]],
 ) -> Vec<Vec<Option<usize>>> {
-    let free = all_free(views);
-    let seeds = pairs(views).into_iter();
-    let mut all: Vec<Proposal> = seeds
-        .filter_map(|seed| Proposal::grow(config, seed, views, radii, &free))
-        .collect();
+    let mut all = proposals(config, views, radii, &all_free(views));
     all.sort_by(|a, b| b.cmp(a));
-    let mut found: Vec<Vec<Option<usize>>> = Vec::new();
-    for Proposal { members, .. } in all {
-        if !found.contains(&members) {
-            found.push(members);
-        }
-    }
-    found
+    let mut known = HashSet::new();
+    let members = all.into_iter().map(|one| one.members);
+    members.filter(|one| known.insert(one.clone())).collect()
 }
 
 /// Of each box, that it is in no object yet.
 fn all_free(views: &[Vec<LineOfSight>]) -> Vec<Vec<bool>> {
     views.iter().map(|boxes| vec![true; boxes.len()]).collect()
+}
+
+/// What each pair of boxes proposes.
+fn proposals(
+    config: &AssociationConfig,
+    views: &[Vec<LineOfSight>],
+    radii: &[[f64; 2]],
+    free: &[Vec<bool>],
+) -> Vec<Proposal> {
+    let seeds = pairs(views).into_iter();
+    seeds
+        .filter_map(|seed| Proposal::grow(config, seed, views, radii, free))
+        .collect()
 }
 
 /// Two boxes, each by view and index.

@@ -19,21 +19,15 @@ impl Pipeline<'_> {
         }
         let is_doubtful =
             |one: &mut Instance| one.views() > 0 && one.confidence() < search.doubtful;
-        let mut doubtful: Vec<Instance> = instances.extract_if(.., is_doubtful).collect();
-        let mut others = self.other_matches(&doubtful);
+        let mut all: Vec<Instance> = instances.extract_if(.., is_doubtful).collect();
+        let mut others = self.other_matches(&all);
         self.first_candidates(&mut others, clock)?;
-        let before = doubtful.len();
-        doubtful.extend(others);
-        let kept = most_probable(&doubtful);
-        if kept.iter().all(|&index| index < before) {
-            doubtful.truncate(before);
-            instances.extend(doubtful);
-            return Ok(());
-        }
-        let mut left = self.left_over(&doubtful, &kept);
+        all.extend(others);
+        let kept = most_probable(&all);
+        let mut left = self.left_over(&all, &kept);
         self.first_candidates(&mut left, clock)?;
-        let doubtful = doubtful.into_iter().enumerate();
-        instances.extend(doubtful.filter_map(|(index, one)| kept.contains(&index).then_some(one)));
+        let all = all.into_iter().enumerate();
+        instances.extend(all.filter_map(|(index, one)| kept.contains(&index).then_some(one)));
         instances.extend(left);
         Ok(())
     }
