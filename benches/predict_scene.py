@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import trimesh
-from mvtop_train.data import objects
+from mvtop_train.data import meshfile, objects
 from mvtop_train.synthesis.gl import open_gl
 from mvtop_train.synthesis.parts import Part
 from mvtop_train.synthesis.render import Renderer, mujoco
@@ -78,7 +78,7 @@ class Table:
         self.gl = open_gl()
 
     def _part(self, bundle: Path, index: int) -> Part:
-        mesh = objects.load_mesh(bundle / f"{self.classes[index]}.mesh.ply", "m")
+        mesh = meshfile.load_mesh(bundle / f"{self.classes[index]}.mesh.ply", "m")
         vertices, faces = mesh.vertices, mesh.faces
         colors = {"color": np.asarray(mesh.visual.vertex_colors, float)}
         for _ in range(FINER):

@@ -25,7 +25,7 @@ const MAX_TAPS: u32 = 8;
 /// Px of the image per pixel of a network's picture, from which on a halved one is read. Networks
 /// are trained on means of this many samples.
 const SMOOTH: f64 = 4.0;
-/// The same for the refinement, which reads halved images by one sample per pixel.
+/// The same for the refinement, which reads one sample per pixel.
 const SHARP: f64 = 1.5;
 
 /// A virtual pinhole camera that looks at a box of a real one's image.
@@ -176,7 +176,7 @@ impl CloseUp {
 
     /// R, G and B, 0 to 255, of its pixels, row by row, from the image of the real camera.
     ///
-    /// A pixel is the mean of some bilinear samples, or one sample of a halved image; `None` where its center is off the image.
+    /// A pixel is one bilinear sample of the image, halved where it is large; `None` off the image.
     pub fn pixels(&self, real: &Camera, image: &Pyramid) -> Vec<Option<[f32; 3]>> {
         let size = self.camera.width() as usize;
         let job = self.job(real, image, SHARP);
@@ -190,7 +190,7 @@ impl CloseUp {
     fn job<'a>(&self, real: &'a Camera, image: &'a Pyramid, most: f64) -> pixels::Job<'a> {
         let (image, halved) = image.of_step(self.step, most);
         let scale = 0.5_f64.powi(halved as i32);
-        let taps = match halved > 0 && most <= SHARP {
+        let taps = match most <= SHARP {
             true => 1,
             false => ((self.step * scale).ceil() as u32).clamp(1, MAX_TAPS),
         };
