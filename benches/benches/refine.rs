@@ -5,7 +5,7 @@ use mvtop_benches::repository;
 use mvtop_core::annotations::load_truth;
 use mvtop_core::image::{self, Pyramid};
 use mvtop_core::prediction::Sigma;
-use mvtop_core::refine::{Refiner, Schedule, View};
+use mvtop_core::refine::{Refiner, View};
 use mvtop_core::{Rig, mesh, pose};
 use nalgebra::{Isometry3, Vector3};
 
@@ -37,9 +37,7 @@ fn refine(c: &mut Criterion) {
         rot_deg: 5.0,
         t_m: 0.003,
     };
-    let found = refiner
-        .refine(&views, &start, sigma, Schedule::Full)
-        .expect("a view");
+    let found = refiner.refine(&views, &start, sigma).expect("a view");
     println!(
         "off by {:.2} degrees and {:.2} mm, by {:.2} and {:.2} before",
         pose::rotation_error_deg(&found.world_from_obj.rotation, &truth.rotation),
@@ -52,7 +50,7 @@ fn refine(c: &mut Criterion) {
         group.bench_function(format!("{count} views"), |b| {
             b.iter(|| {
                 refiner
-                    .refine(&views[..count], &start, sigma, Schedule::Full)
+                    .refine(&views[..count], &start, sigma)
                     .expect("a view")
             })
         });

@@ -156,6 +156,8 @@ pub struct RigConfig {
     pub view_prior: [f64; 2],
     /// Least contour inlier share of a view's pose; below, its box counts.
     pub min_contour_inliers: f64,
+    /// Contour inlier share of a view's pose from which no other start is tried.
+    pub enough_contour_inliers: f64,
     /// Factor on the covariance of a single view's pose, as its contour points are correlated.
     pub covariance_factor: f64,
     /// Least standard deviations of a single view's pose by contours: across the ray (diameters),
@@ -258,6 +260,7 @@ impl Default for RigConfig {
             box_sigma: [0.006, 0.022],
             view_prior: [10.0, 0.03],
             min_contour_inliers: 0.5,
+            enough_contour_inliers: 0.6,
             covariance_factor: 3.0,
             contour_floor: [0.004, 0.006, 0.02],
             box_floor: [0.1, 0.3, 1.0],

@@ -19,6 +19,7 @@ mod fit_quality;
 mod gauss_newton;
 mod mesh_model;
 mod mutual_information;
+mod one_view;
 mod raster;
 mod revolution_axis;
 mod texture;
@@ -34,6 +35,7 @@ pub use self::depth_map::DepthMap;
 use self::edge_search::{StepFunction, step_function};
 use self::gauss_newton::{ANGLE_PER_AXIS, Prior, Residual, Step};
 use self::mesh_model::MeshModel;
+pub use self::one_view::ByOneView;
 use self::texture::Texture;
 pub use self::view_quality::{Quality, ViewQuality};
 use self::view_state::ViewState;
@@ -62,16 +64,6 @@ pub struct Edge {
     pub is_inlier: bool,
 }
 
-/// Stages of a refinement.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Schedule {
-    /// Coarse stage, fine stage, texture.
-    Full,
-    /// Coarse crops alone: quicker, and exact enough to compare views. It evaluates no
-    /// [`Refined::quality`].
-    CoarseOnly,
-}
-
 /// A refined pose.
 #[derive(Debug, Clone)]
 pub struct Refined {
@@ -79,14 +71,11 @@ pub struct Refined {
     pub world_from_obj: Isometry3<f64>,
     /// Expected error.
     pub sigma: Sigma,
-    /// Inverse covariance by images and prior: rotation about the object's center (radians) and
-    /// translation (metres), world frame.
-    pub information: Matrix6<f64>,
     /// Share of inliers among the contour points, mean over views.
     pub contour_inliers: f64,
     /// Mean distance of the edges from their projections, px of the crops.
     pub contour_residual_px: f64,
-    /// Evidence at this pose; empty after [`Schedule::CoarseOnly`].
+    /// Evidence at this pose.
     pub quality: Quality,
     /// Whether the images fit it better than the start.
     pub accepted: bool,
@@ -162,26 +151,16 @@ impl Refiner {
         views: &[View],
         world_from_obj: &Isometry3<f64>,
         sigma: Sigma,
-        schedule: Schedule,
     ) -> Option<Refined> {
+        let RefineConfig { coarse, fine, .. } = &self.config;
         let prior = Prior::new(*world_from_obj, sigma);
-        let (mut pose, mut information) = (*world_from_obj, Matrix6::zeros());
-        let (mut states, mut initial) = (Vec::new(), None);
-        let stages = self.stages(schedule);
-        let last = stages.len() - 1;
-        for (index, (stage, steps)) in stages.into_iter().enumerate() {
-            states = self.view_states(views, &pose, stage);
-            if index == last {
-                // Now, as the first iteration of an only stage uses what is rendered for it.
-                initial = Some(self.fit(&mut states, world_from_obj)?);
-            }
-            for &step in steps {
-                let found = self.iterate(&mut states, &prior, &pose, step)?;
-                (pose, information) = (found.world_from_obj, found.information);
-            }
-        }
-        let is_coarse = schedule == Schedule::CoarseOnly;
-        if let Some(texture) = self.texture.as_ref().filter(|_| !is_coarse) {
+        let mut states = self.view_states(views, world_from_obj, coarse);
+        let (pose, _) = self.descended(&mut states, &prior, world_from_obj, &coarse.steps_px)?;
+        let mut states = self.view_states(views, &pose, fine);
+        let initial = self.fit(&mut states, world_from_obj)?;
+        let (mut pose, mut information) =
+            self.descended(&mut states, &prior, &pose, &fine.steps_px)?;
+        if let Some(texture) = &self.texture {
             for view in &mut states {
                 view.render(&pose);
             }
@@ -190,14 +169,12 @@ impl Refiner {
                 information += of_angle;
             }
         }
-        let initial = initial?;
         let margin = self.config.accept_margin_bits;
         let better = self.fit(&mut states, &pose);
         let better = better.filter(|fit| fit.is_better(&initial, margin));
         let accepted = better.is_some();
         let (pose, fit) = match better {
             Some(fit) => (pose, fit),
-            None if is_coarse => (*world_from_obj, initial),
             // Once more, so that the states are those of the start.
             None => (*world_from_obj, self.fit(&mut states, world_from_obj)?),
         };
@@ -207,24 +184,36 @@ impl Refiner {
                 true => self.expected_error(&pose, &information).unwrap_or(sigma),
                 false => sigma,
             },
-            information,
             contour_inliers: fit.contour_inliers,
             contour_residual_px: fit.contour_residual_px,
-            quality: match is_coarse {
-                true => Quality::default(),
-                false => self.quality_of(&states, &fit, &pose),
-            },
+            quality: self.quality_of(&states, &fit, &pose),
             accepted,
         })
     }
 
-    /// Stages of a schedule, with their line steps.
-    fn stages(&self, schedule: Schedule) -> Vec<(&Stage, &[f64])> {
-        let RefineConfig { coarse, fine, .. } = &self.config;
-        match schedule {
-            Schedule::Full => vec![(coarse, &coarse.steps_px), (fine, &fine.steps_px)],
-            Schedule::CoarseOnly => vec![(coarse, &self.config.coarse_only_steps_px)],
+    /// The pose after Gauss-Newton steps from `start`, and its inverse covariance. Once a step moves the
+    /// edges by less than `converged_px`, the last one alone is left.
+    fn descended(
+        &self,
+        states: &mut [ViewState],
+        prior: &Prior,
+        start: &Isometry3<f64>,
+        steps_px: &[f64],
+    ) -> Option<(Isometry3<f64>, Matrix6<f64>)> {
+        let (mut pose, mut information) = (*start, Matrix6::zeros());
+        let last = steps_px.last()?;
+        let mut left = steps_px;
+        while let Some((step, rest)) = left.split_first() {
+            let found = self.iterate(states, prior, &pose, *step)?;
+            (pose, information) = (found.world_from_obj, found.information);
+            let has_converged = found.moved_px < self.config.converged_px;
+            left = match (has_converged, step == last) {
+                (false, _) => rest,
+                (true, false) => std::slice::from_ref(last),
+                (true, true) => &[],
+            };
         }
+        Some((pose, information))
     }
 
     /// One Gauss-Newton step on all views.

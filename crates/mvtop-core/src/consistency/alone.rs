@@ -10,7 +10,7 @@ use super::{Sight, agreement};
 use crate::bundle::SurfacePoint;
 use crate::config::RigConfig;
 use crate::prediction::Sigma;
-use crate::refine::{self, Refiner, Schedule};
+use crate::refine::{self, Refiner};
 
 /// A pose as one view tells it.
 #[derive(Debug, Clone)]
@@ -90,31 +90,15 @@ impl Alone {
             rot_deg: config.view_prior[0],
             t_m: config.view_prior[1] * distance,
         };
-        let from = |start| {
-            refiner.refine(
-                std::slice::from_ref(view),
-                start,
-                sigma,
-                Schedule::CoarseOnly,
-            )
-        };
         // Where the box is where the pose has it, as exactly as boxes are, both searches would be one.
         let apart = shift.norm() > config.box_floor[0] * refiner.diameter_m();
-        let (joint, boxed) = rayon::join(
-            || from(world_from_obj),
-            || apart.then(|| from(&by_box)).flatten(),
-        );
-        let best = [boxed, joint]
-            .into_iter()
-            .flatten()
-            .filter(|found| found.contour_inliers > config.min_contour_inliers)
-            .reduce(|a, b| {
-                if b.contour_inliers > a.contour_inliers {
-                    b
-                } else {
-                    a
-                }
-            });
+        let starts: &[Isometry3<f64>] = match apart {
+            true => &[*world_from_obj, by_box],
+            false => &[*world_from_obj],
+        };
+        let enough = config.enough_contour_inliers;
+        let best = refiner.refine_in_one_view(view, starts, sigma, enough);
+        let best = best.filter(|found| found.contour_inliers > config.min_contour_inliers);
         let best = best.and_then(|best| Some((best.information.cholesky()?.inverse(), best)));
         let by_edges = best.is_some();
         let (pose, told, [across, along_share, turn]) = match best {

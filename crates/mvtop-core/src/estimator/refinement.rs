@@ -11,7 +11,7 @@ use crate::consistency::Sight;
 use crate::consistency::alone::{Alone, Difference, differences};
 use crate::network::DetectorMaps;
 use crate::prediction::Refinement;
-use crate::refine::{self, Quality, Schedule};
+use crate::refine::{self, Quality};
 use crate::scorer::{PoseEvidence, ViewEvidence};
 
 impl Pipeline<'_> {
@@ -54,7 +54,7 @@ impl Pipeline<'_> {
                 .map(|&view| self.views[view].refined())
                 .collect();
             let start = &candidate.world_from_obj;
-            if let Some(refined) = refiner.refine(&views, start, candidate.sigma, Schedule::Full) {
+            if let Some(refined) = refiner.refine(&views, start, candidate.sigma) {
                 quality = refined.quality;
                 for of_view in &mut quality.views {
                     of_view.view = shown[of_view.view];

@@ -1,6 +1,7 @@
 //! Views compared with each other, instances rejected, and results gathered.
 
 use nalgebra::Isometry3;
+use rayon::prelude::*;
 
 use super::instance::{Candidate, Instance};
 use super::near_miss::NearMisses;
@@ -28,7 +29,7 @@ impl Pipeline<'_> {
         self.occlude(&mut instances, &seen);
         let hopeless = self.config().search.hopeless;
         let compared: Vec<_> = instances
-            .iter()
+            .par_iter()
             .map(
                 |one| match bundle.scorer.is_none() || one.confidence() >= hopeless {
                     true => self.compared(one),

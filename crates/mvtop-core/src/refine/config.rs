@@ -50,14 +50,16 @@ pub struct RefineConfig {
     /// First stage, at the image's resolution; 224 px was compared with 128 px on pairs of images of a
     /// synthetic ball, the rest is not measured.
     pub coarse: Stage,
-    /// Second stage, at twice the resolution, as regions are sampled by whole pixels; not measured.
+    /// Second stage, at a higher resolution, as regions are sampled by whole pixels; docs/decisions/0013.
     pub fine: Stage,
     /// Least angle between normals at a crease, degrees; not measured.
     pub crease_deg: f64,
     /// Most segments; a mesh of more colors is textured and has one.
     pub max_segments: usize,
-    /// Line steps of a refinement that ends on coarse crops, px; not measured.
-    pub coarse_only_steps_px: Vec<f64>,
+    /// Line steps of a refinement in one view alone, on a coarse crop, px; not measured.
+    pub one_view_steps_px: Vec<f64>,
+    /// Mean motion of the edges below which only the last line step is left, px of the crop.
+    pub converged_px: f64,
     /// Number of contour points per view (M3T uses 200 lines); not measured.
     pub contour_points: f64,
     /// Least distance of contour points, and of samples from an edge, px of the crop; not measured.
@@ -110,14 +112,15 @@ impl Default for RefineConfig {
                 steps_px: vec![4.0, 3.0, 2.0],
             },
             fine: Stage {
-                scale: 2.0,
-                side_px: [96.0, 320.0],
+                scale: 1.5,
+                side_px: [96.0, 256.0],
                 fill: 0.8,
                 steps_px: vec![2.0, 1.5, 1.0, 1.0, 1.0],
             },
             crease_deg: 30.0,
             max_segments: 4,
-            coarse_only_steps_px: vec![4.0, 2.0, 1.0, 1.0],
+            one_view_steps_px: vec![4.0, 2.0, 1.0, 1.0],
+            converged_px: 0.05,
             contour_points: 220.0,
             contour_margin_px: 1.5,
             occlusion_tolerance: [0.1, 0.03, 0.02],
@@ -155,7 +158,7 @@ impl RefineConfig {
             && self.max_segments <= usize::from(u8::MAX)
             && steps
                 .into_iter()
-                .chain([&self.coarse_only_steps_px])
+                .chain([&self.one_view_steps_px])
                 .all(has_steps)
             && self.contour_points <= 1e4
             && self.background_band_px <= 1000

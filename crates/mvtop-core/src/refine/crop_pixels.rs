@@ -18,8 +18,8 @@ pub type ColorDescriptor = [f32; 3];
 /// Pixels of a crop.
 pub struct CropPixels {
     pub size: usize,
-    /// R, G and B of each pixel, 0 to 255; `None` outside the image.
-    colors: Vec<Option<[f32; 3]>>,
+    /// R, G and B of each pixel, 0 to 255, and 0; NaN outside the image. Four numbers are one vector.
+    colors: Vec<[f32; 4]>,
     /// Histogram bin of each pixel.
     pub bins: Vec<u16>,
     chromaticities: OnceLock<Vec<Vector3<f32>>>,
@@ -37,15 +37,15 @@ impl CropPixels {
         Self {
             size,
             bins: colors.iter().map(bin).collect(),
-            colors,
+            colors: colors.into_iter().map(padded).collect(),
             chromaticities: OnceLock::new(),
         }
     }
 
     /// Shares of R, G and B in each pixel's brightness; 0 outside the image and in dark pixels.
     pub fn chromaticities(&self) -> &[Vector3<f32>] {
-        let one = |rgb: &Option<[f32; 3]>| {
-            let known = rgb.and_then(brightness_and_chromaticity);
+        let one = |color: &[f32; 4]| {
+            let known = brightness_and_chromaticity(rgb(color));
             known.map_or(Vector3::zeros(), |(_, shares)| shares.into())
         };
         self.chromaticities
@@ -54,7 +54,7 @@ impl CropPixels {
 
     /// Descriptors of every n-th pixel along each axis; NaN outside the image and in dark pixels.
     pub fn descriptors(&self, every: usize) -> Vec<ColorDescriptor> {
-        let one = |rgb: &Option<[f32; 3]>| rgb.and_then(descriptor).unwrap_or([f32::NAN; 3]);
+        let one = |color: &[f32; 4]| descriptor(rgb(color)).unwrap_or([f32::NAN; 3]);
         let rows = self.colors.chunks(self.size).step_by(every);
         rows.flat_map(|row| row.iter().step_by(every))
             .map(one)
@@ -78,27 +78,47 @@ impl CropPixels {
         let mut before = side(0);
         std::array::from_fn(|i| {
             let behind = side(i + 1);
-            let change = behind.zip(before).map(|(a, b)| a - b);
+            let squares = [0, 1, 2].map(|c| (behind[c] - before[c]).powi(2));
             before = behind;
-            change.map_or(0.0, |change| {
-                f64::from(change.norm_squared()) / (3.0 * 255.0 * 255.0)
-            })
+            let square = f64::from(squares[0] + squares[1] + squares[2]);
+            let is_known = square >= 0.0;
+            if is_known {
+                square / (3.0 * 255.0 * 255.0)
+            } else {
+                0.0
+            }
         })
     }
 
-    /// R, G and B, 0 to 255, bilinear.
-    fn interpolated(&self, at: Point2<f64>) -> Option<Vector3<f32>> {
+    /// R, G and B, 0 to 255, and 0, bilinear; NaN outside the image.
+    fn interpolated(&self, at: Point2<f64>) -> [f32; 4] {
         let last = self.size as f64 - 1.0;
         if !(at.x >= 0.0 && at.y >= 0.0 && at.x < last && at.y < last) {
-            return None;
+            return [f32::NAN; 4];
         }
         let (u, v) = (at.x as usize, at.y as usize);
         let (right, below) = ((at.x - u as f64) as f32, (at.y - v as f64) as f32);
-        let pixel = |index: usize| self.colors[index].map(Vector3::from);
-        let row = |first: usize| Some(pixel(first)?.lerp(&pixel(first + 1)?, right));
         let first = v * self.size + u;
-        Some(row(first)?.lerp(&row(first + self.size)?, below))
+        let [above, under] = [first, first + self.size].map(|index| {
+            let [a, b] = [self.colors[index], self.colors[index + 1]];
+            between(&a, &b, right)
+        });
+        between(&above, &under, below)
     }
+}
+
+/// - `color`: `None` outside the image
+fn padded(color: Option<[f32; 3]>) -> [f32; 4] {
+    color.map_or([f32::NAN; 4], |[r, g, b]| [r, g, b, 0.0])
+}
+
+fn rgb(&[r, g, b, _]: &[f32; 4]) -> [f32; 3] {
+    [r, g, b]
+}
+
+/// From some numbers to others, by a share of the way.
+fn between(from: &[f32; 4], to: &[f32; 4], share: f32) -> [f32; 4] {
+    std::array::from_fn(|i| from[i] + share * (to[i] - from[i]))
 }
 
 /// Descriptor of a color; `None` if it is too dark.

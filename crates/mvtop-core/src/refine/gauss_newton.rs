@@ -36,6 +36,8 @@ pub struct Step {
     pub motion: Vector6<f64>,
     /// Pose after the motion.
     pub world_from_obj: Isometry3<f64>,
+    /// How far it moves the edges along their lines, mean, px.
+    pub moved_px: f64,
     /// Inverse covariance by the views and the prior.
     pub information: Matrix6<f64>,
 }
@@ -112,8 +114,12 @@ impl Refiner {
                 *weight = (kept / most).powi(2);
             }
         }
+        let all = residuals.iter().copied().flatten();
+        let count = all.clone().count().max(1) as f64;
+        let moved_px = all.map(|one| one.jacobian.dot(&motion).abs()).sum::<f64>() / count;
         motion.iter().all(|x| x.is_finite()).then(|| Step {
             motion,
+            moved_px,
             world_from_obj: moved(pose, center, &motion),
             information: hessian * config.information_deflation + known,
         })

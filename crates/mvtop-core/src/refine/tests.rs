@@ -3,6 +3,7 @@
 mod alone;
 mod config;
 mod evidence;
+mod one_view;
 mod quality;
 mod robust_step;
 mod scene;
@@ -58,7 +59,7 @@ fn errors(mesh: &Mesh, axis: Option<Axis>, draws: usize) -> Vec<[f64; 2]> {
         let shift = truth.translation.vector + draw.direction() * 0.015;
         let start = Isometry3::from_parts(shift.into(), turn);
         let found = refiner
-            .refine(&views, &start, sigma, Schedule::Full)
+            .refine(&views, &start, sigma)
             .unwrap()
             .world_from_obj;
         let symmetry = crate::symmetry::Symmetry {
@@ -186,9 +187,7 @@ fn unobservable_rotation_stays_at_the_prior() {
             rot_deg: 10.0,
             t_m: 0.01,
         };
-        let found = refiner
-            .refine(&views, &start, sigma, Schedule::Full)
-            .unwrap();
+        let found = refiner.refine(&views, &start, sigma).unwrap();
         let left = truth.inv_mul(&found.world_from_obj).rotation;
         let about_axis = 2.0 * left.k.atan2(left.w);
         assert!((about_axis - 0.2).abs() < 0.02, "{about_axis}");
@@ -197,10 +196,7 @@ fn unobservable_rotation_stays_at_the_prior() {
         // It is known to be open: as open as it was.
         assert!(found.sigma.rot_deg > 4.0, "{:?}", found.sigma);
         // A symmetric part has no ambiguous rotation.
-        let round = round
-            .refine(&views, &start, sigma, Schedule::Full)
-            .unwrap()
-            .sigma;
+        let round = round.refine(&views, &start, sigma).unwrap().sigma;
         assert!(
             tilted < 2.0 * round.rot_deg && round.rot_deg < 3.0,
             "{round:?}"
@@ -230,7 +226,7 @@ fn result_does_not_depend_on_the_number_of_threads() {
             .unwrap();
         pool.install(|| {
             refiner
-                .refine(&views, &start, sigma, Schedule::Full)
+                .refine(&views, &start, sigma)
                 .unwrap()
                 .world_from_obj
         })
@@ -251,16 +247,10 @@ fn pose_that_the_images_do_not_show_is_left_alone() {
         rot_deg: 5.0,
         t_m: 0.005,
     };
-    let found = refiner
-        .refine(&views, &start, sigma, Schedule::Full)
-        .unwrap();
+    let found = refiner.refine(&views, &start, sigma).unwrap();
     assert_eq!((found.accepted, found.world_from_obj), (false, start));
     assert_eq!(found.sigma, sigma);
     // And where it is in no image, there is nothing to refine.
     let away = Isometry3::translation(0.0, 5.0, 0.0);
-    assert!(
-        refiner
-            .refine(&views, &away, sigma, Schedule::Full)
-            .is_none()
-    );
+    assert!(refiner.refine(&views, &away, sigma).is_none());
 }

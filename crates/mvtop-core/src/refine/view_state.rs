@@ -20,6 +20,8 @@ pub struct ViewState<'a> {
     pub index: usize,
     /// Px of the crop per px of the image.
     pub scale: f64,
+    /// The box of the mesh for which the crop was made, px of the image.
+    bbox: BBox,
     pub closeup: CloseUp,
     pub pixels: CropPixels,
     pub raster: Raster,
@@ -53,6 +55,7 @@ impl<'a> ViewState<'a> {
             refiner,
             index,
             scale: f64::from(side) * stage.fill / size,
+            bbox,
             pixels: CropPixels::new(side as usize, pixels),
             closeup,
             raster: Raster::default(),
@@ -62,6 +65,13 @@ impl<'a> ViewState<'a> {
             rendered: None,
             sampled: None,
         })
+    }
+
+    /// Whether the crop would be nearly the same for another pose.
+    pub fn holds(&self, camera: &Camera, pose: &Isometry3<f64>) -> bool {
+        const SAME: f64 = 0.7;
+        let bbox = projected_box(&self.refiner.mesh.vertices, camera, pose);
+        bbox.is_some_and(|bbox| bbox.iou(&self.bbox) > SAME)
     }
 
     /// Renders the mesh at a pose; `false` if a part of it is not in front of the camera.

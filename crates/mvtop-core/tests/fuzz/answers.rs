@@ -8,7 +8,7 @@ use mvtop_core::annotations::{self, TruePose};
 use mvtop_core::calibration::{Expected, observe};
 use mvtop_core::image::Pyramid;
 use mvtop_core::prediction::Sigma;
-use mvtop_core::refine::{Refiner, Schedule, View};
+use mvtop_core::refine::{Refiner, View};
 use mvtop_core::{
     Estimator, Intrinsics, Options, PredictOptions, Rig, Tracker, ViewImage, image, mesh,
 };
@@ -138,7 +138,7 @@ proptest! {
         let start = known[0].world_from_obj * Isometry3::new(Vector3::from(off.1), Vector3::from(off.0));
         for start in [&known[0].world_from_obj, &start] {
             let sigma = Sigma { rot_deg: 5.0, t_m: 0.003 };
-            if let Some(found) = refiner.refine(&views, start, sigma, Schedule::Full) {
+            if let Some(found) = refiner.refine(&views, start, sigma) {
                 prop_assert!(finite(&found.world_from_obj));
                 prop_assert!((0.0..=1.0).contains(&found.contour_inliers));
             }

@@ -11,8 +11,8 @@ use crate::estimator::proposals::turned;
 use crate::image::Pyramid;
 use crate::pose::rotation_error_deg;
 use crate::prediction::Sigma;
+use crate::refine::Refiner;
 use crate::refine::tests::{Draw, camera, cuboid, seen, views_of};
-use crate::refine::{Refiner, Schedule};
 use crate::scorer::Scored;
 
 /// Notes how many crops it is shown at once, and turns objects the same way whichever view is the
@@ -266,7 +266,7 @@ fn turned_poses_reach_what_refinement_alone_does_not() {
                 rot_deg: 10.0,
                 t_m: 0.003,
             };
-            let found = refiner.refine(&views, start, sigma, Schedule::Full);
+            let found = refiner.refine(&views, start, sigma);
             let pose = found.unwrap().world_from_obj;
             rotation_error_deg(&pose.rotation, &truth.rotation) < 2.0
         };

@@ -54,6 +54,7 @@ fn step_is_the_mean_of_lines_and_prior_by_their_information() {
     let information = found.information[(3, 3)];
     assert!((information / 1.5e6 - 1.0).abs() < 0.01, "{information}");
     assert_eq!(found.information[(4, 4)], 1e6);
+    assert!((found.moved_px - 0.2).abs() < 2e-3, "{}", found.moved_px);
 }
 
 #[test]

@@ -54,13 +54,11 @@ fn texture_aligns_a_round_part() {
             rot_deg: 12.0,
             t_m: 0.01,
         };
-        let found = refiner
-            .refine(&views, &(truth * off), sigma, Schedule::Full)
-            .unwrap();
+        let found = refiner.refine(&views, &(truth * off), sigma).unwrap();
         let left = rotation_error_deg(&found.world_from_obj.rotation, &truth.rotation);
         near += u32::from(found.accepted && left < 1.0);
-        // The angle is known, unlike that of a plain can.
-        assert!(found.sigma.rot_deg < 5.0, "{:?}", found.sigma);
+        // The angle is known, unlike that of a plain can, where it is right and nowhere else.
+        assert_eq!(found.sigma.rot_deg < 5.0, left < 1.5, "{left} {found:?}");
     }
     assert!(near >= 38, "{near} of 40 within a degree");
 }
