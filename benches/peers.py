@@ -6,8 +6,8 @@ Each contestant is a process of its own, which holds its network for all rounds;
 one runs once, in another order each time, so that other work on the machine disturbs all alike:
 ratios hold, times are of the machine. mvtop does everything from image arrays to the pose, given
 the boxes; the others run the network alone on prepared tensors: the detector on whole images, the
-close-ups, and the decoder once for each of up to four views. "mvtop int8" has its ranges from the
-same images. All poses must agree with PyTorch's in fp32 within TOLERANCE. Contestants that are not
+close-ups, and the decoder once for each of up to four views. "int8" has its ranges from the same
+images. All poses must agree with PyTorch's in fp32 within TOLERANCE. Contestants that are not
 installed, or not ready in time, are left out and named.
 """
 
@@ -249,7 +249,7 @@ def machine() -> dict:
     """What the times are of."""
     info = Path("/proc/cpuinfo")
     models = [line for line in info.read_text().splitlines() if line.startswith("model name")]
-    packages = ("mvtop", "onnxruntime", "openvino", "torch")
+    packages = ("mvtop", "onnxruntime", "openvino", "nncf", "torch")
     return {
         "processor": models[0].split(":")[1].strip() if models else platform.processor(),
         "cores": os.cpu_count(),
@@ -290,9 +290,11 @@ def main():
     if args.rounds < 2 or min(args.views) < 1:
         raise UserError("--rounds, --views: expected two rounds and one view or more")
     names, missing = [name for name in CONTESTANTS if name not in args.without], {}
-    if importlib.util.find_spec("openvino") is None:
-        fix = "not installed: .venv/bin/python -m pip install openvino"
-        missing = {name: fix for name in names if name.startswith("OpenVINO")}
+    for package, kind in (("openvino", ""), ("nncf", "int8")):
+        if importlib.util.find_spec(package) is None:
+            fix = f"not installed: .venv/bin/python -m pip install {package}"
+            theirs = [name for name in names if name.startswith("OpenVINO") and kind in name]
+            missing |= dict.fromkeys(theirs, fix)
     if args.openvino_library:
         os.environ[LIBRARY] = str(args.openvino_library.resolve())
     else:

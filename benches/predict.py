@@ -39,6 +39,7 @@ class Case:
     cameras: int = 4
     objects: int = 6
     classes: int = 4
+    cores: int = os.cpu_count() or 1
 
     @property
     def size(self) -> tuple[int, int]:
@@ -54,7 +55,9 @@ AXES = {
     "cameras": [replace(Case(), cameras=count) for count in (1, 2, 4, 8)],
     "objects": [replace(Case(), objects=count) for count in (1, 3, 10, 30)],
     "classes": [replace(Case(), objects=12, classes=count) for count in (1, 2, 4)],
+    "cores": [replace(Case(), cores=count) for count in (1, 2, 4, 8) if count <= Case().cores],
 }
+OF_VIEWS = ("prepare", "features", "crop")  # stages that work on each view by itself
 
 
 class Scenes:
@@ -82,20 +85,24 @@ class Scenes:
         return folder
 
 
-def measure(bundle: Path, case: Case, folders: list[Path], rounds: int, threads: int) -> dict:
+def measure(bundle: Path, case: Case, folders: list[Path], rounds: int) -> dict:
     """Times in ms, objects found and peak memory of one case."""
-    asked = [str(bundle), str(case.classes), str(rounds), str(threads), *map(str, folders)]
+    asked = [str(bundle), str(case.classes), str(rounds), str(case.cores), *map(str, folders)]
     run = subprocess.run(
         [sys.executable, str(WORKER), *asked], check=True, capture_output=True, text=True
     )
     found = json.loads(run.stdout.splitlines()[-1])
     total = sorted(row["total"] for row in found["rows"])
     stages = [name for name in found["rows"][0] if name != "total"]
+    medians = {name: statistics.median(row[name] for row in found["rows"]) for name in stages}
+    of_one = {name: ms / case.cameras if name in OF_VIEWS else ms for name, ms in medians.items()}
     return {
         "case": asdict(case) | {"megapixels": round(case.megapixels, 2)},
         "median_ms": statistics.median(total),
         "p95_ms": float(np.percentile(total, 95)),
-        "stages_ms": {name: statistics.median(r[name] for r in found["rows"]) for name in stages},
+        "stages_ms": medians,
+        "tracked_ms": statistics.median(found["tracked"]) if found["tracked"] else None,
+        "tracked_bound_ms": sum(of_one.values()),
         "found": found["found"],
         "shown": case.objects * len(folders),
         "peak_mb": found["peak_mb"],
@@ -106,6 +113,42 @@ def exponent(axis: str, rows: list[dict]) -> float:
     """Of the power of the axis that fits the medians best: 1 where cost is proportional to it."""
     x = [row["case"][axis] for row in rows]
     return float(np.polyfit(np.log(x), np.log([row["median_ms"] for row in rows]), 1)[0])
+
+
+def serial(rows: list[dict]) -> dict[str, float]:
+    """By stage and in total, the share of one core's time that two cores do not shorten (Amdahl)."""
+    one, two = (next(row for row in rows if row["case"]["cores"] == count) for count in (1, 2))
+
+    def share(of) -> float:
+        return float(np.clip(2 * of(two) / of(one) - 1, 0, 1))
+
+    stages = {name: share(lambda row, n=name: row["stages_ms"][n]) for name in one["stages_ms"]}
+    return stages | {"total": share(lambda row: sum(row["stages_ms"].values()))}
+
+
+def notes(axes: dict) -> list[str]:
+    """Paragraphs below the table."""
+    found = []
+    rows = [row for row in axes.get("cameras", {}).get("rows", ()) if row["tracked_ms"]]
+    if rows:
+        cameras = ", ".join(str(row["case"]["cameras"]) for row in rows)
+        times = ", ".join(f"{row['tracked_ms']:.0f}" for row in rows)
+        bounds = ", ".join(f"{row['tracked_bound_ms']:.0f}" for row in rows)
+        found.append(
+            f"`Tracker`, one new image of {cameras} cameras: {times} ms. Its bound, that image's "
+            f"share of `prepare`, `features` and `crop`, and all of the rest: {bounds} ms."
+        )
+    rows = axes.get("cores", {}).get("rows", ())
+    if len(rows) > 1:
+        shares = serial(rows)
+        stages = ", ".join(f"`{name}` {100 * share:.0f}" for name, share in shares.items())
+        one = sum(rows[0]["stages_ms"].values())
+        expected = [one * (shares["total"] + (1 - shares["total"]) / count) for count in (4, 8)]
+        found.append(
+            f"Serial share by one and two cores, %: {stages}. By Amdahl's law, 4 and 8 cores "
+            f"would take {expected[0]:.0f} and {expected[1]:.0f} ms."
+        )
+    return found
 
 
 def plot(axes: dict, path: Path) -> None:
@@ -165,7 +208,6 @@ def main():
     parser.add_argument("--out", type=Path, default=ROOT / "out/predict")
     parser.add_argument("--scenes", type=int, default=3, help="of each case")
     parser.add_argument("--rounds", type=int, default=5, help="predictions of each scene")
-    parser.add_argument("--threads", type=int, default=os.cpu_count(), help="of the network")
     parser.add_argument("--json", type=Path, help="a section of docs/benchmarks.md")
     parser.add_argument("--axis", choices=AXES, action="append", help="only this one; repeatable")
     args = parser.parse_args()
@@ -175,16 +217,18 @@ def main():
         rows = []
         for case in AXES[axis]:
             folders = [scenes.of(case, seed) for seed in range(args.scenes)]
-            rows.append(measure(args.model, case, folders, args.rounds, args.threads))
+            rows.append(measure(args.model, case, folders, args.rounds))
             print(f"{axis} {rows[-1]['case'][axis]:g}: {rows[-1]['median_ms']:.0f} ms", flush=True)
         axes[axis] = {"exponent": exponent(axis, rows), "rows": rows}
-    figures = {"machine": platform.processor(), "threads": args.threads, "axes": axes}
+    figures = {"machine": platform.processor(), "axes": axes}
     (args.out / "predict.json").write_text(json.dumps(figures, indent=1))
     if args.json:
         columns = ["axis", "median, ms", "found", "peak MB", "exponent"]
-        result_file.write(args.json, "Whole predictions", 0, columns, result(axes))
+        rows = result(axes)
+        result_file.write(args.json, "Whole predictions", 0, columns, rows, notes(axes))
     plot(axes, args.out / "predict.png")
     print(table(axes))
+    print(*notes(axes), sep="\n")
 
 
 if __name__ == "__main__":

@@ -1,23 +1,30 @@
 """One case of `predict.py` in a process of its own.
 
-    python benches/predict_worker.py BUNDLE CLASSES ROUNDS THREADS SCENE...
+    python benches/predict_worker.py BUNDLE CLASSES ROUNDS CORES SCENE...
 
-Predicts each scene once to warm up, then all of them in turn, and prints a line of JSON.
+Predicts each scene once to warm up, then all of them in turn, then those of several cameras with a
+tracker to which one image is new, and prints a line of JSON.
 """
 
 import json
+import os
 import re
 import sys
 from pathlib import Path
 
 import numpy as np
 
-import mvtop
+
+def flat(timings) -> dict[str, float]:
+    return {name: float(ms) for name, ms in dict(timings).items()}
 
 
 def main():
-    bundle, (classes, rounds, threads) = sys.argv[1], map(int, sys.argv[2:5])
-    estimator = mvtop.Estimator.load(bundle, threads=threads)
+    bundle, (classes, rounds, cores) = sys.argv[1], map(int, sys.argv[2:5])
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])
+    import mvtop  # now, as it starts a thread on each core
+
+    estimator = mvtop.Estimator.load(bundle, threads=cores)
     names = [one.name for one in estimator.classes]
     request = mvtop.Request(classes=names[:classes]) if classes < len(names) else None
     scenes = []
@@ -29,11 +36,20 @@ def main():
         return estimator.predict(images, rig, request=request)
 
     found = sum(len(predict(*scene)) for scene in scenes)
-    rows = [predict(*scene).timings_ms for _ in range(rounds) for scene in scenes]
-    rows = [{name: float(ms) for name, ms in dict(row).items()} for row in rows]
+    rows = [flat(predict(*scene).timings_ms) for _ in range(rounds) for scene in scenes]
+    tracked = []
+    for images, rig in scenes if len(scenes[0][0]) > 1 else ():
+        tracker = mvtop.Tracker(estimator, rig)
+        tracker.update(images)
+        tracker.predict(request=request)
+        camera, image = next(iter(images.items()))
+        for _ in range(rounds):
+            image = image ^ 1  # another image that shows the same
+            tracker.update({camera: image})
+            tracked.append(flat(tracker.predict(request=request).timings_ms)["total"])
     # Not `ru_maxrss`, which begins at that of the process that started this one.
     peak = int(re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())[1]) / 1024
-    print(json.dumps({"found": found, "rows": rows, "peak_mb": peak}))
+    print(json.dumps({"found": found, "rows": rows, "tracked": tracked, "peak_mb": peak}))
 
 
 if __name__ == "__main__":

@@ -27,8 +27,10 @@ def processor() -> str | None:
     return found[1] if found else None
 
 
-def write(path: Path, title: str, seed: int, columns: list[str], rows: list[list[str]]):
-    """Writes one table of this run."""
+def write(
+    path: Path, title: str, seed: int, columns: list[str], rows: list[list[str]], notes=()
+) -> None:
+    """Writes one table of this run, and paragraphs below it."""
     run = {
         "command": shlex.join(["python", *sys.argv]),
         "seed": seed,
@@ -40,6 +42,6 @@ def write(path: Path, title: str, seed: int, columns: list[str], rows: list[list
         "title": title,
         "level": 3,
         "runs": [run],
-        "body": [{"columns": columns, "rows": rows}],
+        "body": [{"columns": columns, "rows": rows}, *notes],
     }
     path.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n")
