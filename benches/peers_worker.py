@@ -131,7 +131,7 @@ class OpenVinoBf16(OpenVino):
 
 
 class OpenVinoIntegers(OpenVino):
-    """Convolutions in 8 bits, ranges from what the graphs are given; decoders would be off by cm."""
+    """Convolutions in 8 bits, ranges from what graphs are given; decoders would be off by cm."""
 
     def changed(self, model, name: str, inputs: dict):
         if name == "decoder":

@@ -116,7 +116,7 @@ def exponent(axis: str, rows: list[dict]) -> float:
 
 
 def serial(rows: list[dict]) -> dict[str, float]:
-    """By stage and in total, the share of one core's time that two cores do not shorten (Amdahl)."""
+    """By stage and in total, the share of time that a second core does not shorten (Amdahl)."""
     one, two = (next(row for row in rows if row["case"]["cores"] == count) for count in (1, 2))
 
     def share(of) -> float:
