@@ -113,7 +113,7 @@ impl Default for RefineConfig {
             },
             fine: Stage {
                 scale: 1.5,
-                side_px: [96.0, 256.0],
+                side_px: [96.0, 320.0],
                 fill: 0.8,
                 steps_px: vec![2.0, 1.5, 1.0, 1.0, 1.0],
             },
