@@ -71,22 +71,19 @@ def prepare(model: Mvtop, work: Path, views: int) -> None:
     np.savez(work / "images.npz", **dict(zip(ids, images, strict=True)))
 
     config, cameras = model.config, reference.load_rig(work / "rig.json")
-    show = reference.close_up if config.closeup else reference.whole_image
-    pictures = [show(config, *of) for of in zip(cameras, images, boxes, strict=True)]
+    pictures = [reference.close_up(config, *of) for of in zip(cameras, images, boxes, strict=True)]
     given = {
         "images": np.stack([reference.image_tensor(config, rgb) for rgb in images]),
         "camera_rays": np.stack([picture.camera_rays for picture in pictures]),
     }
-    if config.closeup:
-        given["pictures"] = np.stack([picture.tensor for picture in pictures])
+    given["pictures"] = np.stack([picture.tensor for picture in pictures])
     for anchor in range(min(ANCHORS, views)):
         inputs = reference.decoder_inputs(config, pictures, anchor)
         given |= {f"{anchor}.{name}": x.numpy() for name, x in inputs.items()}
     given = {name: array.astype(np.float32) for name, array in given.items()}
     np.savez(work / "inputs.npz", **given)
-    if config.closeup:
-        pictures_of = {"features": given["images"], "closeup": given["pictures"]}
-        bundle.write_bundle(model, work / "integers", {}, pictures=pictures_of)
+    pictures_of = {"features": given["images"], "closeup": given["pictures"]}
+    bundle.write_bundle(model, work / "integers", {}, pictures=pictures_of)
     world_from_cam = [picture.world_from_cam.tolist() for picture in pictures]
     (work / "cameras.json").write_text(json.dumps(world_from_cam))
 
@@ -127,7 +124,7 @@ def world_from_obj(poses: list, cameras: list) -> np.ndarray:
     for answers, world_from_cam in zip(poses, cameras, strict=False):
         decoded = {name: torch.tensor(x) for name, x in answers.items()}
         found += reference.hypotheses_of(decoded, np.array(world_from_cam))
-    return reference.combined(found)[0]
+    return reference.most_probable(found)[0]
 
 
 def difference(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
@@ -270,7 +267,7 @@ def _version(package: str) -> str | None:
 @command
 def main():
     parser = argument_parser(__doc__)
-    default = ["small", "paper"]
+    default = ["small"]
     parser.add_argument(
         "--network", nargs="+", default=default, metavar="NAME",
         help="weights, or presets (their weights are random)",

@@ -25,15 +25,12 @@ class Inputs:
     def __init__(self, work: Path):
         with np.load(work / "inputs.npz") as file:
             self.all = dict(file)
-        self.closeups = "pictures" in self.all
 
     def _first(self, views: int, *names: str) -> dict:
         return {name.split(".")[-1]: np.ascontiguousarray(self.all[name][:views]) for name in names}
 
     def features(self, views: int) -> dict:
-        if self.closeups:
-            return self._first(views, "images")
-        return self._first(views, "images", "camera_rays")
+        return self._first(views, "images")
 
     def closeup(self, views: int) -> dict:
         found = self._first(views, "pictures", "camera_rays")
@@ -54,20 +51,18 @@ class Graphs:
 
     def __init__(self, work: Path):
         self.inputs = Inputs(work)
-        names = ["features", "decoder", *(["closeup"] if self.inputs.closeups else [])]
+        names = ("features", "closeup", "decoder")
         self.graphs = {name: self.load(work / "portable" / f"{name}.onnx") for name in names}
 
     def prepare(self, views: int):
         inputs = self.inputs
         anchors = [inputs.decoder(views, anchor) for anchor in range(min(ANCHORS, views))]
-        return inputs.features(views), inputs.closeup(views) if inputs.closeups else None, anchors
+        return inputs.features(views), inputs.closeup(views), anchors
 
     def __call__(self, prepared) -> list:
         features, closeup, anchors = prepared
-        found = self.run(self.graphs["features"], features)
-        if closeup is not None:
-            found = self.run(self.graphs["closeup"], closeup)
-        memory = found["memory"]
+        self.run(self.graphs["features"], features)
+        memory = self.run(self.graphs["closeup"], closeup)["memory"]
         return [
             self.run(self.graphs["decoder"], {"memory": memory[order], **given})
             for order, given in anchors
@@ -158,13 +153,11 @@ class Torch(Graphs):
         self.torch, self.sampling = torch, sampling
         self.inputs = Inputs(work)
         model = torch.load(work / "model.pt", weights_only=False)
-        encoded = bundle.ExportedCloseUps
-        features = bundle.ExportedDetector if self.inputs.closeups else bundle.ExportedFeatures
-        if model.config.gives_coordinates:
-            encoded = bundle.ExportedDescriptions
-        modules = {"features": features(model), "decoder": bundle.ExportedDecoder(model)}
-        if self.inputs.closeups:
-            modules["closeup"] = encoded(model)
+        modules = {
+            "features": bundle.ExportedDetector(model),
+            "closeup": bundle.ExportedCloseUps(model),
+            "decoder": bundle.ExportedDecoder(model),
+        }
         self.graphs = {name: self.load(module.eval()) for name, module in modules.items()}
         self.answers = bundle.outputs_of(model.config)
 
@@ -177,7 +170,7 @@ class Torch(Graphs):
 
         features, closeup, anchors = super().prepare(views)
         anchors = [(order, tensors(given)) for order, given in anchors]
-        return tensors(features), closeup and tensors(closeup), anchors
+        return tensors(features), tensors(closeup), anchors
 
     def run(self, graph, inputs: dict) -> dict:
         outputs = graph(**inputs)

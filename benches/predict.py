@@ -57,7 +57,7 @@ AXES = {
     "classes": [replace(Case(), objects=12, classes=count) for count in (1, 2, 4)],
     "cores": [replace(Case(), cores=count) for count in (1, 2, 4, 8) if count <= Case().cores],
 }
-OF_VIEWS = ("prepare", "features", "crop")  # stages that work on each view by itself
+OF_VIEWS = ("prepare", "features")  # stages that work on each view by itself
 
 
 class Scenes:
@@ -95,14 +95,17 @@ def measure(bundle: Path, case: Case, folders: list[Path], rounds: int) -> dict:
     total = sorted(row["total"] for row in found["rows"])
     stages = [name for name in found["rows"][0] if name != "total"]
     medians = {name: statistics.median(row[name] for row in found["rows"]) for name in stages}
-    of_one = {name: ms / case.cameras if name in OF_VIEWS else ms for name, ms in medians.items()}
+    of_views = {name: ms for name, ms in medians.items() if name in OF_VIEWS}
+    if found["first_crop"]:
+        of_views["crop"] = statistics.median(found["first_crop"])
+    joint = sum(medians.values()) - sum(of_views.values())
     return {
         "case": asdict(case) | {"megapixels": round(case.megapixels, 2)},
         "median_ms": statistics.median(total),
         "p95_ms": float(np.percentile(total, 95)),
         "stages_ms": medians,
         "tracked_ms": statistics.median(found["tracked"]) if found["tracked"] else None,
-        "tracked_bound_ms": sum(of_one.values()),
+        "tracked_bound_ms": joint + sum(of_views.values()) / case.cameras,
         "found": found["found"],
         "shown": case.objects * len(folders),
         "peak_mb": found["peak_mb"],
@@ -136,7 +139,8 @@ def notes(axes: dict) -> list[str]:
         bounds = ", ".join(f"{row['tracked_bound_ms']:.0f}" for row in rows)
         found.append(
             f"`Tracker`, one new image of {cameras} cameras: {times} ms. Its bound, that image's "
-            f"share of `prepare`, `features` and `crop`, and all of the rest: {bounds} ms."
+            f"share of `prepare`, `features` and crops of detected boxes, and all of the rest: "
+            f"{bounds} ms."
         )
     rows = axes.get("cores", {}).get("rows", ())
     if len(rows) > 1:

@@ -3,7 +3,8 @@
     python benches/predict_worker.py BUNDLE CLASSES ROUNDS CORES SCENE...
 
 Predicts each scene once to warm up, then all of them in turn, then those of several cameras with a
-tracker to which one image is new, and prints a line of JSON.
+tracker to which one image is new, and prints a line of JSON. `first_crop` has the times of crops of
+detected boxes alone, which are of one image each; other crops follow from poses of all images.
 """
 
 import json
@@ -37,8 +38,16 @@ def main():
 
     found = sum(len(predict(*scene)) for scene in scenes)
     rows = [flat(predict(*scene).timings_ms) for _ in range(rounds) for scene in scenes]
-    tracked = []
-    for images, rig in scenes if len(scenes[0][0]) > 1 else ():
+    # Not `ru_maxrss`, which begins at that of the process that started this one.
+    peak = int(re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())[1]) / 1024
+    tracked, first_crop = [], []
+    several = scenes if len(scenes[0][0]) > 1 else ()
+    first = {"search.schedule": [], "search.doubtful": 0.0}
+    first = mvtop.Estimator.load(bundle, threads=cores, inference=first)
+    for images, rig in several:
+        times = [first.predict(images, rig, request=request).timings_ms for _ in range(rounds)]
+        first_crop += [flat(one)["crop"] for one in times]
+    for images, rig in several:
         tracker = mvtop.Tracker(estimator, rig)
         tracker.update(images)
         tracker.predict(request=request)
@@ -47,9 +56,8 @@ def main():
             image = image ^ 1  # another image that shows the same
             tracker.update({camera: image})
             tracked.append(flat(tracker.predict(request=request).timings_ms)["total"])
-    # Not `ru_maxrss`, which begins at that of the process that started this one.
-    peak = int(re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())[1]) / 1024
-    print(json.dumps({"found": found, "rows": rows, "tracked": tracked, "peak_mb": peak}))
+    of_trackers = {"tracked": tracked, "first_crop": first_crop}
+    print(json.dumps({"found": found, "rows": rows, "peak_mb": peak} | of_trackers))
 
 
 if __name__ == "__main__":

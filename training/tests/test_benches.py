@@ -1,16 +1,47 @@
-"""The benchmarks' own scenes and figures: what `make bench-predict` is made of."""
+"""The benchmarks: whether what they call is there, their scenes and their figures."""
 
+import ast
+import importlib
 import sys
+import types
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "benches"))
+BENCHES = ROOT / "benches"
+sys.path.insert(0, str(BENCHES))
 
 import predict  # noqa: E402
 import predict_scene  # noqa: E402
+
+
+def modules(tree: ast.Module) -> dict:
+    """Modules of mvtop_train that a file imports, by their names in it; each name is there."""
+    found = {}
+    for node in ast.walk(tree):
+        module = node.module or "" if isinstance(node, ast.ImportFrom) else ""
+        if not module.startswith("mvtop_train"):
+            continue
+        parent = importlib.import_module(module)
+        for name in node.names:
+            if not hasattr(parent, name.name):
+                importlib.import_module(f"{module}.{name.name}")
+            one = getattr(parent, name.name)
+            if isinstance(one, types.ModuleType):
+                found[name.asname or name.name] = one
+    return found
+
+
+@pytest.mark.parametrize("path", sorted(BENCHES.glob("*.py")), ids=lambda path: path.name)
+def test_what_a_benchmark_uses_of_the_training_is_there(path):
+    tree = ast.parse(path.read_text())
+    known = modules(tree)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            module = known.get(node.value.id)
+            assert module is None or hasattr(module, node.attr), f"{node.value.id}.{node.attr}"
 
 
 def test_a_scene_shows_its_parts_in_each_view():
