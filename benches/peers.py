@@ -75,8 +75,8 @@ def prepare(model: Mvtop, work: Path, views: int) -> None:
     given = {
         "images": np.stack([reference.image_tensor(config, rgb) for rgb in images]),
         "camera_rays": np.stack([picture.camera_rays for picture in pictures]),
+        "pictures": np.stack([picture.tensor for picture in pictures]),
     }
-    given["pictures"] = np.stack([picture.tensor for picture in pictures])
     for anchor in range(min(ANCHORS, views)):
         inputs = reference.decoder_inputs(config, pictures, anchor)
         given |= {f"{anchor}.{name}": x.numpy() for name, x in inputs.items()}

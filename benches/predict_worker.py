@@ -42,8 +42,8 @@ def main():
     peak = int(re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())[1]) / 1024
     tracked, first_crop = [], []
     several = scenes if len(scenes[0][0]) > 1 else ()
-    first = {"search.schedule": [], "search.doubtful": 0.0}
-    first = mvtop.Estimator.load(bundle, threads=cores, inference=first)
+    detected = {"search.schedule": [], "search.doubtful": 0.0}  # crops of detected boxes alone
+    first = mvtop.Estimator.load(bundle, threads=cores, inference=detected)
     for images, rig in several:
         times = [first.predict(images, rig, request=request).timings_ms for _ in range(rounds)]
         first_crop += [flat(one)["crop"] for one in times]

@@ -1,4 +1,4 @@
-//! What one view alone tells of a pose, on a coarse crop: quick, and exact enough to compare views.
+//! Refinement of a pose in one view alone, on a coarse crop: exact enough to compare views.
 
 use nalgebra::{Isometry3, Matrix6};
 

@@ -1,8 +1,8 @@
-//! Poses that one view alone tells.
+//! Poses refined in one view alone.
 
 use super::*;
 
-/// What the first camera tells of a box at the origin, from some starts beside its true pose.
+/// The pose of a box at the origin by the first camera, from some starts beside its true pose.
 ///
 /// - `shifts_m`: of the starts, along the image's x
 fn found(shifts_m: &[f64], enough: f64) -> ByOneView {
