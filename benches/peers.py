@@ -6,7 +6,7 @@ Each contestant is a process of its own, which holds its network for all rounds;
 one runs once, in another order each time, so that other work on the machine disturbs all alike:
 ratios hold, times are of the machine. mvtop does everything from image arrays to the pose, given
 the boxes; the others run the network alone on prepared tensors: the detector on whole images, the
-close-ups, and the decoder once for each of up to four views. "int8" has its ranges from the same
+close-ups, and the decoder once for each of the up to four views with the largest boxes. "int8" has its ranges from the same
 images. All poses must agree with PyTorch's in fp32 within TOLERANCE. Contestants that are not
 installed, or not ready in time, are left out and named.
 """
@@ -32,7 +32,7 @@ from mvtop_train.export import bundle, reference
 from mvtop_train.network import config as configs
 from mvtop_train.network.model import Mvtop
 from mvtop_train.training.checkpoint import load_weights
-from peers_worker import ANCHORS, CONTESTANTS, LIBRARY
+from peers_worker import CONTESTANTS, LIBRARY
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLE = ROOT / "examples/mvball"
@@ -77,9 +77,10 @@ def prepare(model: Mvtop, work: Path, views: int) -> None:
         "camera_rays": np.stack([picture.camera_rays for picture in pictures]),
         "pictures": np.stack([picture.tensor for picture in pictures]),
     }
-    for anchor in range(min(ANCHORS, views)):
+    for anchor in range(views):
         inputs = reference.decoder_inputs(config, pictures, anchor)
         given |= {f"{anchor}.{name}": x.numpy() for name, x in inputs.items()}
+    given["sizes"] = np.array([picture.extent for picture in pictures])
     given = {name: array.astype(np.float32) for name, array in given.items()}
     np.savez(work / "inputs.npz", **given)
     pictures_of = {"features": given["images"], "closeup": given["pictures"]}
@@ -116,14 +117,14 @@ class Worker:
         self.log.close()
 
 
-def world_from_obj(poses: list, cameras: list) -> np.ndarray:
-    """[4, 4], of a contestant's answers in its anchors, or mvtop's own pose in the world."""
-    if isinstance(poses[0], list):
+def world_from_obj(poses: dict | list, cameras: list) -> np.ndarray:
+    """[4, 4], of a contestant's answers by anchor, or mvtop's own pose in the world."""
+    if isinstance(poses, list):
         return np.array(poses)
     found = []
-    for answers, world_from_cam in zip(poses, cameras, strict=False):
+    for anchor, answers in poses.items():
         decoded = {name: torch.tensor(x) for name, x in answers.items()}
-        found += reference.hypotheses_of(decoded, np.array(world_from_cam))
+        found += reference.hypotheses_of(decoded, np.array(cameras[int(anchor)]))
     return reference.most_probable(found)[0]
 
 

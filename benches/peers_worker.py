@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 LIBRARY = "MVTOP_PEERS_LIBRARY"  # ONNX Runtime with OpenVINO, which must not be beside the other
-ANCHORS = 4  # mvtop decodes an object in each of the first four views that show it
+ANCHORS = 4  # mvtop decodes an object in each of the four views that show it largest
 
 
 class Inputs:
@@ -36,6 +36,11 @@ class Inputs:
     def closeup(self, views: int) -> dict:
         found = self._first(views, "pictures", "camera_rays")
         return {"images": found["pictures"], "camera_rays": found["camera_rays"]}
+
+    def anchors(self, views: int) -> list[int]:
+        """Of so many views those in which mvtop decodes the object."""
+        largest = np.argsort(-self.all["sizes"][:views], kind="stable")
+        return sorted(largest[:ANCHORS].tolist())
 
     def decoder(self, views: int, anchor: int) -> tuple[list[int], dict]:
         """The views' order, the anchor first, and the inputs without the memory."""
@@ -57,7 +62,7 @@ class Graphs:
 
     def prepare(self, views: int):
         inputs = self.inputs
-        anchors = [inputs.decoder(views, anchor) for anchor in range(min(ANCHORS, views))]
+        anchors = [inputs.decoder(views, anchor) for anchor in inputs.anchors(views)]
         return inputs.features(views), inputs.closeup(views), anchors
 
     def __call__(self, prepared) -> list:
@@ -65,13 +70,16 @@ class Graphs:
         self.run(self.graphs["features"], features)
         memory = self.run(self.graphs["closeup"], closeup)["memory"]
         return [
-            self.run(self.graphs["decoder"], {"memory": memory[order], **given})
+            (order[0], self.run(self.graphs["decoder"], {"memory": memory[order], **given}))
             for order, given in anchors
         ]
 
-    def poses(self, decoded: list) -> list:
+    def poses(self, decoded: list) -> dict:
         """The decoder's answers, by anchor and name."""
-        return [{name: np.asarray(x, float).tolist() for name, x in one.items()} for one in decoded]
+        return {
+            anchor: {name: np.asarray(x, float).tolist() for name, x in one.items()}
+            for anchor, one in decoded
+        }
 
 
 class OnnxRuntime(Graphs):
@@ -189,9 +197,10 @@ class Torch(Graphs):
         ):
             return super().__call__(prepared)
 
-    def poses(self, decoded: list) -> list:
-        plain = [{name: x.float().numpy() for name, x in one.items()} for one in decoded]
-        return super().poses(plain)
+    def poses(self, decoded: list) -> dict:
+        return super().poses(
+            [(at, {name: x.float().numpy() for name, x in one.items()}) for at, one in decoded]
+        )
 
 
 class TorchCompiled(Torch):
