@@ -123,8 +123,12 @@ impl Estimator {
     /// version, or the provider cannot be had.
     #[cfg(feature = "onnx")]
     pub fn load(bundle: &Path, options: &Options) -> Result<Self> {
-        let bundle = Bundle::load(bundle)?;
-        let runtime = onnx::Runtime::locate(options.ort_lib.as_deref())?;
+        let cancel = cancel::current();
+        let (bundle, runtime) = rayon::join(
+            || cancel.scope(|| Bundle::load(bundle)),
+            || onnx::Runtime::locate(options.ort_lib.as_deref()),
+        );
+        let (bundle, runtime) = (bundle?, runtime?);
         let network = OnnxNetwork::load(&runtime, &bundle, &options.session)?;
         let config = bundle.inference.with(&options.inference)?;
         Ok(Self::with_config(bundle, config, Box::new(network)))

@@ -3,9 +3,9 @@
 use ndarray::{Array3, Array4, ArrayView3, ArrayView4};
 
 use super::{Decoded, DetectorMaps, Hypotheses, Network, Queries, without};
-use crate::Result;
 use crate::bundle::Bundle;
 use crate::onnx::{Outputs, Port, Runtime, Session, SessionOptions};
+use crate::{Result, cancel};
 
 /// The graphs of a bundle in ONNX Runtime.
 pub(crate) struct OnnxNetwork {
@@ -27,14 +27,29 @@ impl OnnxNetwork {
             provider: options.provider.of_decoder(),
             ..options.clone()
         };
-        let decoder = bundle.decoder.as_ref();
-        let decoder = decoder.map(|graph| runtime.session(graph, &of_decoder));
+        let cancel = cancel::current();
+        let session = |graph, options| cancel.scope(|| runtime.session(graph, options));
+        // The decoder takes as long as the other two.
+        let (decoder, (features, closeup)) = rayon::join(
+            || {
+                bundle
+                    .decoder
+                    .as_ref()
+                    .map(|graph| session(graph, &of_decoder))
+            },
+            || {
+                rayon::join(
+                    || session(&bundle.features, options),
+                    || session(&bundle.closeups.graph, options),
+                )
+            },
+        );
         let decoder = decoder.transpose()?;
         let outputs = decoder.iter().flat_map(Session::outputs);
         let network = Self {
             hypotheses: outputs.into_iter().any(|x| x == "hypotheses_score"),
-            features: runtime.session(&bundle.features, options)?,
-            closeup: runtime.session(&bundle.closeups.graph, options)?,
+            features: features?,
+            closeup: closeup?,
             decoder,
             provider: options.provider.to_string(),
         };

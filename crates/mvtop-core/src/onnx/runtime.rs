@@ -200,10 +200,6 @@ impl Runtime {
             path: path.to_owned(),
             problem: one_line(e),
         };
-        // ONNX Runtime registers the operators' domain per session but keeps it per process, and
-        // fails when two sessions do so at the same time (seen in 1.20.1).
-        static LOADING: Mutex<()> = Mutex::new(());
-        let _one_at_a_time = LOADING.lock().unwrap_or_else(PoisonError::into_inner);
         let mut builder = ort::session::Session::builder(&self.loaded.environment)
             .and_then(|b| Ok(b.with_intra_threads(options.threads)?))
             // Spinning saves little on an idle machine and starves everything else on a busy one.
@@ -257,10 +253,26 @@ fn load(path: &Path) -> Result<Environment, String> {
                 ort::MINOR_VERSION
             ),
         })?;
-        builder.with_name("mvtop").build().map_err(|e| one_line(&e))
+        let environment = builder.with_name("mvtop").build();
+        let environment = environment.map_err(|e| one_line(&e))?;
+        register_operators(&environment).map_err(|e| one_line(&e))?;
+        Ok(environment)
     };
     // A library that lies about itself makes `ort` panic.
     catch_unwind(AssertUnwindSafe(start)).unwrap_or_else(|_| Err("does not start".to_owned()))
+}
+
+/// Makes the domain of mvtop's operators known by a first session, of a graph of one node.
+///
+/// Each session registers it, but the library keeps it per process, and fails where two are the
+/// first at the same time (seen in 1.20.1).
+fn register_operators(environment: &Environment) -> ort::Result<()> {
+    const IDENTITY: &[u8] = include_bytes!("identity.onnx");
+    ort::session::Session::builder(environment)?
+        .with_intra_threads(1)?
+        .with_operators(operator::domain()?)?
+        .commit_from_memory(IDENTITY)?;
+    Ok(())
 }
 
 fn one_line(error: &(impl fmt::Display + ?Sized)) -> String {
