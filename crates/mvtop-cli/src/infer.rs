@@ -2,13 +2,14 @@
 
 use std::collections::BTreeSet;
 use std::io::Cursor;
+use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
 
 use image::{ImageFormat, RgbImage};
 use mvtop_core::annotations::TruePose;
 use mvtop_core::bundle::Bundle;
 use mvtop_core::request::Grasps;
-use mvtop_core::{Rig, ViewImage, annotations, overlay};
+use mvtop_core::{Rig, ViewImage, annotations, image::load_views, overlay};
 
 use crate::args::Infer;
 use crate::failure::{Failure, Result};
@@ -52,13 +53,16 @@ pub fn run(args: &Infer) -> Result<bool> {
     let cameras: Vec<usize> = files.iter().map(|(camera, _)| *camera).collect();
     let pictures = pictures.map(|dir| Pictures::plan(dir, &rig, &cameras, &inputs, args.force));
     let pictures = pictures.transpose()?;
-    let mut images = Vec::new();
-    for (camera, path) in files {
-        let image = mvtop_core::image::load(&path, &rig.cameras()[camera])?;
-        images.push(ViewImage { camera, image });
-    }
-    let model = args.network.found()?;
-    let estimator = args.network.load(&model.folder)?;
+    let (images, model) = rayon::join(
+        || load_views(&rig, &files),
+        || {
+            let model = args.network.found()?;
+            // Never freed, which takes time: the process is about to end.
+            let estimator = ManuallyDrop::new(args.network.load(&model.folder)?);
+            Ok::<_, Failure>((model, estimator))
+        },
+    );
+    let (images, (model, estimator)) = (images?, model?);
     if request.min_confidence.is_some() {
         knows_confidence(estimator.bundle())?;
     }

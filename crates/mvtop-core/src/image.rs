@@ -11,7 +11,7 @@ use image::RgbImage;
 use ndarray::{Array3, ArrayViewMut3};
 
 use crate::{BBox, Error, Result};
-pub use load::{decode, load, size};
+pub use load::{decode, load, load_views, size};
 pub use pyramid::Pyramid;
 
 /// Images whose values differ by no more than this, of 255, in any channel show nothing.

@@ -11,7 +11,7 @@ use mvtop_core::calibration::{Expected, observe};
 use mvtop_core::config::InferenceConfig;
 use mvtop_core::onnx::SessionOptions;
 use mvtop_core::request::Grasps;
-use mvtop_core::{Estimator, Options, Tracker, ViewImage, image, overlay};
+use mvtop_core::{Estimator, Options, Tracker, ViewImage, image::load_views, overlay};
 use pyo3::prelude::*;
 
 use crate::calibration::RigCheck;
@@ -294,20 +294,24 @@ impl Drop for NativeTracker {
     }
 }
 
-/// Images that are arrays or paths.
+/// Images that are arrays or paths, in their order, at most one of each camera.
 fn load(
     py: Python,
     rig: &mvtop_core::Rig,
     images: Vec<(usize, Bound<PyAny>)>,
 ) -> PyResult<Vec<ViewImage>> {
-    let mut loaded = Vec::with_capacity(images.len());
+    let order: Vec<usize> = images.iter().map(|(index, _)| *index).collect();
+    let (mut loaded, mut files) = (Vec::with_capacity(images.len()), Vec::new());
     for (index, any) in images {
         let Some(camera) = rig.cameras().get(index) else {
             return Err(value(format!("image {index}: the rig has no such camera")));
         };
         let name = format!("image of camera `{}`", camera.id());
-        let picture = match convert::image(&name, &any, camera)? {
-            Some(picture) => picture,
+        match convert::image(&name, &any, camera)? {
+            Some(image) => loaded.push(ViewImage {
+                camera: index,
+                image,
+            }),
             None => {
                 let path: PathBuf = any.extract().map_err(|cause| {
                     let got = any.get_type();
@@ -317,13 +321,11 @@ fn load(
                     );
                     unless_interrupted(any.py(), cause, sentence)
                 })?;
-                py.detach(|| image::load(&path, camera)).map_err(python)?
+                files.push((index, path));
             }
-        };
-        loaded.push(ViewImage {
-            camera: index,
-            image: picture,
-        });
+        }
     }
+    loaded.extend(compute(py, || load_views(rig, &files))?.map_err(python)?);
+    loaded.sort_by_key(|view| order.iter().position(|&index| index == view.camera));
     Ok(loaded)
 }

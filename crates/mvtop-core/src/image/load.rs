@@ -6,9 +6,11 @@ use std::path::Path;
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, RgbImage};
 
-use super::{gamma, jpeg, tiff};
+use rayon::prelude::*;
+
+use super::{ViewImage, gamma, jpeg, tiff};
 use crate::camera::Camera;
-use crate::{Error, Result, file};
+use crate::{Error, Result, Rig, cancel, file};
 
 /// Largest image file that is read.
 const MAX_FILE_BYTES: u64 = 1 << 29;
@@ -37,6 +39,24 @@ const FOURTEEN_BITS: u16 = (1 << 14) - 1;
 /// is a TIFF file of several pages.
 pub fn load(path: &Path, camera: &Camera) -> Result<RgbImage> {
     decode(&file::read(path, MAX_FILE_BYTES)?, path, camera)
+}
+
+/// [`load`] of the files of some cameras, all at a time.
+///
+/// - `files`: each with the index of its camera in the rig, which has one of it
+///
+/// # Errors
+/// Those of [`load`], of the first file that has one.
+pub fn load_views(rig: &Rig, files: &[(usize, impl AsRef<Path> + Sync)]) -> Result<Vec<ViewImage>> {
+    let cancel = cancel::current();
+    let view = |(camera, path): &(usize, _)| {
+        let camera = *camera;
+        let path = AsRef::<Path>::as_ref(path);
+        let image = cancel.scope(|| load(path, &rig.cameras()[camera]))?;
+        Ok(ViewImage { camera, image })
+    };
+    let views: Vec<Result<ViewImage>> = files.par_iter().map(view).collect();
+    views.into_iter().collect()
 }
 
 /// [`load`] of a file's bytes, however they came.

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use mvtop_core::annotations::{self, GivenBoxes, TruePose};
+use mvtop_core::image::load_views;
 use mvtop_core::{Estimator, PredictOptions, Prediction, Rig, ViewImage};
 
 use super::Conditions;
@@ -59,7 +60,7 @@ impl Sample {
                 folder.display()
             )));
         }
-        let mut images = Vec::new();
+        let mut of_cameras = Vec::new();
         for index in (0..views).map(|i| (rig.reference() + i) % cameras) {
             let camera = &rig.cameras()[index];
             let files = ["png", "jpg", "jpeg", "tif", "tiff", "bmp"]
@@ -71,11 +72,9 @@ impl Sample {
                     camera.id()
                 ))
             })?;
-            images.push(ViewImage {
-                camera: index,
-                image: mvtop_core::image::load(file, camera)?,
-            });
+            of_cameras.push((index, file.clone()));
         }
+        let images = load_views(&rig, &of_cameras)?;
         let name = folder.file_name().unwrap_or_default().to_string_lossy();
         Ok(Self {
             name: name.into_owned(),

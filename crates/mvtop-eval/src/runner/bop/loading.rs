@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use crate::bop::{Frame, Group, Instance, Scene};
 use mvtop_core::annotations::{GivenBoxes, TruePose};
+use mvtop_core::image::load_views;
 use mvtop_core::pose::translation_error;
-use mvtop_core::{Camera, Rig, ViewImage};
+use mvtop_core::{Camera, Rig};
 use nalgebra::Isometry3;
 
 use super::plan::{Plan, name};
@@ -27,10 +28,8 @@ impl Plan {
     pub fn load(&self, group: &Group) -> Result<Sample> {
         let mut sample = self.known(group)?;
         let frames = &self.scenes[&group.scene].frames;
-        for (camera, id) in group.views.iter().enumerate() {
-            let image = mvtop_core::image::load(&frames[id].path, &sample.rig.cameras()[camera])?;
-            sample.images.push(ViewImage { camera, image });
-        }
+        let files = group.views.iter().map(|id| &frames[id].path).enumerate();
+        sample.images = load_views(&sample.rig, &files.collect::<Vec<_>>())?;
         Ok(sample)
     }
 
