@@ -6,9 +6,9 @@ Each contestant is a process of its own, which holds its network for all rounds;
 one runs once, in another order each time, so that other work on the machine disturbs all alike:
 ratios hold, times are of the machine. mvtop does everything from image arrays to the pose, given
 the boxes; the others run the network alone on prepared tensors: the detector on whole images, the
-close-ups, and the decoder once for each of the up to four views with the largest boxes. "int8" has its ranges from the same
-images. All poses must agree with PyTorch's in fp32 within TOLERANCE. Contestants that are not
-installed, or not ready in time, are left out and named.
+close-ups, and the decoder once for each of the views with the largest boxes, at most four. "int8"
+has its ranges from the same images. All poses must agree with PyTorch's in fp32 within TOLERANCE.
+Contestants that are not installed, or not ready in time, are left out and named.
 """
 
 import importlib.metadata

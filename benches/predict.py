@@ -57,6 +57,7 @@ AXES = {
     "classes": [replace(Case(), objects=12, classes=count) for count in (1, 2, 4)],
     "cores": [replace(Case(), cores=count) for count in (1, 2, 4, 8) if count <= Case().cores],
 }
+CALLERS = 4  # most threads that ask at once, where cores are compared
 OF_VIEWS = ("prepare", "features")  # stages that work on each view by itself
 
 
@@ -85,12 +86,13 @@ class Scenes:
         return folder
 
 
-def measure(bundle: Path, case: Case, folders: list[Path], rounds: int) -> dict:
-    """Times in ms, objects found and peak memory of one case."""
-    asked = [str(bundle), str(case.classes), str(rounds), str(case.cores), *map(str, folders)]
+def measure(bundle: Path, case: Case, folders: list[Path], rounds: int, callers: int) -> dict:
+    """Times in ms, objects found and peak memory of one case; throughput of up to `callers`."""
+    asked = [bundle, case.classes, rounds, case.cores, callers, *folders]
     run = subprocess.run(
-        [sys.executable, str(WORKER), *asked], check=True, capture_output=True, text=True
-    )
+        [sys.executable, str(WORKER), *map(str, asked)],
+        check=True, capture_output=True, text=True,
+    )  # fmt: skip
     found = json.loads(run.stdout.splitlines()[-1])
     total = sorted(row["total"] for row in found["rows"])
     stages = [name for name in found["rows"][0] if name != "total"]
@@ -106,6 +108,7 @@ def measure(bundle: Path, case: Case, folders: list[Path], rounds: int) -> dict:
         "stages_ms": medians,
         "tracked_ms": statistics.median(found["tracked"]) if found["tracked"] else None,
         "tracked_bound_ms": joint + sum(of_views.values()) / case.cameras,
+        "per_second": {int(count): rate for count, rate in found["per_second"].items()},
         "found": found["found"],
         "shown": case.objects * len(folders),
         "peak_mb": found["peak_mb"],
@@ -151,6 +154,13 @@ def notes(axes: dict) -> list[str]:
         found.append(
             f"Serial share by one and two cores, %: {stages}. By Amdahl's law, 4 and 8 cores "
             f"would take {expected[0]:.0f} and {expected[1]:.0f} ms."
+        )
+        alone, last = rows[0]["per_second"][1], rows[-1]
+        count = last["case"]["cores"]
+        rates = ", ".join(f"{rate:.2f}" for rate in last["per_second"].values())
+        found.append(
+            f"{', '.join(map(str, last['per_second']))} callers at once, {count} cores: {rates} "
+            f"predictions a second; {count} times one core: {count * alone:.2f}."
         )
     return found
 
@@ -221,7 +231,8 @@ def main():
         rows = []
         for case in AXES[axis]:
             folders = [scenes.of(case, seed) for seed in range(args.scenes)]
-            rows.append(measure(args.model, case, folders, args.rounds))
+            callers = CALLERS if axis == "cores" else 0
+            rows.append(measure(args.model, case, folders, args.rounds, callers))
             print(f"{axis} {rows[-1]['case'][axis]:g}: {rows[-1]['median_ms']:.0f} ms", flush=True)
         axes[axis] = {"exponent": exponent(axis, rows), "rows": rows}
     figures = {"machine": platform.processor(), "axes": axes}
