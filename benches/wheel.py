@@ -1,7 +1,10 @@
-"""What the wheel costs: python benches/wheel.py target/wheels/mvtop-*.whl, with it installed.
+"""What the wheel costs, with it installed, and how long a first pose takes.
+
+    python benches/wheel.py target/wheels/mvtop-*.whl target/release/mvtop-cli
 
 Prints its size, the time of `import mvtop` beside that of numpy, onnxruntime and an empty program,
-and how much longer `predict` takes than the stages that the core measures.
+that of `mvtop-cli infer` on the example, from its start to its end, and how much longer `predict`
+takes than the stages that the core measures.
 """
 
 import statistics
@@ -16,9 +19,9 @@ ROOT = Path(__file__).resolve().parents[1]
 RUNS = 15
 
 
-def seconds(script: str) -> float:
+def seconds(*command: str) -> float:
     start = time.perf_counter()
-    subprocess.run([sys.executable, "-c", script], check=True)
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return time.perf_counter() - start
 
 
@@ -27,14 +30,19 @@ def main() -> None:
         print(f"wheel: {Path(sys.argv[1]).stat().st_size / 1e6:.2f} MB")
 
     imports = ["pass", "import mvtop", "import numpy", "import onnxruntime"]
-    times: dict[str, list[float]] = {script: [] for script in imports}
+    commands = {f"python -c '{script}'": [sys.executable, "-c", script] for script in imports}
+    if len(sys.argv) > 2:
+        example = ROOT / "examples/mvball"
+        files = [str(example / name) for name in ("rig.json", "cam0.png", "cam1.png")]
+        commands["mvtop-cli infer"] = [sys.argv[2], "infer", "--rig", *files]
+    times: dict[str, list[float]] = {name: [] for name in commands}
     for _ in range(RUNS):  # side by side: other jobs disturb all alike
-        for script in imports:
-            times[script].append(seconds(script))
-    for script in imports:
+        for name, command in commands.items():
+            times[name].append(seconds(*command))
+    for name, taken in times.items():
         print(
-            f"python -c '{script}': least {1e3 * min(times[script]):.0f} ms, "
-            f"median {1e3 * statistics.median(times[script]):.0f} ms"
+            f"{name}: least {1e3 * min(taken):.0f} ms, "
+            f"median {1e3 * statistics.median(taken):.0f} ms"
         )
 
     rig = mvtop.Rig.load(ROOT / "examples/mvball/rig.json")
