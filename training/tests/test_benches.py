@@ -55,7 +55,9 @@ def test_a_scene_shows_its_parts_in_each_view():
 
 
 def row(cores: int, **stages: float) -> dict:
-    return {"case": {"cores": cores}, "stages_ms": stages, "tracked_ms": None}
+    per_second = {count: cores * rate for count, rate in ((1, 2.0), (2, 2.5))}
+    about = {"case": {"cores": cores}, "per_second": per_second}
+    return about | {"stages_ms": stages, "tracked_ms": None}
 
 
 def test_the_serial_share_is_what_a_second_core_does_not_shorten():
@@ -63,6 +65,7 @@ def test_the_serial_share_is_what_a_second_core_does_not_shorten():
     rows = [row(1, refine=300.0, crop=100.0), row(2, refine=150.0, crop=70.0)]
     shares = predict.serial(rows)
     assert shares == pytest.approx({"refine": 0.0, "crop": 0.4, "total": 0.1})
-    (note,) = predict.notes({"cores": {"rows": rows}})
+    note, of_callers = predict.notes({"cores": {"rows": rows}})
     # 40 ms, and 360 by 4 and by 8 cores.
     assert "would take 130 and 85 ms" in note
+    assert "2 cores: 4.00, 5.00 predictions a second; 2 times one core: 4.00." in of_callers

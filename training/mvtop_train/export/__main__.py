@@ -43,8 +43,8 @@ def main():
     )
     parser.add_argument(
         "--bits", type=int, choices=(32, 16, 8), default=32,
-        help="of stored weights; computed is in full: 16 halves the files, 8 (of convolutions) "
-        "makes a third of them",
+        help="of stored weights; computed is in full: 16 halves the files, 8 (of layers) "
+        "makes a quarter of them",
     )  # fmt: skip
     parser.add_argument(
         "--integers", action="store_true",

@@ -182,12 +182,12 @@ def store_in_half(graph: onnx.ModelProto):
         cast = onnx.helper.make_node("Cast", [half.name], [name], to=onnx.TensorProto.FLOAT)
         return [half], [cast]
 
-    _store(graph, lambda values: True, restored)
+    _store(graph, {tensor.name for tensor in graph.graph.initializer}, restored)
 
 
 def store_in_bytes(graph: onnx.ModelProto):
-    """Keep the weights of convolutions in 8 bits, with a scale for each channel of the output:
-    a quarter of the file, computed in full.
+    """Keep the weights of convolutions and linear layers in 8 bits, with a scale for each channel
+    of the output: a quarter of the file, computed in full.
 
     Not as DequantizeLinear, which ONNX Runtime keeps for its kernels in 8 bits and computes anew
     each time: of a cast and a product it makes constants when it loads the graph.
@@ -203,12 +203,14 @@ def store_in_bytes(graph: onnx.ModelProto):
         cast = onnx.helper.make_node("Cast", [made[0].name], [steps], to=onnx.TensorProto.FLOAT)
         return made, [cast, onnx.helper.make_node("Mul", [steps, made[1].name], [name])]
 
-    _store(graph, lambda values: values.ndim == 4, restored)
+    layers = [node for node in graph.graph.node if node.op_type in ("Conv", "MatMul")]
+    _store(graph, {node.input[1] for node in layers}, restored)
 
 
 def in_bytes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weights [O, I, h, w] as whole numbers of a scale [O, 1, 1, 1] per output channel."""
-    scale = np.abs(values).max((1, 2, 3), keepdims=True).clip(1e-12) / 127
+    """Weights [O, I, h, w] or [I, O] as whole numbers of a scale for each channel of the output."""
+    axes = (1, 2, 3) if values.ndim == 4 else 0
+    scale = np.abs(values).max(axes, keepdims=True).clip(1e-12) / 127
     return np.rint(values / scale).astype(np.int8), scale.astype(np.float32)
 
 
@@ -216,18 +218,21 @@ def as_stored(model: Mvtop) -> Mvtop:
     """A copy with the weights that `store_in_bytes` leaves of it."""
     model = copy.deepcopy(model)
     for module in model.modules():
-        if isinstance(module, nn.Conv2d) and module.weight.numel() >= LARGE:
-            codes, scale = in_bytes(module.weight.detach().numpy())
-            module.weight.data = torch.from_numpy(codes * scale)
+        if isinstance(module, nn.Conv2d | nn.Linear) and module.weight.numel() >= LARGE:
+            linear = isinstance(module, nn.Linear)  # [O, I]; graphs have [I, O]
+            weight = module.weight.detach().numpy()
+            codes, scale = in_bytes(weight.T if linear else weight)
+            weight = codes * scale
+            module.weight.data = torch.from_numpy(weight.T if linear else weight)
     return model
 
 
-def _store(graph: onnx.ModelProto, kind, restored):
-    """Replace large weights of a kind by other tensors and the nodes that make them of these."""
+def _store(graph: onnx.ModelProto, names: set[str], restored):
+    """Replace large weights of these names by other tensors and the nodes that make them of these."""
     kept, first = [], []
     for tensor in graph.graph.initializer:
         values = onnx.numpy_helper.to_array(tensor)
-        if values.dtype == np.float32 and values.size >= LARGE and kind(values):
+        if values.dtype == np.float32 and values.size >= LARGE and tensor.name in names:
             tensors, nodes = restored(tensor.name, values)
             kept += tensors
             first += nodes
@@ -304,7 +309,7 @@ def write_bundle(
 ):  # fmt: skip
     """Write every file of a bundle; `model.json` comes last. `known`: the MV-ball if left out.
 
-    bits      in which large weights are stored: 32, 16, or 8 (convolutions; others 16)
+    bits      in which large weights are stored: 32, 16, or 8 (those of layers; others 16)
     pictures  of `integers.pictures_of`: convolutions are computed in 8 bits
     """
     config = model.config
