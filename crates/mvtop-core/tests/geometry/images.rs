@@ -3,7 +3,8 @@ use std::path::PathBuf;
 
 use image::codecs::jpeg::JpegEncoder;
 use image::{DynamicImage, ImageEncoder, Luma, LumaA, Rgb, RgbImage, Rgba};
-use mvtop_core::image::{Letterbox, load, to_tensor};
+use mvtop_core::image::{Letterbox, load, load_views, to_tensor};
+use mvtop_core::{Camera, Rig};
 use ndarray::s;
 use proptest::prelude::*;
 use tempfile::TempDir;
@@ -371,4 +372,33 @@ proptest! {
             prop_assert_eq!(image.dimensions(), (16, 12));
         }
     }
+}
+
+#[test]
+fn images_of_several_cameras_come_in_the_order_of_their_files() {
+    let folder = folder();
+    let of = |id: usize| {
+        Camera::new(
+            &id.to_string(),
+            [3, 2],
+            left(3, 2).intrinsics().clone(),
+            nalgebra::Isometry3::translation(id as f64, 0.0, 0.0),
+        )
+    };
+    let rig = Rig::new((0..4).map(|id| of(id).unwrap()).collect(), 0).unwrap();
+    let file = |camera: usize| {
+        let image = RgbImage::from_pixel(3, 2, Rgb([camera as u8; 3]));
+        (camera, written(&folder, &format!("{camera}.png"), image))
+    };
+    let mut files: Vec<_> = [2, 0, 3, 1].map(file).into();
+    let views = load_views(&rig, &files).unwrap();
+    let seen = views.iter().map(|view| (view.camera, view.image[(2, 1)]));
+    let expected = [2, 0, 3, 1].map(|camera| (camera, Rgb([camera as u8; 3])));
+    assert_eq!(seen.collect::<Vec<_>>(), expected);
+    // The first of two that cannot be read is named.
+    for broken in [3, 1] {
+        files[broken].1 = folder.path().join(format!("none {broken}"));
+    }
+    let error = load_views(&rig, &files).unwrap_err().to_string();
+    assert!(error.contains("none 1"), "{error}");
 }
