@@ -104,7 +104,7 @@ UNNAMED = --remap-path-prefix=$(or $(CARGO_HOME),$(HOME)/.cargo)=/cargo --remap-
 # As old a glibc as onnxruntime's own wheels ask for; zig links against any. On PATH, as maturin
 # calls `python -m ziglang`. LTO takes minutes, and 0.6 MB off.
 RELEASE = PATH="$(CURDIR)/.venv/bin:$$PATH" RUSTFLAGS="$(UNNAMED)" CARGO_PROFILE_RELEASE_LTO=fat \
-  $(PY) -m maturin build --release --strip --locked --zig --compression-level 9 \
+  $(PY) -m maturin build --release --strip --locked --zig \
   --compatibility manylinux_2_28 -m crates/mvtop-py/Cargo.toml --out out/wheels
 
 release-wheel: .venv/release.done $(SHIPPED)/model/model.json $(WHEELS)/built-train  ## both wheels, for every Linux with glibc 2.28 (2018) or newer, in out/wheels

@@ -58,7 +58,7 @@ def test_arrays_and_paths_and_dicts_are_the_same_images(estimator, rig, paths, a
         np.stack(arrays),
         paths,
         [str(path) for path in paths],
-        [paths[0], arrays[1], paths[2], arrays[3]],
+        dict(zip(ids, [paths[0], arrays[1], paths[2], arrays[3]], strict=True)),
         [paths[n] for n in (2, 0, 3, 1)],  # named after cameras
         dict(reversed(list(zip(ids, arrays, strict=True)))),
     ]

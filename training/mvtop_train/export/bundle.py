@@ -228,7 +228,7 @@ def as_stored(model: Mvtop) -> Mvtop:
 
 
 def _store(graph: onnx.ModelProto, names: set[str], restored):
-    """Replace large weights of these names by other tensors and the nodes that make them of these."""
+    """Replace large weights of these names by other tensors and the nodes that make them again."""
     kept, first = [], []
     for tensor in graph.graph.initializer:
         values = onnx.numpy_helper.to_array(tensor)

@@ -379,9 +379,9 @@ fn images_of_several_cameras_come_in_the_order_of_their_files() {
     let folder = folder();
     let of = |id: usize| {
         Camera::new(
-            &id.to_string(),
+            id.to_string(),
             [3, 2],
-            left(3, 2).intrinsics().clone(),
+            pinhole(3.0, 1.5, 1.0),
             nalgebra::Isometry3::translation(id as f64, 0.0, 0.0),
         )
     };
