@@ -123,9 +123,8 @@ impl Estimator {
     /// version, or the provider cannot be had.
     #[cfg(feature = "onnx")]
     pub fn load(bundle: &Path, options: &Options) -> Result<Self> {
-        let cancel = cancel::current();
         let (bundle, runtime) = rayon::join(
-            || cancel.scope(|| Bundle::load(bundle)),
+            || Bundle::load(bundle),
             || onnx::Runtime::locate(options.ort_lib.as_deref()),
         );
         let (bundle, runtime) = (bundle?, runtime?);

@@ -5,12 +5,11 @@ use std::path::Path;
 
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, RgbImage};
-
 use rayon::prelude::*;
 
 use super::{ViewImage, gamma, jpeg, tiff};
 use crate::camera::Camera;
-use crate::{Error, Result, Rig, cancel, file};
+use crate::{Error, Result, Rig, file};
 
 /// Largest image file that is read.
 const MAX_FILE_BYTES: u64 = 1 << 29;
@@ -48,13 +47,12 @@ pub fn load(path: &Path, camera: &Camera) -> Result<RgbImage> {
 /// # Errors
 /// Those of [`load`], of the first file that has one.
 pub fn load_views(rig: &Rig, files: &[(usize, impl AsRef<Path> + Sync)]) -> Result<Vec<ViewImage>> {
-    let cancel = cancel::current();
     let view = |(camera, path): &(usize, _)| {
         let camera = *camera;
-        let path = AsRef::<Path>::as_ref(path);
-        let image = cancel.scope(|| load(path, &rig.cameras()[camera]))?;
+        let image = load(AsRef::<Path>::as_ref(path), &rig.cameras()[camera])?;
         Ok(ViewImage { camera, image })
     };
+    // Not collected at once: of several errors that would be any.
     let views: Vec<Result<ViewImage>> = files.par_iter().map(view).collect();
     views.into_iter().collect()
 }
