@@ -102,7 +102,7 @@ wheel: $(MVTOP) $(WHEELS)/built-train  ## the Python wheels of mvtop, installed 
 UNNAMED = --remap-path-prefix=$(or $(CARGO_HOME),$(HOME)/.cargo)=/cargo --remap-path-prefix=$(CURDIR)=/mvtop
 
 # As old a glibc as onnxruntime's own wheels ask for; zig links against any. On PATH, as maturin
-# calls `python -m ziglang`. LTO takes minutes, and 0.6 MB off.
+# calls `python -m ziglang`. LTO takes minutes and saves 0.6 MB.
 RELEASE = PATH="$(CURDIR)/.venv/bin:$$PATH" RUSTFLAGS="$(UNNAMED)" CARGO_PROFILE_RELEASE_LTO=fat \
   $(PY) -m maturin build --release --strip --locked --zig \
   --compatibility manylinux_2_28 -m crates/mvtop-py/Cargo.toml --out out/wheels
