@@ -119,6 +119,15 @@ def test_normalisation_begins_with_the_statistics_of_pictures(trained, pictures)
     assert changed_by_training() > 0.2
 
 
+def test_a_restored_network_is_compared_on_pictures(pictures):
+    model = moved(fresh("lite"))
+    graphs = integers.of_all(bundle.graphs_of(bundle.fold_batch_norm(model)), pictures)
+    shown = {name: torch.from_numpy(x) for name, x in pictures.items()}
+    restore._compare(model, graphs, shown, "models/own")
+    with pytest.raises(UserError, match="models/other: expected (boxes|coordinates) within 0.2 of"):
+        restore._compare(fresh("lite").eval(), graphs, shown, "models/other")
+
+
 def test_other_weights_are_refused(trained, tmp_path):
     bundle.write_bundle(trained, tmp_path, {"trained_steps": 1}, known=(ball(),))
     (tmp_path / "closeup.onnx").write_bytes((tmp_path / "features.onnx").read_bytes())

@@ -34,19 +34,22 @@ from .bundle import check_objects, normalised_convolutions
 RESTORING = ("Cast", "Mul", "DequantizeLinear")  # make weights of what is stored in fewer bits
 # Of a normalisation, by which convolutions are divided: unused channels have next to none.
 LEAST_SCALE = 1e-2
+ROUNDING = 0.2  # of what a network answers to pictures, by its spread, that 8 bits may change
+COMPARED = 16  # pictures of each kind
 
 
 def of_bundle(bundle: Path, known: tuple[objects.Object, ...], data: Path) -> tuple[Mvtop, int]:
-    """The network of a bundle, in eval mode, checked by the bundle's self-test, and the steps that
-    it was trained for.
+    """The network of a bundle, in eval mode, checked against what the bundle answers, and the steps
+    that it was trained for.
 
     data  data set of the objects; normalisation is measured on its training split
     """
     about = description.read(bundle)
     check_objects(f"{bundle} knows", [c["name"] for c in about["classes"]], known)
+    graphs = {name: onnx.load(bundle / file) for name, file in about["graphs"].items()}
     given = {}
-    for file in about["graphs"].values():
-        given |= weights_of(onnx.load(bundle / file))
+    for graph in graphs.values():
+        given |= weights_of(graph)
     try:
         model = fresh(about["preset"], objects.classes_of(*known), given)
         put(given, model)
@@ -55,8 +58,12 @@ def of_bundle(bundle: Path, known: tuple[objects.Object, ...], data: Path) -> tu
             bundle, f"weights of preset {about['preset']!r}", error
         ) from None
     pictures = integers.pictures_of(model.config, known, data)
-    measure_normalisation(model, {name: torch.from_numpy(x) for name, x in pictures.items()})
-    _check(model.eval(), about["self_test"], bundle)
+    pictures = {name: torch.from_numpy(x) for name, x in pictures.items()}
+    measure_normalisation(model, pictures)
+    if model.config.gives_coordinates:
+        _compare(model.eval(), graphs, pictures, bundle)
+    else:
+        _check(model.eval(), about["self_test"], bundle)
     return model, about["provenance"]["trained_steps"]
 
 
@@ -186,6 +193,24 @@ def measure_normalisation(model: Mvtop, pictures: dict[str, torch.Tensor]):
         module.weight.copy_(step * (variance + module.eps).sqrt())
         module.running_mean.copy_(mean)
         module.running_var.copy_(variance)
+
+
+@torch.no_grad()
+def _compare(model: Mvtop, graphs: dict[str, onnx.ModelProto], pictures: dict, bundle: Path):
+    """Against what the bundle's graphs answer to pictures of its objects: of noise, as the
+    self-test has it, 8 bits make something else."""
+    stored, own = self_test.OfGraphs(graphs, model.config), self_test.OfModel(model)
+    shown = {name: x[:COMPARED] for name, x in pictures.items()}
+    for name, answer in (
+        ("boxes", lambda network: network.detect(shown["features"])[1]),
+        ("coordinates", lambda network: network.coordinates(shown["closeup"])),
+    ):
+        expected, got = answer(stored), answer(own)
+        off = float((got - expected).abs().mean() / expected.std())
+        if off > ROUNDING:
+            raise _other_than_expected(
+                bundle, f"{name} within {ROUNDING} of their spread", f"{off:.2f}"
+            )
 
 
 def _check(model: Mvtop, told: dict, bundle: Path):
