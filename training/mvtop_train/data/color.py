@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 
 # From 8 bits of sRGB to linear light, 0 to 1.
-LINEAR = (np.arange(256, dtype=np.float32) / 255) ** 2.2
+GAMMA = 2.2
+LINEAR = (np.arange(256, dtype=np.float32) / 255) ** GAMMA
 
 
 def photometric(rgb: np.ndarray, rng: np.random.Generator) -> np.ndarray:

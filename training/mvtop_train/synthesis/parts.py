@@ -12,12 +12,13 @@ import mujoco
 import numpy as np
 import trimesh
 
+from ..data.color import GAMMA
 from ..data.meshfile import picture
 from ..data.objects import Object
 from ..data.rendered import Seen, View
 from ..data.rig import Camera
 from ..errors import UserError
-from . import scenes
+from . import scenes, shading
 from .render import FAR, GROUP, NEAR, Renderer
 
 # The scene is built around parts of this mean size and scaled back: gravity, time step and
@@ -29,6 +30,9 @@ SIZES = (0.1, 0.85)  # of a part's diameter in the image, of the image's shorter
 TRIES = 300  # points in front of the rig, and turns of it, to choose from
 CREASE = 30  # degrees by which two triangles are turned at an edge that looks sharp
 NEAREST = 0.1  # of the smallest part's diameter: what is nearer to a camera is cut off
+SURROUNDED = 0.6  # share of the scenes that pictures light (`shading`)
+# Shares of metal among parts without a texture, and among all that is no part.
+METAL, OTHER_METAL = 0.6, 0.2
 TEXTURE = 1024  # px a side at most: the whole texture goes through the compiler for every scene
 
 
@@ -98,6 +102,7 @@ class Fallen:
 
     name: str  # of its body and geom
     obj: Object
+    printed: bool  # whether it has a texture
 
 
 class Kit:
@@ -147,7 +152,7 @@ class Kit:
             name = f"{part.name}_{place}"
             height = rng.uniform(0.1, 0.3) + 0.08 * place
             xml.append(part.body(rng, name, np.array([*rng.uniform(-reach, reach, 2), height])))
-            fallen.append(Fallen(name, part.obj))
+            fallen.append(Fallen(name, part.obj, part.texture is not None))
         return "".join(xml), fallen
 
 
@@ -284,7 +289,9 @@ def views_of_scene(rng, gl, pool, kit: Kit, cameras: list[Camera], places=4):
     returns: views, and the ids of the cameras that they are of
     """
     xml, fallen = kit.falling(rng)
-    model, data = scenes.drop(rng, pool, lambda _: xml, kit.files)
+    surrounded = rng.random() < SURROUNDED
+    model, data = scenes.drop(rng, pool, lambda _: xml, kit.files, lit=not surrounded)
+    light = _light(rng, model, pool, fallen) if surrounded else None
     model.vis.global_.offwidth = max(c.width for c in cameras)
     model.vis.global_.offheight = max(c.height for c in cameras)
     placed = []
@@ -308,7 +315,8 @@ def views_of_scene(rng, gl, pool, kit: Kit, cameras: list[Camera], places=4):
                 if size not in renderers:
                     renderers[size] = Renderer(model, *size, gl, kit.near, kit.far(cameras))
                 cam_from_world = camera.cam_from_rig @ np.linalg.inv(world_from_rig)
-                view = _view(data, renderers[size], kit.scale, placed, camera, cam_from_world)
+                renderer = renderers[size]
+                view = _view(data, renderer, kit.scale, placed, camera, cam_from_world, light)
                 if view is not None:
                     views.append(view)
                     names.append(camera.id)
@@ -320,7 +328,25 @@ def views_of_scene(rng, gl, pool, kit: Kit, cameras: list[Camera], places=4):
             renderer.close()
 
 
-def _view(data, renderer, scale, placed, camera: Camera, cam_from_world):
+def _light(rng: np.random.Generator, model, pool: list[bytes], fallen: list[Fallen]):
+    """Light from one of the pictures of `pool`; parts of metal get its color."""
+    encoded = np.frombuffer(pool[rng.integers(len(pool))], np.uint8)
+    picture = cv2.imdecode(encoded, cv2.IMREAD_COLOR_RGB)
+    around = shading.Surroundings(rng, picture, scenes.floor_color(model) ** GAMMA)
+    materials = [shading.Material.random(rng, OTHER_METAL) for _ in range(model.ngeom)]
+    for part in fallen:
+        geom = model.geom(part.name)
+        look = shading.Material.random(rng, METAL * (not part.printed))
+        if look.metal is not None:
+            model.mat_rgba[geom.matid[0], :3] = look.metal ** (1 / GAMMA)
+        materials[geom.id] = look
+    reach, deep = rng.uniform(*shading.REACH), rng.uniform(*shading.DEEP)
+    return shading.Light(around, materials, reach, deep)
+
+
+def _view(
+    data, renderer, scale, placed, camera: Camera, cam_from_world, light: shading.Light | None
+) -> View | None:
     in_scene = cam_from_world.copy()
     in_scene[:3, 3] *= scale
     if -(in_scene[:3, :3].T @ in_scene[:3, 3])[2] < 0.02:
@@ -332,6 +358,8 @@ def _view(data, renderer, scale, placed, camera: Camera, cam_from_world):
     if max(visible) < LEAST_PIXELS:
         return None
     rgb, _ = renderer.rgb_depth()
+    if light is not None:
+        rgb = shading.lit(rgb, ids, depth, camera.k, in_scene, light)
     seen = []
     for (part, world_from_obj, _), geom in zip(placed, geoms, strict=True):
         mask = ids == geom

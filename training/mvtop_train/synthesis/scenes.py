@@ -129,14 +129,15 @@ def _lights(rng: np.random.Generator) -> str:
 
 
 def drop(
-    rng: np.random.Generator, pool: list[bytes], falling=_ball, assets=None
+    rng: np.random.Generator, pool: list[bytes], falling=_ball, assets=None, lit=True
 ) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """A scene after its objects have fallen.
 
-    `falling(rng)` is the object's MJCF, `assets` the files that it needs.
+    `falling(rng)` is the object's MJCF, `assets` the files that it needs. What is not `lit` has its
+    own colors everywhere (`shading`).
     """
     textures, files, count = _textures(rng, pool)
-    ambient = rng.uniform(0.1, 0.45)
+    ambient = rng.uniform(0.1, 0.45) if lit else 1.0
     distractors = "".join(_distractor(rng, i, count) for i in range(rng.integers(3, 12)))
     floor = f'material="m{rng.integers(count)}"'
     xml = f"""<mujoco>
@@ -144,7 +145,7 @@ def drop(
       <visual>
         <global offwidth="{WIDTH}" offheight="{HEIGHT}"/>
         <quality shadowsize="1024" offsamples="4" numslices="48" numstacks="32"/>
-        <headlight ambient="{row([ambient] * 3)}" diffuse="{row([rng.uniform(0, 0.3)] * 3)}"
+        <headlight ambient="{row([ambient] * 3)}" diffuse="{row([rng.uniform(0, 0.3) * lit] * 3)}"
                    specular="0 0 0"/>
       </visual>
       <asset>
@@ -154,7 +155,7 @@ def drop(
       </asset>
       <worldbody>
         <geom name="floor" type="plane" size="4 4 0.1" {floor}/>
-        {_lights(rng)}{distractors}
+        {_lights(rng) if lit else ""}{distractors}
       </worldbody>
       {falling(rng)}
     </mujoco>"""
@@ -163,6 +164,16 @@ def drop(
     mujoco.mj_step(model, data, int(rng.integers(150, 400)))
     mujoco.mj_forward(model, data)
     return model, data
+
+
+def floor_color(model: mujoco.MjModel) -> np.ndarray:
+    """Mean color [3] of the floor's texture, 0 to 1, as its file has it."""
+    material = model.geom("floor").matid[0]
+    texture = model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB.value]
+    start, channels = model.tex_adr[texture], model.tex_nchannel[texture]
+    count = model.tex_width[texture] * model.tex_height[texture] * channels
+    texels = model.tex_data[start : start + count].reshape(-1, channels)
+    return texels[:, :3].mean(0) / 255
 
 
 def world_from_body(data: mujoco.MjData, name: str) -> np.ndarray:
