@@ -39,7 +39,7 @@ def image(tmp_path, monkeypatch):
 @pytest.mark.parametrize("seed", range(5))
 def test_boxes_lie_around_what_they_are_of(image, augment, seed, monkeypatch):
     # In smaller pictures the spots' brightness no longer tells which is which.
-    monkeypatch.setattr(search, "ZOOM", (0.7, 2.5))
+    monkeypatch.setattr(search, "LIMITS", (0.7, 2.5))
     made = search.Searches(NETWORK, (BALL,)).make(image, np.random.default_rng(seed), augment)
     assert made["search_image"].shape == (384, 512, 3)
     there = made["search_boxes"][:, 2] > made["search_boxes"][:, 0]
@@ -61,6 +61,20 @@ def test_boxes_lie_around_what_they_are_of(image, augment, seed, monkeypatch):
     assert inside >= 1 or augment
     if not augment:
         assert inside == 3
+
+
+def test_scales_spread_about_that_of_inference(image):
+    fit = 512 / 640
+    for zoom, spread in ((0.0, 0.0), (0.35, 0.345)):
+        searches = search.Searches(NETWORK, (BALL,), zoom=zoom)
+        scales = [
+            searches._camera(image, (480, 640), np.random.default_rng(seed), True)[0][0, 0]
+            / (fit * image.k[0, 0])
+            for seed in range(2000)
+        ]
+        assert abs(np.log(scales).mean()) < 0.05
+        assert np.log(scales).std() == pytest.approx(spread, abs=0.02)
+        assert min(scales) >= 0.35 and max(scales) <= 2.5
 
 
 def test_what_the_image_cuts_off_is_counted_once(image):

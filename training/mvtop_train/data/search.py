@@ -14,7 +14,8 @@ from .composite import Composer
 from .objects import Object
 from .views import lies_on, warp
 
-ZOOM = (0.35, 2.5)  # of the scale at which inference shows the image
+ZOOM = 0.35  # deviation of the logarithm of a picture's scale, which is about 1:
+LIMITS = (0.35, 2.5)  # of it, where 1 is the scale at which inference shows the image
 AIMED = 0.7  # share of the pictures that are made around one of the objects
 SURE, UNSURE = 0.35, 0.1  # shares in sight from which an object shall, and may, be found
 MOST = 128  # objects in a picture
@@ -36,11 +37,15 @@ class Thing:
 
 @dataclass(frozen=True)
 class Searches:
-    """Makes what the detector learns from: pictures and the boxes in them."""
+    """Makes what the detector learns from: pictures and the boxes in them.
+
+    zoom  deviation of the logarithm of their scale, within `LIMITS`
+    """
 
     config: Config
     objects: tuple[Object, ...]
     composer: Composer | None = None
+    zoom: float = ZOOM
 
     def make(self, image: bop.Image, rng, augment: bool = True) -> dict[str, np.ndarray]:
         """search_image [H, W, 3], search_on_image [H, W], search_boxes [MOST, 4] (0: none) and
@@ -114,7 +119,7 @@ class Searches:
         middle = (np.array(shape[1::-1]) - 1) / 2
         if augment:
             middle = self._aim(image, middle, rng)
-            zoom = np.exp(rng.uniform(*np.log(ZOOM)))
+            zoom = np.exp(rng.normal(0, self.zoom)).clip(*LIMITS)
             roll = rng.uniform(-np.pi, np.pi) if rng.random() < 0.4 else rng.normal(0, 0.3)
             shift = rng.uniform(-0.35, 0.35, 2) * size
         k = np.diag([fit * zoom * image.k[0, 0], fit * zoom * image.k[1, 1], 1.0])

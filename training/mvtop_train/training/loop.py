@@ -72,7 +72,7 @@ def batches_of(
     config = state.config
     more: batches.Negatives | batches.Searched | None = None
     if not config.shares_backbone and settings.searched:
-        searches = search.Searches(config, scenes.objects, composer)
+        searches = search.Searches(config, scenes.objects, composer, settings.zoom)
         more = batches.Searched(scenes, searches, settings.searched)
     closeups = pose_views(settings, config, scenes.objects, True, composer)
     if settings.backbone:

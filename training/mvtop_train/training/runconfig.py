@@ -14,7 +14,7 @@ import pydantic
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat
 from pydantic_core import PydanticCustomError
 
-from ..data import objects
+from ..data import objects, search
 from ..data.crops import Augmentation
 from ..errors import UserError
 from ..files import read_text
@@ -152,6 +152,9 @@ class RunConfig(Table):
     searched: NonNegativeInt = (
         4  # whole images for the detector, on top, of networks that learn it apart
     )
+    # Of these, the deviation of the logarithm of their scale: more of it finds objects of more
+    # sizes, later.
+    zoom: Annotated[float, Field(ge=0, le=2)] = search.ZOOM
     backgrounds: str = ""  # folder of pictures to put behind and before the objects
     negatives: NonNegativeFloat = 0.125  # crops without the object, on top, as a share of `images`
     crop: Annotated[int, Field(gt=0, multiple_of=32)] = 160  # side of the training crops, px
