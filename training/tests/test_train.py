@@ -96,7 +96,7 @@ def test_a_run_of_minutes_ends_with_an_annealed_learning_rate(dataset, tmp_path)
 def gradient(path):
     """The only gradient of a run of one step, which Adam keeps as `exp_avg`."""
     state = torch.load(path / "last.pt", weights_only=True)
-    moments = [x["exp_avg"].flatten() for x in state["optimizer"]["state"].values()]
+    moments = [x["exp_avg"].flatten() for x in state["optimizer"]["adamw"]["state"].values()]
     return torch.cat(moments), state["model"]
 
 

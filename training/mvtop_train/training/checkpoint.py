@@ -15,6 +15,7 @@ from ..network import symmetry
 from ..network.fixed import Fixed
 from ..network.lite import load_pretrained
 from ..network.model import Mvtop
+from .optimiser import Optimizer
 
 PRETRAINED = "pretrained"  # in place of a checkpoint: what keeps its pretrained weights anyway
 AVERAGE = "module."  # prefix of the average's tensors in a file
@@ -37,7 +38,7 @@ class TrainingState:
         self.average = copy.deepcopy(self.model).eval().requires_grad_(False)
         self.updates = 0  # of the average
         self.symmetries = symmetry.of(config.classes).to(device)
-        self.optimizer = _optimizer(self.model)
+        self.optimizer = Optimizer(self.model)
         resumed = self.path.exists()
         if resumed:
             state = _read(self.path)
@@ -130,29 +131,6 @@ def _described(average: Mvtop, updates: int, step: int) -> dict:
     tensors = {AVERAGE + name: x for name, x in average.state_dict().items()}
     tensors["n_averaged"] = torch.tensor(updates)
     return {"config": json.dumps(configs.to_dict(average.config)), "average": tensors, "step": step}
-
-
-def _optimizer(model: Mvtop) -> torch.optim.Optimizer:
-    decay, plain, slow, pretrained = [], [], [], []
-    for name, p in model.named_parameters():
-        if not p.requires_grad:
-            continue
-        if ".offsets." in name:
-            slow.append(p)
-        elif model.config.backbone == "lite" and ".stage" in name:
-            pretrained.append(p)
-        else:
-            (decay if p.ndim > 1 else plain).append(p)
-    return torch.optim.AdamW(
-        [
-            {"params": decay, "weight_decay": 1e-4, "scale": 1.0},
-            {"params": plain, "weight_decay": 0.0, "scale": 1.0},
-            {"params": slow, "weight_decay": 0.0, "scale": 0.1},  # as Deformable DETR
-            *([{"params": pretrained, "weight_decay": 1e-4, "scale": 0.25}] if pretrained else []),
-        ],
-        lr=1e-3,
-        fused=True,
-    )
 
 
 def _write(state: dict, path: Path):

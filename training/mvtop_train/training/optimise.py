@@ -42,7 +42,7 @@ def descend(state: TrainingState, loss: torch.Tensor, lr: float, clip: float) ->
     """One step down the gradient of `loss`, whose norm is returned."""
     for group in state.optimizer.param_groups:
         group["lr"] = group["scale"] * lr
-    state.optimizer.zero_grad(set_to_none=True)
+    state.optimizer.zero_grad()
     loss.backward()
     norm = torch.nn.utils.clip_grad_norm_(state.model.parameters(), clip)
     for parameter in state.model.parameters():
