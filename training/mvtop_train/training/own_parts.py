@@ -2,11 +2,15 @@
 
 from pathlib import Path
 
+import numpy as np
+
 from ..data import rig
 from . import runconfig
 from .checkpoint import PRETRAINED
 
 SCENES_PER_MINUTE = 8  # of a whole run: two cores render them in a tenth of it
+HELD_OUT, MOST_HELD_OUT = 8, 100  # one scene in so many; at most
+REPORTED = 0.5, 20, 60  # scenes for the report: for each minute, at least, at most
 # Of the export; of what is chosen and of the report, for each scene of so many parts and views.
 END_MINUTES = 2.0, 0.06, 0.1
 END_PARTS, END_VIEWS = 12, 4
@@ -41,7 +45,11 @@ def config(
 
 def scenes_of(minutes: float, count: int, work: float) -> tuple[int, int]:
     """How many of `count` scenes are held out, and how many are for the report."""
-    held_out, test = min(count // 5, 100), round(min(max(2 * minutes, 20), 60))
+    each, least, most = REPORTED
+    held_out, test = (
+        min(count // HELD_OUT, MOST_HELD_OUT),
+        round(float(np.clip(each * minutes, least, most))),
+    )
     export = END_MINUTES[0]
     share = (MOST_END * minutes - export) / (end_minutes(held_out, test, work) - export)
     if share >= 1:
