@@ -31,7 +31,7 @@ from .validate import pose_views, validate
 MOST_VIEWS = 4  # in the report
 LEAST_TRAINING = 0.15  # share of all minutes
 LEAST_REPORTED = 8  # scenes
-RENDERED = 75  # scenes a minute by each core, of four views of a dozen parts
+RENDERED = 45  # scenes a minute by each core, of four views of a dozen parts
 
 
 class Stages:
