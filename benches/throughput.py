@@ -38,8 +38,9 @@ class Stages:
         self._around(state.model, "network, forward")
         if trunk := getattr(state.model.features, "trunk", None):
             self._around(trunk, "of it, never trained")
-        state.optimizer.register_step_pre_hook(lambda *_: self._begin("optimiser"))
-        state.optimizer.register_step_post_hook(lambda *_: self._end("optimiser"))
+        for part in state.optimizer.parts.values():
+            part.register_step_pre_hook(lambda *_: self._begin("optimiser"))
+            part.register_step_post_hook(lambda *_: self._end("optimiser"))
 
     def _around(self, module, name: str):
         module.register_forward_pre_hook(lambda *_: self._begin(name))
