@@ -322,6 +322,22 @@ def test_all_is_fitted_and_written_at_once(tiny, monkeypatch, refined):
     mvtop.Estimator.load(tiny)
 
 
+def test_a_first_pass_of_too_few_poses_takes_all_scenes(tiny, monkeypatch):
+    asked = []
+
+    def gathered(bundle, scenes, known, name, *, refine=None, inference):
+        asked.append((name, len(scenes)))
+        found = poses(30 * len(scenes), seed=len(asked), refined=refine is None)
+        return Gathered(found, [rig_of()] * 20)
+
+    monkeypatch.setattr(calibrate, "gathered", gathered)
+    assert calibrate.calibrate(tiny, [scene(2)] * 6, (objects.ball(),))
+    assert asked == [
+        ("unrefined poses", 6), ("refined, first pass", 2), ("refined, first pass", 6),
+        ("refined, second pass", 6),
+    ]  # fmt: skip
+
+
 def test_groups_are_of_one_scene_each():
     def images(name, count):
         path = Path(name)

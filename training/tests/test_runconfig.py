@@ -198,7 +198,7 @@ def of_parts(out, minutes, parts=4, instances=3, rigs=(RIG,)):
 
 def test_a_run_keeps_its_scenes_whatever_its_minutes(tmp_path):
     begun = of_parts(tmp_path, 10)
-    assert (begun.generate.scenes, begun.held_out, begun.generate.test) == (80, 10, 20)
+    assert (begun.generate.scenes, begun.held_out, begun.generate.test) == (80, 16, 20)
     runconfig.keep_copy(begun, tmp_path)
     longer = of_parts(tmp_path, 60)
     assert longer == begun.model_copy(update={"minutes": 60})
@@ -208,20 +208,20 @@ def test_a_run_keeps_its_scenes_whatever_its_minutes(tmp_path):
 
 def test_more_is_kept_for_the_end_of_more_parts_and_views(tmp_path):
     four = of_parts(tmp_path, 30).generate.reserve
-    assert four == pytest.approx(2 + 0.06 * 30 + 0.1 * 20)
+    assert four == pytest.approx(1 + 0.06 * 48 + 0.05 * 20)
     assert of_parts(tmp_path, 30, rigs=()).generate.reserve == four
     three = of_parts(tmp_path, 30, rigs=(RIG.replace("four", "three"),)).generate.reserve
-    assert three - 2 == pytest.approx((four - 2) * 3 / 4, abs=0.01)
+    assert three - 1 == pytest.approx((four - 1) * 3 / 4, abs=0.01)
     longer = of_parts(tmp_path, 60).generate.reserve
     more = of_parts(tmp_path, 60, parts=12)
-    assert more.generate.reserve - 2 == pytest.approx((longer - 2) * 2)
+    assert more.generate.reserve - 1 == pytest.approx((longer - 1) * 2)
     assert (more.held_out, more.generate.test) == (60, 30)
-    assert of_parts(tmp_path, 30, parts=1, instances=1).generate.reserve > 2 + (four - 2) / 2
+    assert of_parts(tmp_path, 30, parts=1, instances=1).generate.reserve > 1 + (four - 1) / 2
 
 
 @pytest.mark.parametrize("minutes", [20, 30, 60])
 def test_fewer_scenes_tell_of_many_parts_so_that_time_is_left_to_train(minutes, tmp_path):
-    few, many = of_parts(tmp_path, minutes), of_parts(tmp_path, minutes, parts=40)
+    few, many = of_parts(tmp_path, minutes), of_parts(tmp_path, minutes, parts=60)
     assert few.generate.scenes == many.generate.scenes
     assert 8 <= many.held_out < few.held_out and 8 <= many.generate.test < few.generate.test
     assert many.generate.reserve <= 0.5 * minutes + 0.01

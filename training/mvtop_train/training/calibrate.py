@@ -50,7 +50,7 @@ MIN_SPREAD = 0.02, 0.05  # of evidence of views and of poses, so that weights st
 FALSE = 0.02  # share of the objects reported of several images that may be false
 LOST = 0.005  # share of the right poses that may be rejected before refinement,
 MARGIN = 2.0  # with log-odds that images of another look may lack besides
-FEW = 3  # one scene in so many is of the first pass
+FEW = 3  # one scene in so many is of the first pass, or all where these are too few
 ALARMS = 0.01  # share of the groups with true calibrations that may be warned of
 # Limits that chance alone exceeds in one of a hundred groups, where cameras and objects are off as
 # `mvtop-core/src/estimator/rig_test.rs` takes it: the root of what six numbers, or one, gain.
@@ -299,13 +299,20 @@ def calibrate(
     first = initial = before = None
     with uncalibrated(bundle, detector or {}) as plain:
         raw = gathered(plain, scenes, known, "unrefined poses", inference=every, refine=False)
+        found = raw
         # The scorer ranks candidates: a first one, of few scenes, ranks those of the second.
-        found = gathered(plain, scenes[::FEW], known, "refined, first pass", inference=every)
-        if not any(one.refined for one in found.poses):
-            found = raw
-        else:
-            before = limits(found.rigs, [one for one in raw.rigs if by_boxes(one)])
+        for part in (scenes[::FEW], scenes):
+            refined = gathered(plain, part, known, "refined, first pass", inference=every)
+            if not any(one.refined for one in refined.poses):
+                break
+            found, before = (
+                refined,
+                limits(refined.rigs, [one for one in raw.rigs if by_boxes(one)]),
+            )
             first = scorer_of(found, raw, before)
+            if first is not None:
+                break
+        if found is not raw:
             if first is None:
                 return False
             put(plain, first, before, 0.0, None, detector or {})

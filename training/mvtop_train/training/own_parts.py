@@ -9,10 +9,10 @@ from . import runconfig
 from .checkpoint import PRETRAINED
 
 SCENES_PER_MINUTE = 8  # of a whole run: two cores render them in a tenth of it
-HELD_OUT, MOST_HELD_OUT = 8, 100  # one scene in so many; at most
+HELD_OUT, MOST_HELD_OUT = 5, 60  # one scene in so many; at most
 REPORTED = 0.5, 20, 60  # scenes for the report: for each minute, at least, at most
 # Of the export; of what is chosen and of the report, for each scene of so many parts and views.
-END_MINUTES = 2.0, 0.06, 0.1
+END_MINUTES = 1.0, 0.06, 0.05
 END_PARTS, END_VIEWS = 12, 4
 MOST_END = 0.5  # of the minutes: of many parts or cameras fewer scenes are held out,
 LEAST_SCENES = 8  # but so many of each kind
