@@ -126,6 +126,18 @@ def test_too_few_poses_have_no_weights():
     assert of(50, 49) is of(9, 191) is of(191, 9) is None
 
 
+def test_poses_of_which_none_is_right_are_weighed_by_what_exists():
+    found = [replace(one, exists=one.right, right=False) for one in poses(400)]
+    assert calibrate.fit(found) is None
+    weights = calibrate.fit_to_existence(found)
+    odds = np.array([calibrate.log_odds(weights, one) for one in found])
+    exists = np.array([one.exists for one in found])
+    assert odds[exists].mean() > odds[~exists].mean() + 0.5
+    # By hand: half a right pose of 401.
+    assert (1 / (1 + np.exp(-odds))).mean() == pytest.approx(0.5 / 401, rel=0.01)
+    assert calibrate.fit_to_existence(found[:50]) is None
+
+
 def test_log_odds_are_the_cores(tiny):
     scorer = {"refined": WEIGHTS | {"bias": 9.0}, "unrefined": WEIGHTS}
     calibrate.put(tiny, scorer, own_limits(), 0.0, None, {})

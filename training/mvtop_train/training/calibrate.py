@@ -13,10 +13,12 @@ import contextlib
 import shutil
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
+from scipy.optimize import brentq
 from torch.nn.functional import binary_cross_entropy_with_logits, softplus
 
 from .. import description
@@ -151,6 +153,18 @@ def fit(found: list[Judged], less_texture: float = LESS_TEXTURE, seed: int = 0) 
     model = Model(*(np.maximum(x.std(0), y) for x, y in zip((seen, pose), MIN_SPREAD, strict=True)))
     _minimise(model, [torch.tensor(x) for x in (visible, shown, views, pose)], torch.tensor(right))
     return model.as_stored()
+
+
+def fit_to_existence(found: list[Judged]) -> dict | None:
+    """As `fit`, of poses of which hardly one is right: the weights tell whether an object stands
+    there, and the bias is such that the mean confidence is the share of right ones."""
+    weights = fit([replace(one, right=one.exists) for one in found])
+    if weights is None:
+        return None
+    odds = np.array([log_odds(weights, one) for one in found])
+    share = (sum(one.right for one in found) + 0.5) / (len(found) + 1)
+    shift = brentq(lambda x: (1 / (1 + np.exp(-odds - x))).mean() - share, -50, 50)
+    return weights | {"bias": round(weights["bias"] + shift, 5)}
 
 
 def _minimise(model: Model, inputs: list[torch.Tensor], right: torch.Tensor):
@@ -351,8 +365,11 @@ def scorer_of(found: Gathered, raw: Gathered, rig: dict[str, float]) -> dict | N
 
     - found, raw: what is predicted with and without refinement; the same where no pose is refined
     """
-    unrefined = fit([with_limits(one, rig) for one in raw.poses])
+    poses = [with_limits(one, rig) for one in raw.poses]
+    unrefined = fit(poses)
     if raw is found:
         return unrefined and {"refined": unrefined, "unrefined": unrefined}
+    # Refinement makes poses right of which none was before.
+    unrefined = unrefined or fit_to_existence(poses)
     refined = fit([with_limits(one, rig) for one in found.poses if one.refined])
     return refined and unrefined and {"refined": refined, "unrefined": unrefined}
