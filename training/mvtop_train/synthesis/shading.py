@@ -148,8 +148,11 @@ def _looked_up(lights: list[np.ndarray], directions: np.ndarray, which: np.ndarr
 
 
 def normals_of(points: np.ndarray, ids: np.ndarray) -> np.ndarray:
-    """Normals [h, w, 3] of a surface from its points [h, w, 3] in the camera's axes, towards the
-    camera; edges of what `ids` [h, w] tell apart are rounded by a pixel, as those of parts are."""
+    """Normals [h, w, 3] of surfaces from their points [h, w, 3] in the camera's axes, towards the
+    camera. Edges of one thing are rounded by a pixel, as those of parts are.
+
+    ids  [h, w], which thing each point is of
+    """
     across, along = _steps(points, ids, 1), _steps(points, ids, 0)
     normals = np.cross(across, along)
     normals *= np.where((normals * points).sum(-1, keepdims=True) > 0, -1, 1)
