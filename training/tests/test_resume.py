@@ -116,6 +116,7 @@ def test_poses_are_learnt_where_what_is_kept_for_the_end_is_gone(settings, tmp_p
 
 def test_too_few_minutes_are_refused_before_anything_is_rendered(settings, tmp_path, monkeypatch):
     monkeypatch.setattr(pipeline, "Generator", None)
+    monkeypatch.setattr(pipeline, "RENDERED", 75)
     more = settings.generate.model_copy(update={"scenes": 10_000, "start": 10_000, "workers": 2})
     settings = settings.model_copy(update={"generate": more})
     with pytest.raises(UserError, match=r"--minutes: expected more than 90.[12] .*, got 30; fix: "):
