@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 
+GAMMA = 2.2  # about that of sRGB
 # From 8 bits of sRGB to linear light, 0 to 1.
-GAMMA = 2.2
 LINEAR = (np.arange(256, dtype=np.float32) / 255) ** GAMMA
 
 

@@ -69,7 +69,7 @@ class Surroundings:
     def __init__(self, rng: np.random.Generator, picture: np.ndarray, floor: np.ndarray):
         """
         - picture: [h, w, 3] uint8 of what stands around
-        - floor: [3] 0 to 1, linear color of what is below
+        - floor: [3] 0 to 1, linear color of the floor
         """
         half = cv2.resize(picture, (WIDTH // 2, HEIGHT), interpolation=cv2.INTER_AREA)
         light = LINEAR[np.concatenate([half, half[:, ::-1]], 1)]

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from scipy.optimize import brentq
+from scipy.special import expit
 from torch.nn.functional import binary_cross_entropy_with_logits, softplus
 
 from .. import description
@@ -156,14 +157,14 @@ def fit(found: list[Judged], less_texture: float = LESS_TEXTURE, seed: int = 0) 
 
 
 def fit_to_existence(found: list[Judged]) -> dict | None:
-    """As `fit`, of poses of which hardly one is right: the weights tell whether an object stands
-    there, and the bias is such that the mean confidence is the share of right ones."""
+    """As `fit`, of poses of which hardly one is right: the weights tell whether the object exists,
+    and the bias makes the mean confidence the share of right poses."""
     weights = fit([replace(one, right=one.exists) for one in found])
     if weights is None:
         return None
     odds = np.array([log_odds(weights, one) for one in found])
     share = (sum(one.right for one in found) + 0.5) / (len(found) + 1)
-    shift = brentq(lambda x: (1 / (1 + np.exp(-odds - x))).mean() - share, -50, 50)
+    shift = brentq(lambda x: expit(odds + x).mean() - share, -50, 50)
     return weights | {"bias": round(weights["bias"] + shift, 5)}
 
 
@@ -198,7 +199,7 @@ def log_odds(weights: dict, one: Judged) -> float:
 def confidence(scorer: dict, one: Judged) -> float:
     """Probability that a pose is right, by the weights of its kind."""
     weights = scorer["refined" if one.refined else "unrefined"]
-    return float(1 / (1 + np.exp(-log_odds(weights, one))))
+    return float(expit(log_odds(weights, one)))
 
 
 def least_confidence(confidences: np.ndarray, exists: np.ndarray) -> float:
@@ -313,16 +314,14 @@ def calibrate(
     first = initial = before = None
     with uncalibrated(bundle, detector or {}) as plain:
         raw = gathered(plain, scenes, known, "unrefined poses", inference=every, refine=False)
-        found = raw
+        found, boxed = raw, [one for one in raw.rigs if by_boxes(one)]
         # The scorer ranks candidates: a first one, of few scenes, ranks those of the second.
         for part in (scenes[::FEW], scenes):
             refined = gathered(plain, part, known, "refined, first pass", inference=every)
             if not any(one.refined for one in refined.poses):
                 break
-            found, before = (
-                refined,
-                limits(refined.rigs, [one for one in raw.rigs if by_boxes(one)]),
-            )
+            found = refined
+            before = limits(found.rigs, boxed)
             first = scorer_of(found, raw, before)
             if first is not None:
                 break
@@ -335,7 +334,7 @@ def calibrate(
     failed = found.failed + (raw.failed if raw is not found else 0)
     if failed:
         print(f"note: {failed} groups of views have no prediction")
-    rig = limits(found.rigs, [one for one in raw.rigs if by_boxes(one)])
+    rig = limits(found.rigs, boxed)
     if first is not None:
         # Without a scorer all that two cameras detect is confirmed, whatever their poses are worth.
         rig["unconfirmed_true"] = before["unconfirmed_true"]

@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from ..data import rig
 from . import runconfig
 from .checkpoint import PRETRAINED
@@ -46,10 +44,8 @@ def config(
 def scenes_of(minutes: float, count: int, work: float) -> tuple[int, int]:
     """How many of `count` scenes are held out, and how many are for the report."""
     each, least, most = REPORTED
-    held_out, test = (
-        min(count // HELD_OUT, MOST_HELD_OUT),
-        round(float(np.clip(each * minutes, least, most))),
-    )
+    held_out = min(count // HELD_OUT, MOST_HELD_OUT)
+    test = round(min(max(each * minutes, least), most))
     export = END_MINUTES[0]
     share = (MOST_END * minutes - export) / (end_minutes(held_out, test, work) - export)
     if share >= 1:
