@@ -1,4 +1,5 @@
-"""Run configs and rigs that the package carries, found by name: `parts`, `tiny`, `four`."""
+"""What the package carries: run configs and rigs, found by name (`parts`, `tiny`, `four`), and the
+bundle that own parts are learnt from."""
 
 import argparse
 from pathlib import Path
@@ -7,6 +8,7 @@ from .errors import UserError
 
 FOLDER = Path(__file__).with_name("runs")
 CONFIG, RIG = ".toml", ".rig.json"
+START = Path(__file__).with_name("start")  # graphs of models/parts
 
 
 def names(ending: str) -> list[str]:

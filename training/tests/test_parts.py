@@ -353,11 +353,12 @@ def test_a_part_makes_training_batches(dataset):
     found, maker = batches.Scenes(dataset, (obj,), held_out=0), crop_maker(obj)
     stream = batches.Batches(
         batches.Fresh(found, maker), 4, (0.3, 0.3, 0.4), 5, rank=0, processes=1,
-        more=batches.Negatives(found, maker.choose, 1),
+        more=batches.Negatives(found, maker.choose, 1), every=2,
     )  # fmt: skip
     shapes = set()
     for step in range(8):
         batch = stream[step]
+        assert ("search_image" in batch) == (step % 2 == 0)
         shapes.add(tuple(batch["image"].shape[:2]))
         assert (batch["true_box"][..., 2:] > batch["true_box"][..., :2]).all()
         assert batch["coords"].any()

@@ -8,15 +8,18 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import onnx
 import pytest
 import torch
 from conftest import MVBALL, random_views
 
+from mvtop_train import shipped
 from mvtop_train.data import bank, batches, bop, crops, objects
 from mvtop_train.data.closeup import CloseUps
 from mvtop_train.data.inputs import to_views
 from mvtop_train.data.views import ViewMaker, collate
 from mvtop_train.errors import UserError
+from mvtop_train.export import restore
 from mvtop_train.network import config as configs
 from mvtop_train.network import losses, symmetry
 from mvtop_train.network.model import Mvtop
@@ -79,6 +82,32 @@ def test_a_resumed_run_is_the_run_that_was_not_stopped(dataset, tmp_path):
         _, config, step = load_weights(tmp_path / "run" / file)
         assert step == 10 and config.preset == "tiny"
     assert list((tmp_path / "run").glob("events.out.tfevents.*"))
+
+
+def test_a_run_starts_from_a_bundle_of_other_objects(dataset, tmp_path):
+    """What belongs to none of its objects is taken over; a second call takes it from the copy."""
+    changes = (
+        "preset=lite", "network={width = 128, height = 96, closeup = 64}", "backbone=pretrained",
+        f"init={shipped.START}", "copies=1", "images=4", "searched=1", "search_every=2", "lr=1e-9",
+        "precision=fp32",
+    )  # fmt: skip
+    run_of(dataset, tmp_path / "run", "steps=1", *changes)
+    written = (tmp_path / "run" / "start.pt").stat().st_mtime_ns
+    run_of(dataset, tmp_path / "run", "steps=2", *changes)
+    assert (tmp_path / "run" / "start.pt").stat().st_mtime_ns == written
+    start, given, _ = load_weights(tmp_path / "run" / "start.pt")
+    model, config, _ = load_weights(tmp_path / "run" / "weights.pt")
+    assert len(given.classes) == 4 and [c.name for c in config.classes] == [objects.ball().name]
+    before, after = start.state_dict(), model.state_dict()
+    for name in ("look.lateral16.weight", "search.smooth8.0.weight", "coordinates.weight"):
+        one = before[f"features.{name}"]
+        torch.testing.assert_close(after[f"features.{name}"], one, rtol=1e-2, atol=1e-4)
+        assert one.std() > 1e-3
+    stored = restore.weights_of(onnx.load(shipped.START / "closeup.onnx"))
+    torch.testing.assert_close(
+        before["features.coordinates.weight"], stored["features.coordinates.weight"],
+        rtol=1e-2, atol=1e-4,
+    )  # fmt: skip
 
 
 def test_the_loss_falls(dataset, tmp_path):

@@ -130,14 +130,15 @@ class Batches(torch.utils.data.Dataset):
 
     source  `Fresh` or a `bank.Bank`: its scenes, and a view of each of their images
     shares  of batches with 1, 2, ... views
+    more    what comes on top of every `every`-th batch
     """
 
     def __init__(
         self, source, images: int, shares, seed: int, rank: int, processes: int,
-        more: Negatives | Searched | None = None,
+        more: Negatives | Searched | None = None, every: int = 1,
     ):  # fmt: skip
         self.source, self.images, self.shares, self.seed = source, images, np.array(shares), seed
-        self.rank, self.processes, self.more = rank, processes, more
+        self.rank, self.processes, self.more, self.every = rank, processes, more, every
 
     def _mine(self, count: int) -> range:
         """Numbers of this process's items; every process has equally many."""
@@ -157,7 +158,7 @@ class Batches(torch.utils.data.Dataset):
 
     def _more(self, step: int) -> dict[str, torch.Tensor]:
         """What `more` makes, stacked; where there is no room for all of it, fewer."""
-        if self.more is None:
+        if self.more is None or step % self.every:
             return {}
         rngs = (
             np.random.default_rng([self.seed, step, self.images + number])

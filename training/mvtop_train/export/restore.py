@@ -46,12 +46,45 @@ def of_bundle(bundle: Path, known: tuple[objects.Object, ...], data: Path) -> tu
     """
     about = description.read(bundle)
     check_objects(f"{bundle} knows", [c["name"] for c in about["classes"]], known)
-    graphs = {name: onnx.load(bundle / file) for name, file in about["graphs"].items()}
+    graphs = _graphs_of(bundle, about)
+    model, pictures = _restored(bundle, about, graphs, objects.classes_of(*known), known, data)
+    if model.config.gives_coordinates:
+        _compare(model.eval(), graphs, pictures, bundle)
+    else:
+        _check(model.eval(), about["self_test"], bundle)
+    return model, about["provenance"]["trained_steps"]
+
+
+def start_of(bundle: Path, known: tuple[objects.Object, ...], data: Path) -> Mvtop:
+    """The network of a bundle, of whatever objects, to learn `known` from. It is not checked: to
+    pictures of other objects, 8 bits may answer something else.
+
+    data  data set of `known`; normalisation is measured on its training split
+    """
+    about = description.read(bundle)
+    classes = tuple(
+        configs.ObjectClass(c["id"], c["name"], c["diameter_m"]) for c in about["classes"]
+    )
+    return _restored(bundle, about, _graphs_of(bundle, about), classes, known, data)[0]
+
+
+def _graphs_of(bundle: Path, about: dict) -> dict[str, onnx.ModelProto]:
+    return {name: onnx.load(bundle / file) for name, file in about["graphs"].items()}
+
+
+def _restored(
+    bundle: Path, about: dict, graphs: dict[str, onnx.ModelProto],
+    classes: tuple[configs.ObjectClass, ...], known: tuple[objects.Object, ...], data: Path,
+) -> tuple[Mvtop, dict[str, torch.Tensor]]:  # fmt: skip
+    """The network, and the pictures of `known` that its normalisation was measured on.
+
+    classes  those of the bundle
+    """
     given = {}
     for graph in graphs.values():
         given |= weights_of(graph)
     try:
-        model = fresh(about["preset"], objects.classes_of(*known), given)
+        model = fresh(about["preset"], classes, given)
         put(given, model)
     except (KeyError, RuntimeError) as error:
         raise _other_than_expected(
@@ -60,11 +93,7 @@ def of_bundle(bundle: Path, known: tuple[objects.Object, ...], data: Path) -> tu
     pictures = integers.pictures_of(model.config, known, data)
     pictures = {name: torch.from_numpy(x) for name, x in pictures.items()}
     measure_normalisation(model, pictures)
-    if model.config.gives_coordinates:
-        _compare(model.eval(), graphs, pictures, bundle)
-    else:
-        _check(model.eval(), about["self_test"], bundle)
-    return model, about["provenance"]["trained_steps"]
+    return model, pictures
 
 
 def weights_of(graph: onnx.ModelProto) -> dict[str, torch.Tensor]:

@@ -3,9 +3,9 @@
     mvtop-train catalogue --out data/catalogue
 
 Writes BOP's `models/`: PLY meshes in mm and `models_info.json`, as `--mesh` of
-`mvtop_train.generate` takes them. Six parts without texture: a hex nut (turns by sixths, and upside
-down), a pipe tee (a half turn), a stepped shaft (any turn about its axis), an angle bracket (none),
-a flange (turns by quarters) and an elbow (a half turn).
+`mvtop_train.generate` takes them. Eight parts without texture: a hex nut (turns by sixths, and
+upside down), a pipe tee (a half turn), a stepped shaft (any turn about its axis), an angle bracket
+(none), a flange (turns by quarters), an elbow (a half turn), a U bracket and a valve body (none).
 """
 
 from pathlib import Path
@@ -80,6 +80,33 @@ def elbow() -> trimesh.Trimesh:
     return body.apply_translation([-18, 0, -18])
 
 
+def u_bracket() -> trimesh.Trimesh:
+    foot = box(bounds=[[-30, -15, -12], [30, 15, -7]])
+    high = box(bounds=[[-30, -15, -12], [-25, 15, 23]])
+    low = box(bounds=[[25, -15, -12], [30, 15, 10]])
+    holes = [
+        round_bar(6, 20, (1, 0, 0), (-28, 0, 12)),
+        round_bar(4, 20, (1, 0, 0), (28, 3, 1)),
+        round_bar(5, 20, (0, 0, 1), (-8, 0, -10)),
+        round_bar(3, 20, (0, 0, 1), (14, 6, -10)),
+    ]
+    return _without(_together(foot, high, low), *holes)
+
+
+def valve_body() -> trimesh.Trimesh:
+    block = box(bounds=[[-25, -18, -15], [25, 18, 15]])
+    ports = [
+        round_bar(10, 14, (0, 0, 1), (-8, 0, 20)),
+        round_bar(7, 12, (1, 0, 0), (30, 4, 0)),
+    ]
+    bores = [
+        round_bar(6, 60, (0, 0, 1), (-8, 0, 10)),
+        round_bar(4, 40, (1, 0, 0), (30, 4, 0)),
+        round_bar(5, 60, (0, 1, 0), (12, 0, -4)),
+    ]
+    return _without(_together(block, *ports), *bores)
+
+
 def turn(axis, degrees: float) -> np.ndarray:
     return trimesh.transformations.rotation_matrix(np.deg2rad(degrees), axis)
 
@@ -98,6 +125,8 @@ CATALOGUE = {
     "angle_bracket": (angle_bracket, (), ()),
     "flange": (flange, turns(*(turn([0, 0, 1], 90 * n) for n in (1, 2, 3))), ()),
     "elbow": (elbow, turns(turn([1, 0, 1], 180)), ()),
+    "u_bracket": (u_bracket, (), ()),
+    "valve_body": (valve_body, (), ()),
 }
 
 

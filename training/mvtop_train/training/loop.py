@@ -9,8 +9,9 @@ import torch
 from ..data import backgrounds, bank, batches, crops, objects, search
 from ..data.composite import Composer
 from ..data.views import ViewMaker
+from ..export import restore
 from . import processes
-from .checkpoint import TrainingState, digest
+from .checkpoint import TrainingState, digest, save_weights
 from .monitor import Monitor
 from .optimise import learning_rate, optimise
 from .progress import Clock
@@ -32,9 +33,10 @@ def train(settings: RunConfig, folder: Path, scenes: batches.Mixed | None = None
         keep_copy(settings, folder)
     torch.manual_seed(settings.seed)  # all processes start from the same weights
     config = settings.network_config(objects.classes_of(*known))
-    state = TrainingState(folder, config, me.device, settings.init, settings.backbone)
-    # Torchvision's FPN makes maps that are not used; boxes may not be learnt.
-    apart = not config.shares_backbone and not settings.searched
+    init = start_of(settings, folder, me)
+    state = TrainingState(folder, config, me.device, init, settings.backbone)
+    # Torchvision's FPN makes maps that are not used; boxes may not be learnt, or not each time.
+    apart = not config.shares_backbone and (not settings.searched or settings.search_every > 1)
     unused = apart or config.backbone not in ("conv", "lite")
     model = processes.distributed(state.model, me, unused=unused)
     clock = Clock(settings, state, alone=me.count == 1)
@@ -43,6 +45,18 @@ def train(settings: RunConfig, folder: Path, scenes: batches.Mixed | None = None
     monitor = Monitor(settings, state, scenes, me.count) if me.rank == 0 else None
     train_steps(settings, state, model, loader, clock, monitor)
     processes.leave()
+
+
+def start_of(settings: RunConfig, folder: Path, me: processes.Processes) -> str:
+    """The checkpoint that a run starts from. Weights of a bundle are read back out of it, once."""
+    if not settings.init or not Path(settings.init).is_dir():
+        return settings.init
+    path = folder / "start.pt"
+    if me.rank == 0 and not path.exists():
+        model = restore.start_of(Path(settings.init), settings.known(), Path(settings.data))
+        save_weights(model, updates=0, step=0, path=path)
+    processes.from_first(0.0, me.device)  # the others wait until it is there
+    return str(path)
 
 
 def train_steps(
@@ -83,12 +97,12 @@ def batches_of(
         )  # fmt: skip
         made = features() if me.rank == 0 else None
         processes.from_first(0.0, me.device)  # the others wait until they are all there
-        return batches.Batches(made or features(), *shared, more)
+        return batches.Batches(made or features(), *shared, more, settings.search_every)
     if config.shares_backbone:
         crop = crops.Crops(settings.crop, settings.augmentation_of(config))
         closeups = ViewMaker(crop, config, scenes.objects, True, composer)
         more = batches.Negatives(scenes, crop, round(settings.negatives * settings.images))
-    return batches.Batches(batches.Fresh(scenes, closeups), *shared, more)
+    return batches.Batches(batches.Fresh(scenes, closeups), *shared, more, settings.search_every)
 
 
 def composer_of(settings: RunConfig) -> Composer | None:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from .. import shipped
 from ..data import rig
 from . import runconfig
 from .checkpoint import PRETRAINED
@@ -32,9 +33,9 @@ def config(
     reserve = end_minutes(held_out, scenes["test"], work)
     fields = {
         "data": str(out / "data"), "minutes": minutes, "preset": "lite", "backbone": PRETRAINED,
-        "images": 28, "searched": 3, "lr": 2e-3, "copies": max(2, 4 // max(instances, 1)),
-        "views": [0.2, 0.4, 0.3, 0.1], "warmup": 100, "backgrounds": backgrounds, "workers": 1,
-        "held_out": held_out,
+        "init": str(shipped.START), "images": 28, "views": [1.0],
+        "copies": max(3, 6 // max(instances, 1)), "searched": 3, "search_every": 3, "lr": 2e-3,
+        "warmup": 100, "backgrounds": backgrounds, "workers": 1, "held_out": held_out,
         # All are rendered before features are kept of them: a tenth of the time for each.
         "generate": {**generate, **scenes, "views": 5, "reserve": reserve},
     }  # fmt: skip

@@ -152,6 +152,7 @@ class RunConfig(Table):
     searched: NonNegativeInt = (
         4  # whole images for the detector, on top, of networks that learn it apart
     )
+    search_every: Count = 1  # steps from one batch with such images to the next
     # Of these, the deviation of the logarithm of their scale: more of it finds objects of more
     # sizes, later.
     zoom: Annotated[float, Field(ge=0, le=2)] = search.ZOOM
