@@ -7,10 +7,8 @@ for both.
 """
 
 import torch
-import torch.distributed as dist
 
 from ..network.model import Mvtop
-from ..network.precision import autocast
 
 MOMENTUM = 0.95
 NEWTON_SCHULZ = (3.4445, -4.7750, 2.0315)  # coefficients of Jordan et al.
@@ -28,12 +26,15 @@ def orthogonal(matrix: torch.Tensor) -> torch.Tensor:
     x = matrix.T if tall else matrix
     x = x / (x.norm() + 1e-7)
     a, b, c = NEWTON_SCHULZ
-    # Several processes take the same step; which precision is faster, each measures for itself.
-    with autocast(x.device, "fp32" if dist.is_initialized() else "auto"):
-        for _ in range(ITERATIONS):
-            square = x @ x.T
-            x = a * x + (b * square + c * (square @ square)) @ x
-    return (x.T if tall else x).float()
+    # All iterations are polynomials of the same small square: the long side comes in only twice. In
+    # half precision it would be too far off.
+    square = x @ x.T
+    whole = unit = torch.eye(len(x), device=x.device)
+    for _ in range(ITERATIONS):
+        factor = a * unit + b * square + c * (square @ square)
+        whole, square = factor @ whole, factor @ square @ factor
+    x = whole @ x
+    return x.T if tall else x
 
 
 class Muon(torch.optim.Optimizer):
