@@ -10,6 +10,8 @@ from mvtop_train.data.objects import ball, classes_of
 from mvtop_train.network import config
 from mvtop_train.network.model import Mvtop
 from mvtop_train.training import optimiser
+from mvtop_train.training.checkpoint import TrainingState
+from mvtop_train.training.optimise import descend
 
 
 @pytest.mark.parametrize("shape", [(20, 50), (50, 20), (30, 30)])
@@ -83,3 +85,17 @@ def test_it_goes_on_where_it_was_stopped():
     stepped(other, again, 1, start=2)
     for name, x in model.state_dict().items():
         assert np.allclose(again.state_dict()[name], x, atol=1e-6), name
+
+
+def test_boxes_far_off_do_not_shorten_the_step_of_coordinates(tmp_path):
+    state = TrainingState(tmp_path, config.preset("lite", classes_of(ball())), "cpu")
+    boxes, coordinates = (
+        [p for p in part if p.requires_grad] for part in state.model.features.apart()
+    )
+    loss = sum(1e3 * p.sum() for p in boxes) + sum(p.sum() for p in coordinates)
+    before = descend(state, loss, 1e-3, 2.0)
+    assert before > 1e3
+    for part in (boxes, coordinates):
+        assert torch.cat([p.grad.flatten() for p in part]).norm().item() == pytest.approx(2, 0.01)
+    trained = {id(p) for p in state.model.parameters() if p.requires_grad}
+    assert {id(p) for p in boxes + coordinates} == trained

@@ -183,6 +183,11 @@ class LiteFeatures(nn.Module):
         for part in (self.look, self.places, self.coordinates):
             part.requires_grad_(False).eval()
 
+    def apart(self) -> tuple[list[nn.Parameter], ...]:
+        """What finds boxes and what finds coordinates: no trained weight is in both."""
+        parts = (self.search, self.detector), (self.look, self.places, self.coordinates)
+        return tuple([p for part in one for p in part.parameters()] for one in parts)
+
     def forward(self, shown: Pictures) -> tuple[list, Found]:
         """No levels, as nothing is decoded, and what is found; searched are `searched`."""
         maps = self.cache(shown.images.flatten(0, 1))

@@ -30,6 +30,11 @@ class Mvtop(nn.Module):
         decodes = not config.gives_coordinates
         self.decoder = geometry_of(config).decoder(config) if decodes else None
 
+    def apart(self) -> tuple[list[nn.Parameter], ...]:
+        """Parameters by what shares none that is trained; their gradients say nothing of each
+        other."""
+        return self.features.apart() if self.decoder is None else ([*self.parameters()],)
+
     def forward(self, views: Views) -> Prediction:
         features = self.features
         take = features.from_cache if isinstance(views.shown, Cached) else features

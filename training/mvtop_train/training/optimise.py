@@ -39,14 +39,18 @@ def optimise(state: TrainingState, model, batch, settings: RunConfig, lr: float)
 
 
 def descend(state: TrainingState, loss: torch.Tensor, lr: float, clip: float) -> torch.Tensor:
-    """One step down the gradient of `loss`, whose norm is returned."""
+    """One step down the gradient of `loss`, whose norm is returned.
+
+    clip  greatest norm of each part that is learnt apart
+    """
     for group in state.optimizer.param_groups:
         group["lr"] = group["scale"] * lr
     state.optimizer.zero_grad()
     loss.backward()
-    norm = torch.nn.utils.clip_grad_norm_(state.model.parameters(), clip)
+    clipped = torch.nn.utils.clip_grad_norm_
+    norms = torch.stack([clipped(part, clip) for part in state.model.apart()])
     for parameter in state.model.parameters():
         if parameter.grad is not None:  # not finite anywhere: counts as zero everywhere
             parameter.grad.nan_to_num_(0, 0, 0)
     state.optimizer.step()
-    return norm
+    return norms.norm()

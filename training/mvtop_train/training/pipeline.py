@@ -118,7 +118,9 @@ def refuse_early(settings: runconfig.RunConfig, folder: Path):
     loop.composer_of(settings)
     start = Path(settings.init)
     if settings.init and not start.exists() and not (folder / checkpoint.LAST).exists():
-        raise UserError(f"init: expected a checkpoint or a bundle, got no {start}; fix: another path")
+        raise UserError(
+            f"init: expected a checkpoint or a bundle, got no {start}; fix: another path"
+        )
     if settings.pretrained and (not settings.init or start.is_dir()):
         lite.pretrained_file()
 

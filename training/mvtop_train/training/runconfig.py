@@ -161,7 +161,7 @@ class RunConfig(Table):
     crop: Annotated[int, Field(gt=0, multiple_of=32)] = 160  # side of the training crops, px
     lr: PositiveFloat = 1e-3  # at the peak
     warmup: NonNegativeInt = 300  # steps
-    clip: PositiveFloat = 5.0  # norm of the gradient
+    clip: PositiveFloat = 5.0  # norm of the gradient, of boxes and coordinates each
     precision: Literal[*PRECISIONS] = "auto"  # the geometry is in fp32 in any
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
     augmentation: AugmentationChanges = AugmentationChanges()
