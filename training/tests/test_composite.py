@@ -57,9 +57,8 @@ def test_a_piece_has_the_size_asked_for(pictures, size):
         assert backgrounds.cut(pictures, np.random.default_rng(seed), *size).shape == (*size, 3)
 
 
-def test_the_object_stays_and_the_background_changes(pictures, monkeypatch):
-    monkeypatch.setattr(composite, "BEFORE", 0.0)
-    composer = composite.Composer(pictures)
+def test_the_object_stays_and_the_background_changes(pictures):
+    composer = composite.Composer(pictures, occluders=0.0)
     picture = np.full((80, 80, 3), 77, np.uint8)
     who = np.zeros((80, 80), np.uint8)
     who[20:60, 20:60], who[5:15, 5:15], who[65:75, 65:75] = 3, 4, OTHER
@@ -77,9 +76,8 @@ def test_the_object_stays_and_the_background_changes(pictures, monkeypatch):
     assert 0 < changed["neighbor"] < changed["thing"] < changed["background"]
 
 
-def test_what_comes_before_is_told_and_hides_a_part(pictures, monkeypatch):
-    monkeypatch.setattr(composite, "BEFORE", 1.0)
-    composer = composite.Composer(pictures)
+def test_what_comes_before_is_told_and_hides_a_part(pictures):
+    composer = composite.Composer(pictures, occluders=1.0)
     picture = np.random.default_rng(0).integers(0, 256, (80, 80, 3), np.uint8)
     box, shares = np.array([20, 20, 60, 60]), []
     for seed in range(200):

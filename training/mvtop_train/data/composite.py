@@ -8,17 +8,21 @@ import numpy as np
 from . import backgrounds
 from .bop import OTHER
 
-# Shares of pictures with another background, of these of the object alone, and with an occluder.
+# Shares of pictures with another background, of these of the object alone, and, unless told
+# otherwise, with an occluder.
 BEHIND, ALONE, BEFORE = 0.5, 0.3, 0.55
 REACH = (0.12, 0.9)  # how far an occluder reaches from its middle, of the sides of what it hides
 LIKE = 0.4  # share of occluders in the colors of what they hide: these mislead most
 
 
 class Composer:
-    """Puts pieces of pictures into views."""
+    """Puts pieces of pictures into views.
 
-    def __init__(self, pictures: list[Path]):
-        self.pictures = pictures
+    occluders  share of the views that get one
+    """
+
+    def __init__(self, pictures: list[Path], occluders: float = BEFORE):
+        self.pictures, self.occluders = pictures, occluders
 
     def around(self, picture, who, of: int, box, rng) -> tuple[np.ndarray, np.ndarray]:
         """A view [h, w, 3] with other things behind and before the object `of` in `box`; and where
@@ -29,7 +33,7 @@ class Composer:
         if rng.random() < ALONE:
             who = None if who is None else (who == of) * np.uint8(1)
         picture = self.behind(picture, who, rng)
-        if rng.random() < BEFORE:
+        if rng.random() < self.occluders:
             return self.before(picture, box, rng)
         return picture, np.zeros(picture.shape[:2], np.uint8)
 

@@ -107,4 +107,6 @@ def batches_of(
 
 def composer_of(settings: RunConfig) -> Composer | None:
     """What puts other things around objects, where the config names pictures for it."""
-    return Composer(backgrounds.pictures(settings.backgrounds)) if settings.backgrounds else None
+    if not settings.backgrounds:
+        return None
+    return Composer(backgrounds.pictures(settings.backgrounds), settings.occluders)

@@ -35,7 +35,8 @@ def config(
         "data": str(out / "data"), "minutes": minutes, "preset": "lite", "backbone": PRETRAINED,
         "init": str(shipped.START), "images": 28, "views": [1.0],
         "copies": max(3, 6 // max(instances, 1)), "searched": 3, "search_every": 3, "lr": 2e-3,
-        "warmup": 100, "backgrounds": backgrounds, "workers": 1, "held_out": held_out,
+        "warmup": 100, "backgrounds": backgrounds, "occluders": 0.0, "workers": 1,
+        "held_out": held_out,
         # All are rendered before features are kept of them: a tenth of the time for each.
         "generate": {**generate, **scenes, "views": 5, "reserve": reserve},
     }  # fmt: skip

@@ -14,7 +14,7 @@ import pydantic
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat
 from pydantic_core import PydanticCustomError
 
-from ..data import objects, search
+from ..data import composite, objects, search
 from ..data.crops import Augmentation
 from ..errors import UserError
 from ..files import read_text
@@ -157,6 +157,8 @@ class RunConfig(Table):
     # sizes, later.
     zoom: Annotated[float, Field(ge=0, le=2)] = search.ZOOM
     backgrounds: str = ""  # folder of pictures to put behind and before the objects
+    # Share of the crops of objects in which one of these pictures hides a part.
+    occluders: Annotated[float, Field(ge=0, le=1)] = composite.BEFORE
     negatives: NonNegativeFloat = 0.125  # crops without the object, on top, as a share of `images`
     crop: Annotated[int, Field(gt=0, multiple_of=32)] = 160  # side of the training crops, px
     lr: PositiveFloat = 1e-3  # at the peak
