@@ -6,8 +6,11 @@ be run. See docs/explanation/security.md.
 
 import os
 import site
+import subprocess
 import sys
 from pathlib import Path
+
+from .errors import UserError
 
 ROOT = str(Path(__file__).resolve().parents[1])  # from which this package is imported
 
@@ -25,3 +28,14 @@ def environment() -> dict[str, str]:
     if ROOT not in map(os.path.realpath, found):
         paths.insert(0, ROOT)
     return {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(map(os.path.abspath, paths))}
+
+
+def ended_well(command: list[str]):
+    """Runs it; UserError where it ends in another way, of which it has told itself."""
+    code = subprocess.run(command).returncode
+    if code:
+        name = " ".join(Path(part).name for part in command[:4] if part[0] != "-")
+        raise UserError(
+            f"{name}: expected it to end well, got exit code {code}; see above; fix: what it says, "
+            "then the same command again, which goes on from there"
+        )

@@ -210,7 +210,7 @@ def test_a_report_has_as_many_scenes_as_the_time_allows(dataset, tmp_path, monke
     assert pipeline.scenes_in_time(10.0, 0.5) == 20
     assert pipeline.scenes_in_time(-3.0, 0.5) == pipeline.LEAST_REPORTED
     calls = []
-    monkeypatch.setattr(pipeline, "_ended_well", calls.append)
+    monkeypatch.setattr(pipeline.children, "ended_well", calls.append)
     settings = runconfig.load(config_of(dataset, tmp_path), ["generate.scenes=2"])
     monkeypatch.setattr(pipeline, "test_split", lambda _: "train")
     scenes = bop.whole_scenes(Path(dataset) / "train")

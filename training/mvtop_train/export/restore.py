@@ -265,11 +265,19 @@ def main():
     parser = argument_parser(__doc__)
     parser.add_argument("--bundle", type=Path, required=True, help="folder with a model.json")
     parser.add_argument("--data", type=Path, required=True, help="data set that it was trained on")
+    parser.add_argument(
+        "--start", action="store_true",
+        help="of whatever objects, for a network that is to learn those of --data",
+    )  # fmt: skip
     parser.add_argument("--out", type=Path, required=True, help="weights.pt to write")
     args = parser.parse_args()
     if args.out.exists():
         raise UserError(f"{args.out}: expected no such file, got one; fix: another --out")
-    model, steps = of_bundle(args.bundle, objects.read_all(args.data), args.data)
+    known = objects.read_all(args.data)
+    if args.start:
+        model, steps = start_of(args.bundle, known, args.data), 0
+    else:
+        model, steps = of_bundle(args.bundle, known, args.data)
     args.out.parent.mkdir(parents=True, exist_ok=True)
     save_weights(model, steps, steps, args.out)
     print(f"{args.out}: {model.config.preset}, {steps} steps")

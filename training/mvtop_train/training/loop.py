@@ -6,12 +6,12 @@ from pathlib import Path
 
 import torch
 
+from .. import children
 from ..data import backgrounds, bank, batches, crops, objects, search
 from ..data.composite import Composer
 from ..data.views import ViewMaker
-from ..export import restore
 from . import processes
-from .checkpoint import TrainingState, digest, save_weights
+from .checkpoint import TrainingState, digest
 from .monitor import Monitor
 from .optimise import learning_rate, optimise
 from .progress import Clock
@@ -53,8 +53,10 @@ def start_of(settings: RunConfig, folder: Path, me: processes.Processes) -> str:
         return settings.init
     path = folder / "start.pt"
     if me.rank == 0 and not path.exists():
-        model = restore.start_of(Path(settings.init), settings.known(), Path(settings.data))
-        save_weights(model, updates=0, step=0, path=path)
+        children.ended_well(children.python(
+            "-m", "mvtop_train.export.restore", "--start", "--bundle", settings.init,
+            "--data", settings.data, "--out", path,
+        ))  # fmt: skip
     processes.from_first(0.0, me.device)  # the others wait until it is there
     return str(path)
 

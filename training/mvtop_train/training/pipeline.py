@@ -7,7 +7,6 @@ context and PyTorch are for different processes: generating and exporting are co
 import json
 import os
 import shutil
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -206,7 +205,7 @@ def export(settings: runconfig.RunConfig, weights: Path, bundle: Path, found):
 
     found  the detector's `thresholds.Thresholds`
     """
-    _ended_well(children.python(
+    children.ended_well(children.python(
         "-m", "mvtop_train.export", "--weights", weights, "--data",
         settings.data, "--out", bundle, "--bits", 8, "--score-threshold", found.score,
         "--agree-threshold", found.agree, "--integers",
@@ -230,17 +229,6 @@ def scenes_in_time(left: float, scene_minutes: float) -> int:
     - scene_minutes: what the calibration took for each of its scenes, which is more
     """
     return max(int(left / max(scene_minutes, 1e-6)), LEAST_REPORTED)
-
-
-def _ended_well(command: list[str]):
-    """Runs it; UserError where it ends in another way, of which it has told itself."""
-    code = subprocess.run(command).returncode
-    if code:
-        name = " ".join(Path(part).name for part in command[:4] if part[0] != "-")
-        raise UserError(
-            f"{name}: expected it to end well, got exit code {code}; see above; fix: what it says, "
-            "then the same command again, which goes on from there"
-        )
 
 
 def thresholds_of(settings: runconfig.RunConfig, model) -> thresholds.Thresholds:
@@ -274,7 +262,7 @@ def report(settings: runconfig.RunConfig, folder: Path, most: int):
     ]
     listed = folder / "report-targets.json"
     write_text(listed, json.dumps(targets) + "\n")
-    _ended_well([
+    children.ended_well([
         str(Path(sys.executable).with_name("mvtop-cli")), "eval", "bop",
         "--dataset", settings.data, "--split", test_split(settings), "--views", str(views),
         "--targets", str(listed), "--model", str(folder / "bundle"),
