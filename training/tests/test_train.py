@@ -85,12 +85,15 @@ def test_a_resumed_run_is_the_run_that_was_not_stopped(dataset, tmp_path):
 
 
 def test_a_run_starts_from_a_bundle_of_other_objects(dataset, tmp_path):
-    """What belongs to none of its objects is taken over; a second call takes it from the copy."""
+    """What belongs to none of its objects is taken over, but nothing of a start that a run which
+    was stopped early has left; a second call goes on from the run's own weights."""
     changes = (
         "preset=lite", "network={width = 128, height = 96, closeup = 64}", "backbone=pretrained",
         f"init={shipped.START}", "copies=1", "images=4", "searched=1", "search_every=2", "lr=1e-9",
         "precision=fp32",
     )  # fmt: skip
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "start.pt").write_bytes(b"of another bundle")
     run_of(dataset, tmp_path / "run", "steps=1", *changes)
     written = (tmp_path / "run" / "start.pt").stat().st_mtime_ns
     run_of(dataset, tmp_path / "run", "steps=2", *changes)

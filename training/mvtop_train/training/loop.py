@@ -11,7 +11,7 @@ from ..data import backgrounds, bank, batches, crops, objects, search
 from ..data.composite import Composer
 from ..data.views import ViewMaker
 from . import processes
-from .checkpoint import TrainingState, digest
+from .checkpoint import LAST, TrainingState, digest
 from .monitor import Monitor
 from .optimise import learning_rate, optimise
 from .progress import Clock
@@ -48,11 +48,13 @@ def train(settings: RunConfig, folder: Path, scenes: batches.Mixed | None = None
 
 
 def start_of(settings: RunConfig, folder: Path, me: processes.Processes) -> str:
-    """The checkpoint that a run starts from. Weights of a bundle are read back out of it, once."""
-    if not settings.init or not Path(settings.init).is_dir():
+    """The checkpoint that a run starts from. Weights of a bundle are read back out of it, as long
+    as there is nothing to go on from."""
+    if not settings.init or not Path(settings.init).is_dir() or (folder / LAST).exists():
         return settings.init
     path = folder / "start.pt"
-    if me.rank == 0 and not path.exists():
+    if me.rank == 0:
+        path.unlink(missing_ok=True)  # of a run that was stopped early; maybe of another bundle
         children.ended_well(children.python(
             "-m", "mvtop_train.export.restore", "--start", "--bundle", settings.init,
             "--data", settings.data, "--out", path,
