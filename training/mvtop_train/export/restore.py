@@ -38,48 +38,25 @@ ROUNDING = 0.2  # of what a network answers to pictures, by its spread, that 8 b
 COMPARED = 16  # pictures of each kind
 
 
-def of_bundle(bundle: Path, known: tuple[objects.Object, ...], data: Path) -> tuple[Mvtop, int]:
+def of_bundle(
+    bundle: Path, known: tuple[objects.Object, ...], data: Path, others: bool = False
+) -> tuple[Mvtop, int]:
     """The network of a bundle, in eval mode, checked against what the bundle answers, and the steps
     that it was trained for.
 
-    data  data set of the objects; normalisation is measured on its training split
+    data    data set of `known`; normalisation is measured on its training split
+    others  whether the bundle is of whatever objects, to learn `known` from: not checked, as to
+            pictures of other objects 8 bits may answer something else
     """
     about = description.read(bundle)
-    check_objects(f"{bundle} knows", [c["name"] for c in about["classes"]], known)
-    graphs = _graphs_of(bundle, about)
-    model, pictures = _restored(bundle, about, graphs, objects.classes_of(*known), known, data)
-    if model.config.gives_coordinates:
-        _compare(model.eval(), graphs, pictures, bundle)
+    if others:
+        classes = tuple(
+            configs.ObjectClass(c["id"], c["name"], c["diameter_m"]) for c in about["classes"]
+        )
     else:
-        _check(model.eval(), about["self_test"], bundle)
-    return model, about["provenance"]["trained_steps"]
-
-
-def start_of(bundle: Path, known: tuple[objects.Object, ...], data: Path) -> Mvtop:
-    """The network of a bundle, of whatever objects, to learn `known` from. It is not checked: to
-    pictures of other objects, 8 bits may answer something else.
-
-    data  data set of `known`; normalisation is measured on its training split
-    """
-    about = description.read(bundle)
-    classes = tuple(
-        configs.ObjectClass(c["id"], c["name"], c["diameter_m"]) for c in about["classes"]
-    )
-    return _restored(bundle, about, _graphs_of(bundle, about), classes, known, data)[0]
-
-
-def _graphs_of(bundle: Path, about: dict) -> dict[str, onnx.ModelProto]:
-    return {name: onnx.load(bundle / file) for name, file in about["graphs"].items()}
-
-
-def _restored(
-    bundle: Path, about: dict, graphs: dict[str, onnx.ModelProto],
-    classes: tuple[configs.ObjectClass, ...], known: tuple[objects.Object, ...], data: Path,
-) -> tuple[Mvtop, dict[str, torch.Tensor]]:  # fmt: skip
-    """The network, and the pictures of `known` that its normalisation was measured on.
-
-    classes  those of the bundle
-    """
+        check_objects(f"{bundle} knows", [c["name"] for c in about["classes"]], known)
+        classes = objects.classes_of(*known)
+    graphs = {name: onnx.load(bundle / file) for name, file in about["graphs"].items()}
     given = {}
     for graph in graphs.values():
         given |= weights_of(graph)
@@ -93,7 +70,12 @@ def _restored(
     pictures = integers.pictures_of(model.config, known, data)
     pictures = {name: torch.from_numpy(x) for name, x in pictures.items()}
     measure_normalisation(model, pictures)
-    return model, pictures
+    model.eval()
+    if not others and model.config.gives_coordinates:
+        _compare(model, graphs, pictures, bundle)
+    elif not others:
+        _check(model, about["self_test"], bundle)
+    return model, about["provenance"]["trained_steps"]
 
 
 def weights_of(graph: onnx.ModelProto) -> dict[str, torch.Tensor]:
@@ -273,11 +255,9 @@ def main():
     args = parser.parse_args()
     if args.out.exists():
         raise UserError(f"{args.out}: expected no such file, got one; fix: another --out")
-    known = objects.read_all(args.data)
+    model, steps = of_bundle(args.bundle, objects.read_all(args.data), args.data, args.start)
     if args.start:
-        model, steps = start_of(args.bundle, known, args.data), 0
-    else:
-        model, steps = of_bundle(args.bundle, known, args.data)
+        steps = 0  # of what it is to learn
     args.out.parent.mkdir(parents=True, exist_ok=True)
     save_weights(model, steps, steps, args.out)
     print(f"{args.out}: {model.config.preset}, {steps} steps")
