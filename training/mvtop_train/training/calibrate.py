@@ -157,8 +157,8 @@ def fit(found: list[Judged], less_texture: float = LESS_TEXTURE, seed: int = 0) 
 
 
 def fit_to_existence(found: list[Judged]) -> dict | None:
-    """As `fit`, of poses of which hardly one is right: the weights tell whether the object exists,
-    and the bias makes the mean confidence the share of right poses."""
+    """As `fit`, where too few poses are right for it: the weights are those of the probability that
+    the object exists, and the bias makes the mean confidence the share of right poses."""
     weights = fit([replace(one, right=one.exists) for one in found])
     if weights is None:
         return None
