@@ -2,6 +2,7 @@
 //! `docs/how-to/evaluate-on-bop.md` says what is written.
 
 mod detection;
+mod in_sight;
 mod journal;
 mod loading;
 mod options;
@@ -25,6 +26,7 @@ use nalgebra::Isometry3;
 use serde_json::Value;
 
 pub use self::detection::Detections;
+pub use self::in_sight::InSight;
 use self::journal::Journal;
 pub use self::journal::Line;
 pub use self::options::{Options, Split};
@@ -278,13 +280,14 @@ fn evaluate_group(
     };
     let of_sample = |problem| Error::Input(format!("{}: {problem}", sample.name));
     let scored = |(object, (known, &found)): (usize, (&TruePose, &Option<&ObjectPose>))| {
-        let model = &plan.models[&plan.object(&known.seen.class)?];
-        let truth = &known.world_from_obj;
+        let id = plan.object(&known.seen.class)?;
+        let (model, truth) = (&plan.models[&id], &known.world_from_obj);
+        let in_sight = plan.views_in_sight(group, id, truth, &sample.rig);
         let errors = found.map(|found| score::errors(truth, &found.world_from_obj, model));
         let mut outcome = Outcome::new(&sample, object, &prediction, found, errors);
         outcome.views = group.views.len();
         outcome.sigma = outcome.sigma.filter(|_| source.expects());
-        let scored = Scored::new(outcome, known, found, model, &view);
+        let scored = Scored::new(outcome, known, in_sight, found, model, &view);
         Some(scored.map_err(of_sample))
     };
     let known = sample.truth.iter().zip(&matched);

@@ -9,7 +9,7 @@ use image::codecs::jpeg::JpegEncoder;
 use image::imageops::{FilterType, resize};
 use mvtop_core::ViewImage;
 use mvtop_core::overlay::{Drawn, Shape, contact_sheet, draw, draw_truth};
-use mvtop_eval::runner::bop::{COLUMNS, Line, Plan, Results, Scored};
+use mvtop_eval::runner::bop::{COLUMNS, InSight, Line, Plan, Results, Scored};
 use mvtop_eval::runner::{self, Bounds};
 use nalgebra::{Isometry3, Matrix4};
 use serde_json::Value;
@@ -34,6 +34,8 @@ struct Page<'a> {
     bounds: Bounds,
     confidence_columns: [&'static str; 5],
     by_confidence: Vec<[String; 5]>,
+    in_sight_columns: [&'static str; 4],
+    in_sight: Vec<[String; 4]>,
     /// SVG.
     plots: [String; 5],
     worst: Vec<Worst>,
@@ -59,6 +61,12 @@ pub fn page(about: &Value, results: &Results, lines: &[Line], plan: &Plan) -> Re
         bounds: results.summary.bounds,
         confidence_columns: runner::COLUMNS,
         by_confidence: results.summary.by_confidence(),
+        in_sight_columns: InSight::COLUMNS,
+        in_sight: results
+            .by_views_in_sight
+            .iter()
+            .map(InSight::cells)
+            .collect(),
         plots: plots(lines)?,
         worst: worst(lines, plan)?,
         settings: about.as_object().into_iter().flatten().collect(),

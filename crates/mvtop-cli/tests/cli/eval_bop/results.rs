@@ -255,6 +255,31 @@ fn targets_are_the_most_visible_and_estimates_the_surest() {
 }
 
 #[test]
+fn recall_is_told_by_the_views_that_have_an_object_in_sight() {
+    let (_dir, dataset, report) = balls();
+    let in_sight = |more: &[&str]| {
+        let rows = summary(&eval(&dataset, &report, more))["by_views_in_sight"].take();
+        let row = |row: &Value| (row["views"].clone(), row["objects"].clone());
+        rows.as_array().unwrap().iter().map(row).collect::<Vec<_>>()
+    };
+    // The data set does not say what is visible.
+    assert_eq!(in_sight(&["--views", "4"]), []);
+    fs::remove_dir_all(&report).unwrap();
+    change(&dataset.join("test/000001/scene_gt_info.json"), |info| {
+        for (view, visible) in [("0", 0.9), ("1", 0.5), ("2", 0.49), ("3", 0.0)] {
+            info[view][0]["visib_fract"] = json!(visible);
+        }
+    });
+    // Each image is the reference of a group of all four.
+    assert_eq!(in_sight(&["--views", "4"]), [(json!(2), json!(4))]);
+    let page = fs::read_to_string(report.join("report.html")).unwrap();
+    assert!(page.contains("<td>2 views</td><td>4</td>"), "{page}");
+    fs::remove_dir_all(&report).unwrap();
+    let alone = [(json!(0), json!(2)), (json!(1), json!(2))];
+    assert_eq!(in_sight(&["--views", "1"]), alone);
+}
+
+#[test]
 fn results_that_do_not_fit_are_refused_or_told_of() {
     let dir = TempDir::new().unwrap();
     let dataset = dir.path().join("balls");

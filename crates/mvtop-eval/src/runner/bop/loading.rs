@@ -16,6 +16,9 @@ use crate::{Error, Result};
 /// Annotations of one object in two views are of the same one where its origins in the world are no
 /// farther apart, in diameters.
 const SAME_OBJECT: f64 = 0.2;
+/// Share of an object's pixels, hidden ones and those beside the image counted, from which a view
+/// counts as one that has it in sight.
+pub(super) const IN_SIGHT: f64 = 0.5;
 /// Distance of an object's origin from a camera, in diameters, that only metres taken for millimetres
 /// come below: the origin of a large plate, or one beside its object, may well be near.
 const LEAST_AWAY: f64 = 0.04;
@@ -140,7 +143,7 @@ impl Plan {
         Ok(())
     }
 
-    /// The annotated boxes of one object: annotations have no identity across views, but a place.
+    /// The annotated boxes of one object.
     fn boxes(
         &self,
         id: u32,
@@ -148,17 +151,8 @@ impl Plan {
         views: &[&Frame],
         rig: &Rig,
     ) -> GivenBoxes {
-        let reach = SAME_OBJECT * self.models[&id].diameter_m;
         let seen = |(view, camera): (&&Frame, &Camera)| {
-            let off = |object: &Instance| {
-                translation_error(
-                    &(camera.world_from_cam() * object.cam_from_obj),
-                    world_from_obj,
-                )
-            };
-            let alike = view.objects.iter().filter(|object| object.object == id);
-            let nearest = alike.min_by(|a, b| off(a).total_cmp(&off(b)))?;
-            let bbox = nearest.bbox.filter(|_| off(nearest) <= reach)?;
+            let bbox = self.annotated(id, world_from_obj, view, camera)?.bbox?;
             // An object may be annotated where it is wholly beside the image.
             bbox.clip(camera.width(), camera.height())?;
             Some((camera.id().to_owned(), bbox))
@@ -167,5 +161,45 @@ impl Plan {
             class: self.classes[&id].clone(),
             boxes: views.iter().zip(rig.cameras()).filter_map(seen).collect(),
         }
+    }
+
+    /// Views of a group in which at least [`IN_SIGHT`] of an object is visible; `None` where one that
+    /// shows it does not say how much.
+    ///
+    /// - `id`: of the object
+    /// - `rig`: of the group's cameras
+    pub(super) fn views_in_sight(
+        &self,
+        group: &Group,
+        id: u32,
+        world_from_obj: &Isometry3<f64>,
+        rig: &Rig,
+    ) -> Option<usize> {
+        let frames = &self.scenes[&group.scene].frames;
+        let views = group.views.iter().map(|view| &frames[view]);
+        let annotated = views
+            .zip(rig.cameras())
+            .filter_map(|(view, camera)| self.annotated(id, world_from_obj, view, camera));
+        let visible: Option<Vec<f64>> = annotated.map(|object| object.visible).collect();
+        Some(visible?.iter().filter(|&&share| share >= IN_SIGHT).count())
+    }
+
+    /// The annotation of one object in a view: annotations have no identity across views, but a place.
+    fn annotated<'a>(
+        &self,
+        id: u32,
+        world_from_obj: &Isometry3<f64>,
+        view: &'a Frame,
+        camera: &Camera,
+    ) -> Option<&'a Instance> {
+        let off = |object: &Instance| {
+            translation_error(
+                &(camera.world_from_cam() * object.cam_from_obj),
+                world_from_obj,
+            )
+        };
+        let alike = view.objects.iter().filter(|object| object.object == id);
+        let nearest = alike.min_by(|a, b| off(a).total_cmp(&off(b)))?;
+        (off(nearest) <= SAME_OBJECT * self.models[&id].diameter_m).then_some(nearest)
     }
 }

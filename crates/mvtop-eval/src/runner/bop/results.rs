@@ -6,6 +6,7 @@ use crate::statistics::mean;
 use serde::Serialize;
 
 use super::detection::Detections;
+use super::in_sight::{self, InSight};
 use super::journal::Line;
 use super::score::{Scored, Scores};
 use super::tally::Tally;
@@ -24,6 +25,8 @@ pub struct Results {
     pub all: Scores,
     /// By obj_id.
     pub objects: BTreeMap<u32, Scores>,
+    /// By the number of views that have an object in sight; empty where the data set does not say.
+    pub by_views_in_sight: Vec<InSight>,
     /// Mean time of an image, seconds, where results of a file say it of all; measured times differ
     /// from run to run, and are in the CSV.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -123,6 +126,7 @@ impl Results {
             summary: Summary::new(views.unwrap_or(0), lines.len(), &extra, &outcomes, bounds),
             all: Scores::new(&scored, &tallies, &detections, &bounds),
             objects: by_object.into_iter().map(scores).collect(),
+            by_views_in_sight: in_sight::by_views(&scored, &bounds),
             time_mean_s: times.filter(|_| !measured).and_then(|times| mean(&times)),
         }
     }
@@ -139,8 +143,9 @@ impl Results {
     /// Tables for a terminal.
     pub fn text(&self, classes: &BTreeMap<u32, String>) -> String {
         let summary = self.summary.text("groups", self.all.objects);
+        let in_sight = in_sight::text(&self.by_views_in_sight);
         let table = table("object", &self.rows(classes));
-        format!("{summary}\n\n{table}")
+        format!("{summary}{in_sight}\n\n{table}")
     }
 }
 

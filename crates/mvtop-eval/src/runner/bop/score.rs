@@ -46,6 +46,9 @@ pub struct Scored {
     /// For BOP's ten tolerances, 1 where it was not found; null without a depth image or faces of
     /// the model, or where the lens has distortion.
     pub vsd: Option<Vec<f64>>,
+    /// Views in which at least half of it is visible; null where the data set does not say.
+    #[serde(default)]
+    pub views_in_sight: Option<usize>,
 }
 
 /// One kind of error over many objects; objects that were not found count as wrong.
@@ -137,9 +140,11 @@ fn none_better(mut errors: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
 
 impl Scored {
     /// - `outcome`: with the [`errors`] of `found`
+    /// - `views_in_sight`: as the field
     pub(super) fn new(
         outcome: Outcome,
         known: &TruePose,
+        views_in_sight: Option<usize>,
         found: Option<&ObjectPose>,
         model: &Model,
         view: &View,
@@ -167,6 +172,7 @@ impl Scored {
             // JSON has no infinity; a pose behind the camera is as wrong as none.
             mspd_px640: mspd.filter(|px| px.is_finite()),
             vsd,
+            views_in_sight,
         })
     }
 
@@ -287,7 +293,7 @@ pub(super) mod tests {
 
     /// - `shift`: of the estimate, camera frame, metres; not found without it
     /// - `depth`: everywhere, metres
-    fn scored(shift: Option<[f64; 3]>, depth: Option<f32>) -> (Scored, Tally) {
+    pub fn scored(shift: Option<[f64; 3]>, depth: Option<f32>) -> (Scored, Tally) {
         let camera = camera();
         let pose =
             |[x, y, z]: [f64; 3]| camera.world_from_cam() * Isometry3::translation(x, y, 1.0 + z);
@@ -328,7 +334,7 @@ pub(super) mod tests {
         };
         let estimates: Vec<_> = found.iter().map(|found| found.world_from_obj).collect();
         let tally = Tally::new(&[known.world_from_obj], &estimates, &plate, &view).unwrap();
-        let scored = Scored::new(outcome, &known, found.as_ref(), &plate, &view).unwrap();
+        let scored = Scored::new(outcome, &known, None, found.as_ref(), &plate, &view).unwrap();
         (scored, tally)
     }
 
