@@ -14,6 +14,7 @@ import time
 from collections import defaultdict
 from pathlib import Path
 
+import mvtop_train  # noqa: F401, before PyTorch: it says how threads wait
 import result_file
 import torch
 from mvtop_train.data import backgrounds, batches, objects
