@@ -1,12 +1,13 @@
-"""The config that one's own parts stand for, of which nothing but meshes and a rig is known."""
+"""The config that one's own parts stand for, of which nothing but meshes and a rig is known: they
+are learnt as the config `parts` says, from the weights of `models/parts`."""
 
 from pathlib import Path
 
 from .. import shipped
 from ..data import rig
 from . import runconfig
-from .checkpoint import PRETRAINED
 
+PARTS = shipped.FOLDER / "parts.toml"
 SCENES_PER_MINUTE = 8  # of a whole run: two cores render them in a tenth of it
 HELD_OUT, MOST_HELD_OUT = 5, 60  # one scene in so many; at most
 REPORTED = 0.5, 20, 60  # scenes for the report: for each minute, at least, at most
@@ -31,14 +32,13 @@ def config(
         held_out = kept.held_out
         scenes = kept.generate.model_dump(include={"scenes", "start", "test"})
     reserve = end_minutes(held_out, scenes["test"], work)
-    fields = {
-        "data": str(out / "data"), "minutes": minutes, "preset": "lite", "backbone": PRETRAINED,
-        "init": str(shipped.START), "images": 28, "views": [1.0],
-        "copies": max(3, 6 // max(instances, 1)), "searched": 3, "search_every": 3, "lr": 2e-3,
-        "warmup": 100, "backgrounds": backgrounds, "occluders": 0.0, "workers": 1,
+    parts = runconfig.load(PARTS)
+    fields = parts.model_dump(exclude_unset=True) | {
+        "data": str(out / "data"), "minutes": minutes, "init": str(shipped.START),
+        "copies": max(parts.copies, 6 // max(instances, 1)), "backgrounds": backgrounds,
         "held_out": held_out,
         # All are rendered before features are kept of them: a tenth of the time for each.
-        "generate": {**generate, **scenes, "views": 5, "reserve": reserve},
+        "generate": {**generate, **scenes, "views": parts.generate.views, "reserve": reserve},
     }  # fmt: skip
     return runconfig.validated("options", fields, changes)
 
