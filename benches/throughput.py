@@ -11,7 +11,6 @@ import contextlib
 import json
 import tempfile
 import time
-from collections import defaultdict
 from pathlib import Path
 
 import mvtop_train  # noqa: F401, before PyTorch: it says how threads wait
@@ -34,16 +33,18 @@ class Stages:
     """Seconds by what they were spent on, by hooks into a training step."""
 
     def __init__(self, state: TrainingState):
-        self.seconds = defaultdict(float)
+        self.seconds = {}  # in the order of the table
         self._begun = {}
         self._around(state.model, "network, forward")
         if trunk := getattr(state.model.features, "trunk", None):
             self._around(trunk, "of it, never trained")
+        self.seconds["optimiser"] = 0.0
         for part in state.optimizer.parts.values():
             part.register_step_pre_hook(lambda *_: self._begin("optimiser"))
             part.register_step_post_hook(lambda *_: self._end("optimiser"))
 
     def _around(self, module, name: str):
+        self.seconds[name] = 0.0
         module.register_forward_pre_hook(lambda *_: self._begin(name))
         module.register_forward_hook(lambda *_: self._end(name))
 
