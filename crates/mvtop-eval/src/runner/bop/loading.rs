@@ -18,7 +18,7 @@ use crate::{Error, Result};
 const SAME_OBJECT: f64 = 0.2;
 /// Share of an object's pixels, hidden ones and those beside the image counted, from which a view
 /// counts as one that has it in sight.
-pub(super) const IN_SIGHT: f64 = 0.5;
+const IN_SIGHT: f64 = 0.5;
 /// Distance of an object's origin from a camera, in diameters, that only metres taken for millimetres
 /// come below: the origin of a large plate, or one beside its object, may well be near.
 const LEAST_AWAY: f64 = 0.04;
