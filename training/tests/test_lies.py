@@ -206,21 +206,33 @@ def test_right_is_within_5_degrees_and_5_mm_of_the_nearest_true_object(three):
     assert judged[1]["t_err_mm"] == pytest.approx(6) and judged[1]["seen_by"] == ["c0"]
 
 
-def line(lie: str, group: int = 0, warnings=(), refused=None, poses=()) -> dict:
+def line(lie: str, group: int = 0, warnings=(), refused=None, poses=(), compared=(0, 0)) -> dict:
     kind = EVERY[lie][0] if lie in EVERY else "gross"
     return {
         "set": "s", "group": str(group), "scene": str(group), "views": 3, "kind": kind, "lie": lie,
         "variant": "", "refused": refused, "warnings": list(warnings),
+        "confirmed": compared[0], "unconfirmed": compared[1],
         "poses": [{"right": right, "confidence": confidence} for right, confidence in poses],
     }  # fmt: skip
 
 
 LINES = [
     line("none", 0, poses=[(True, 0.99), (False, 0.95)]),
-    line("none", 1, warnings=["lines_miss"]),
+    line("none", 1, warnings=["lines_miss"], compared=(6, 2)),
     line("OpenGL axes", 0, refused="no"),
-    line("OpenGL axes", 1, warnings=["one_color"], poses=[(False, 0.99), (True, 0.2)]),
-    line("last image mirrored", 0, poses=[(False, 0.91), (False, 0.9), (False, 0.4), (True, 1.0)]),
+    line(
+        "OpenGL axes",
+        1,
+        warnings=["one_color"],
+        poses=[(False, 0.99), (True, 0.2)],
+        compared=(0, 3),
+    ),
+    line(
+        "last image mirrored",
+        0,
+        compared=(1, 1),
+        poses=[(False, 0.91), (False, 0.9), (False, 0.4), (True, 1.0)],
+    ),
     line("translations 1 % too long", 0, poses=[(False, 0.7), (False, None)]),
 ]
 
@@ -241,9 +253,10 @@ def test_what_is_counted_worked_by_hand():
     rows = noticed.table(told).splitlines()
     assert rows[2] == "| none | 2 | 2 | 0 | 50 % | 2 | 1 | 0 % | 1 | 50.0 % |"
     assert rows[-1] == "| **all lies** | 2 | 4 | 1 | 50 % | 8 | 6 | 33 % | 1 | 12.5 % |"
-    assert "12.50 % of 8 poses" in noticed.totals(told) and "50.00 % of 2 true" in noticed.totals(
-        told
-    )
+    totals = noticed.totals(told)
+    assert "12.50 % of 8 poses" in totals and "50.00 % of 2 true" in totals
+    assert "other camera, none: 25.0 % of 8" in totals and "gross: 80.0 % of 5" in totals
+    assert told["kinds"]["fine"]["unconfirmed"] is None
 
 
 def test_bounds_that_are_not_kept_are_told():

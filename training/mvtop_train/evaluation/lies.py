@@ -99,6 +99,8 @@ def answer(estimator, options: dict, group: Group, told: Shots, trust_unit: bool
         "warnings": sorted({warning.code for warning in prediction.warnings}),
         "px": None if fit is None else _rounded(fit.px),
         "deviation": None if fit is None else _rounded(fit.deviation),
+        "confirmed": 0 if fit is None else fit.confirmed,
+        "unconfirmed": 0 if fit is None else fit.unconfirmed,
         "poses": judged(group, told, prediction.objects),
     }
 

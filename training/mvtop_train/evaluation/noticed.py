@@ -17,6 +17,8 @@ def counts(lines: list[dict]) -> dict:
     wrong = [(pose["confidence"], warned) for pose, warned in poses if not pose["right"]]
     doubted = [warned or (sure is not None and sure < UNSURE) for sure, warned in wrong]
     sure = [not warned and sure is not None and sure > SURE for sure, warned in wrong]
+    unconfirmed = sum(line.get("unconfirmed", 0) for line in lines)
+    compared = unconfirmed + sum(line.get("confirmed", 0) for line in lines)
     codes = sorted({code for line in lines for code in line["warnings"]})
     return {
         "groups": len({key_of(line)[:3] for line in lines}),
@@ -24,6 +26,8 @@ def counts(lines: list[dict]) -> dict:
         "refused": sum(line["refused"] is not None for line in lines),
         "codes": {code: sum(code in line["warnings"] for line in lines) for code in codes},
         "noticed": _share(sum(bool(line["refused"] or line["warnings"]) for line in lines), lines),
+        "compared": compared,
+        "unconfirmed": unconfirmed / compared if compared else None,
         "poses": len(poses),
         "wrong": len(wrong),
         "doubted": _share(sum(doubted), wrong),
@@ -80,7 +84,7 @@ def table(told: dict) -> str:
 
 
 def totals(told: dict) -> str:
-    """The two figures that count most, in a line each."""
+    """The figures that count most, in a line each."""
     every, true = told["all"], told["kinds"].get(TRUE)
     text = ""
     if every["poses"]:
@@ -89,6 +93,10 @@ def totals(told: dict) -> str:
         text += "under lies\n"
     if true:
         text += f"false alarms: {100 * true['noticed']:.2f} % of {true['told']} true groups\n"
+    for kind, one in told["kinds"].items():
+        if one["unconfirmed"] is not None:
+            text += f"unconfirmed by the other camera, {kind}: {100 * one['unconfirmed']:.1f} % of "
+            text += f"{one['compared']} objects\n"
     return text
 
 
