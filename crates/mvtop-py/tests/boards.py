@@ -12,6 +12,25 @@ PAPER, BACKGROUND = 235, 90
 FINE = 3
 """Rays per pixel and axis."""
 
+HEAD = {"format": "mvtop-board", "version": 1, "unit": "mm"}
+CHARUCO = HEAD | {
+    "kind": "charuco",
+    "columns": 9,
+    "rows": 7,
+    "square": 50,
+    "marker": 38,
+    "dictionary": "4X4_100",
+}
+CHESSBOARD = HEAD | {"kind": "chessboard", "columns": 9, "rows": 6, "square": 50}
+APRILGRID = HEAD | {"kind": "aprilgrid", "columns": 5, "rows": 4, "tag": 60, "gap": 18}
+TAGS = HEAD | {
+    "kind": "tags",
+    "dictionary": "tag36h11",
+    "tags": [
+        {"id": 3 * i, "center": [90 * (i % 4), 100 * (i // 4)], "size": 60} for i in range(12)
+    ],
+}
+
 
 def look_at(center, target, roll_deg=0.0):
     """world_from_cam (4, 4) of a camera at `center` that looks at `target`, world y down."""
@@ -82,3 +101,32 @@ class Renderer:
             image[y0:y1, x0:x1] = 120
         image += np.random.default_rng(seed).normal(size=image.shape) * noise
         return np.clip(np.round(image), 0, 255).astype(np.uint8)
+
+
+def rig_of_three():
+    """Cameras a metre from the origin: pinhole of 5 and of 8 coefficients, and a fisheye that is
+    nearer."""
+    return [
+        mvtop.Camera(
+            [[700, 0, 322], [0, 702, 238], [0, 0, 1]],
+            (640, 480),
+            distortion=[-0.2, 0.08, 0.001, -0.0005, -0.01],
+            id="left",
+            world_from_cam=look_at([-0.4, -0.2, -0.9], [0, 0, 0]),
+        ),
+        mvtop.Camera(
+            [[690, 0, 318], [0, 690, 243], [0, 0, 1]],
+            (640, 480),
+            distortion=[0.1, -0.2, 0.001, 0.0005, 0.1],
+            id="right",
+            world_from_cam=look_at([0.45, -0.1, -0.85], [0, 0, 0], 5),
+        ),
+        mvtop.Camera(
+            [[300, 0, 320], [0, 301, 238], [0, 0, 1]],
+            (640, 480),
+            model="fisheye",
+            distortion=[0.02, -0.01, 0.003, -0.001],
+            id="top",
+            world_from_cam=look_at([0.05, -0.3, -0.45], [0, 0, 0], -10),
+        ),
+    ]
