@@ -21,7 +21,7 @@ from mvtop_train.training.evidence import POSE_TERMS, VIEW_TERMS, Gathered, Judg
 
 TINY = Path(__file__).parents[2] / "fixtures" / "tiny"
 VIEW_WEIGHTS = dict(zip(VIEW_TERMS, (2.0, 4.0, 6.0, 3.0, 1.5, 5.0), strict=True))
-POSE_WEIGHTS = dict(zip(POSE_TERMS, (1.0, -0.8, -0.5, -0.3, -1.0, 0.7, -0.9, -1.2), strict=True))
+POSE_WEIGHTS = dict(zip(POSE_TERMS, (1.0, -0.8, -0.5, -0.3, -1.0, -0.7, -0.9, -1.2), strict=True))
 WEIGHTS = {
     "bias": 0.5, "view_bias": -6.0, "view": VIEW_WEIGHTS, "pose": POSE_WEIGHTS, "bound": 4.0,
     "correlation": 0.6,
@@ -105,9 +105,9 @@ def test_weights_have_the_sign_of_what_their_evidence_means():
     fitted = calibrate.fit(poses(3000, WEIGHTS | opposite | {"view_bias": 6.0}))
     for kind, signs in (("view", VIEW_TERMS), ("pose", POSE_TERMS)):
         for name, sign in signs.items():
-            assert sign == 0 or sign * fitted[kind][name] >= 0, name
-            assert sign == 0 or abs(fitted[kind][name]) < 0.2, name
-    assert fitted["pose"]["views"] < -0.2
+            assert sign * fitted[kind][name] >= 0, name
+            # The number of views goes with what they show.
+            assert name == "views" or abs(fitted[kind][name]) < 0.2, name
 
 
 def test_texture_that_agrees_less_counts_less():

@@ -87,11 +87,7 @@ class Model(torch.nn.Module):
 
     def unit_weights(self) -> tuple[torch.Tensor, torch.Tensor]:
         """[view terms] and [pose terms], for evidence of unit spread, each of its sign."""
-
-        def signed(raw, sign):
-            return torch.where(sign == 0, raw + 2.0, sign * softplus(raw))
-
-        return signed(self.view, self.view_sign), signed(self.pose, self.pose_sign)
+        return self.view_sign * softplus(self.view), self.pose_sign * softplus(self.pose)
 
     def weights(self) -> tuple[torch.Tensor, torch.Tensor]:
         """[view terms] and [pose terms], for evidence in its own units."""

@@ -27,7 +27,8 @@ EXISTS = 0.5  # of the diameter: a pose that is nearer to a true object of its c
 FIX = "name another bundle or data set"
 
 # The sign of each weight by what its evidence means: 1 where more of it speaks for the pose, -1
-# where more of it speaks against it, 0 where it may do either. Names and order as in
+# where more of it speaks against it. Views speak for a pose by what they show, not by their number:
+# else more of them than in these groups make false objects probable. Names and order as in
 # `mvtop-core/src/scorer.rs`.
 VIEW_TERMS = {
     "detector": 1, "coordinates": 1, "contour": 1, "color": 1, "mutual_information": 1,
@@ -35,7 +36,7 @@ VIEW_TERMS = {
 }  # fmt: skip
 POSE_TERMS = {
     "prior": 1, "expected_rotation": -1, "expected_translation": -1, "initial_rotation": -1,
-    "residual": -1, "views": 0, "object_deviation": -1, "rig_deviation": -1,
+    "residual": -1, "views": -1, "object_deviation": -1, "rig_deviation": -1,
 }  # fmt: skip
 MAX_DEVIATION = 50.0  # as the core bounds it
 
