@@ -17,5 +17,7 @@ mvtop-train train --config ycbv4-boxes --out runs/ycbv4-det --set data=data/ycbv
     --set minutes=45 --set warmup=60
 mvtop-train export --weights runs/ycbv4-det/weights.pt --data data/ycbv4r --bits 8 --integers --out models/ycbv4 \
     --score-threshold 0.242 --agree-threshold 0.242
-mvtop-train generate --out data/ycbv4c --seed 5 --split train --scenes 120 "${parts[@]}"
-mvtop-train calibrate --bundle models/ycbv4 --data data/ycbv4c --held-out 120
+mvtop-train run --out runs/ycbv4 "${parts[@]}" --minutes 40 --set init=models/ycbv4 --set occluders=0.3
+cp runs/ycbv4/bundle/* models/ycbv4/
+mvtop-train generate --out data/ycbv4c --seed 5 --split train --scenes 240 "${parts[@]}"
+mvtop-train calibrate --bundle models/ycbv4 --data data/ycbv4c --held-out 240
