@@ -171,7 +171,7 @@ pub struct RigConfig {
     pub mesh_scale_sigma: f64,
     /// True rig: share of objects that one camera of a pair misses. Fitted.
     pub unconfirmed_true: f64,
-    /// Wrong rig: the same. `make lies` measures 0.97 to 1 of gross errors.
+    /// Wrong rig: the same. `make lies` measures 0.94 to 0.97 of gross errors.
     pub unconfirmed_wrong: f64,
     /// Red and blue are exchanged if colors of objects and images correlate below minus this. Not
     /// measured.
