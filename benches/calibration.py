@@ -19,7 +19,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "crates/mvtop-py/tests"))
 
-from test_calibrate import CHARUCO, LENSES, errors, rig_of_three, scattered  # noqa: E402
+from boards import CHARUCO, rig_of_three  # noqa: E402
+from test_calibrate import LENSES, errors, scattered  # noqa: E402
 
 from mvtop.calibration import Board, calibrate, detect, observe, rigid  # noqa: E402
 
