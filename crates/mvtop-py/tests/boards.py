@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 import numpy as np
+import pytest
 
 import mvtop
 from mvtop.calibration import Board
 from mvtop.calibration.printing import texture
 
+needs_calibrate = pytest.mark.skipif(
+    not (find_spec("cv2") and find_spec("scipy")),
+    reason="the extra mvtop[calibrate] is not installed",
+)
 PAPER, BACKGROUND = 235, 90
 FINE = 3
 """Rays per pixel and axis."""

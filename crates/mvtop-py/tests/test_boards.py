@@ -1,19 +1,24 @@
 """Boards: their files, what is detected of them in images, and how they are printed."""
 
 import json
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from boards import APRILGRID, CHARUCO, CHESSBOARD, TAGS, Renderer, board_at, rig_of_three
+from boards import (
+    APRILGRID,
+    CHARUCO,
+    CHESSBOARD,
+    TAGS,
+    Renderer,
+    board_at,
+    needs_calibrate,
+    rig_of_three,
+)
 
 from mvtop.calibration import Board, detect, observe, rigid
 from mvtop.calibration.commands import main
 
-pytestmark = pytest.mark.skipif(
-    not (find_spec("cv2") and find_spec("scipy")),
-    reason="the extra mvtop[calibrate] is not installed",
-)
+pytestmark = needs_calibrate
 
 WRONG_BOARDS = {
     "no key of a charuco": {"colums": 3},

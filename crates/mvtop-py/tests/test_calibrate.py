@@ -2,21 +2,26 @@
 
 import json
 import subprocess
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
-from boards import CHARUCO, CHESSBOARD, HEAD, Renderer, board_at, look_at, rig_of_three
+from boards import (
+    CHARUCO,
+    CHESSBOARD,
+    HEAD,
+    Renderer,
+    board_at,
+    look_at,
+    needs_calibrate,
+    rig_of_three,
+)
 
 import mvtop
 from mvtop.calibration import Board, calibrate, detect, images, lenses, observe, outliers, rigid
 from mvtop.calibration.commands import main
 
-pytestmark = pytest.mark.skipif(
-    not (find_spec("cv2") and find_spec("scipy")),
-    reason="the extra mvtop[calibrate] is not installed",
-)
+pytestmark = needs_calibrate
 
 LENSES = {"top": "fisheye"}
 
