@@ -17,6 +17,7 @@ def counts(lines: list[dict]) -> dict:
     wrong = [(pose["confidence"], warned) for pose, warned in poses if not pose["right"]]
     doubted = [warned or (sure is not None and sure < UNSURE) for sure, warned in wrong]
     sure = [not warned and sure is not None and sure > SURE for sure, warned in wrong]
+    noticed = sum(bool(line["refused"] or line["warnings"]) for line in lines)
     unconfirmed = sum(line.get("unconfirmed", 0) for line in lines)
     compared = unconfirmed + sum(line.get("confirmed", 0) for line in lines)
     codes = sorted({code for line in lines for code in line["warnings"]})
@@ -25,19 +26,19 @@ def counts(lines: list[dict]) -> dict:
         "told": len(lines),
         "refused": sum(line["refused"] is not None for line in lines),
         "codes": {code: sum(code in line["warnings"] for line in lines) for code in codes},
-        "noticed": _share(sum(bool(line["refused"] or line["warnings"]) for line in lines), lines),
+        "noticed": _share(noticed, len(lines)),
         "compared": compared,
-        "unconfirmed": unconfirmed / compared if compared else None,
+        "unconfirmed": _share(unconfirmed, compared),
         "poses": len(poses),
         "wrong": len(wrong),
-        "doubted": _share(sum(doubted), wrong),
+        "doubted": _share(sum(doubted), len(wrong)),
         "sure_wrong": sum(sure),
-        "sure_wrong_share": _share(sum(sure), poses),
+        "sure_wrong_share": _share(sum(sure), len(poses)),
     }
 
 
-def _share(count: int, of: list) -> float | None:
-    return count / len(of) if of else None
+def _share(count: int, total: int) -> float | None:
+    return count / total if total else None
 
 
 def summary(lines: list[dict]) -> dict:
