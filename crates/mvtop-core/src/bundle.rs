@@ -1,5 +1,6 @@
 //! A model bundle: a folder with `model.json`, the networks and the points of the objects.
 
+mod files;
 mod graph;
 mod manifest;
 
@@ -9,9 +10,10 @@ use std::path::{Path, PathBuf};
 use nalgebra::Point3;
 use serde::Deserialize;
 
+use self::files::read_points;
 #[cfg(feature = "onnx")]
 pub(crate) use self::graph::OPERATOR_DOMAIN;
-use self::manifest::{Header, Manifest, ManifestClass, read_points};
+use self::manifest::{Header, Manifest, ManifestClass};
 use crate::config::InferenceConfig;
 use crate::mesh::Mesh;
 use crate::rays::LosEncoding;
@@ -209,8 +211,8 @@ impl Bundle {
             problem,
         };
         let unreadable = |e| format!("{e}, expected a model bundle there");
-        let text = manifest::read_text(&path, manifest::MAX_TEXT_BYTES)
-            .map_err(|e| refuse(unreadable(e)))?;
+        let text =
+            files::read_text(&path, files::MAX_TEXT_BYTES).map_err(|e| refuse(unreadable(e)))?;
         let header: Header = json::from_str(&text)
             .map_err(|e| refuse(format!("is not the description of a model bundle: {e}")))?;
         if header.format != FORMAT || header.version != VERSION {

@@ -1,5 +1,6 @@
 //! Whether a graph, an ONNX file, may be run: a bundle may be a stranger's.
 
+mod message;
 mod operators;
 mod protobuf;
 
@@ -7,7 +8,7 @@ use self::protobuf::{Field, next_field};
 
 /// Messages of ONNX's format that operators or weights can be in.
 #[derive(Clone, Copy)]
-enum Message {
+enum MessageKind {
     Model,
     Graph,
     Node,
@@ -16,7 +17,7 @@ enum Message {
     SparseTensor,
 }
 
-impl Message {
+impl MessageKind {
     /// The message in a field, by its number; `None` where no operators or weights can be.
     ///
     /// Source: <https://github.com/onnx/onnx/blob/main/onnx/onnx.proto>.
@@ -57,7 +58,7 @@ pub(crate) const OPERATOR_DOMAIN: &str = "mvtop";
 pub(super) fn check(onnx: &[u8]) -> Result<(), String> {
     let elsewhere = "has weights in other files, which no checksum covers; export it with its \
                      weights inside";
-    let mut open = vec![(Message::Model, onnx)];
+    let mut open = vec![(MessageKind::Model, onnx)];
     while let Some((message, mut bytes)) = open.pop() {
         while !bytes.is_empty() {
             let next = next_field(bytes);
@@ -71,8 +72,8 @@ pub(super) fn check(onnx: &[u8]) -> Result<(), String> {
                 );
             }
             match (message, number, field) {
-                (Message::Tensor, EXTERNAL_DATA, _) => return Err(elsewhere.into()),
-                (Message::Tensor, DATA_LOCATION, Field::Number(place)) if place != 0 => {
+                (MessageKind::Tensor, EXTERNAL_DATA, _) => return Err(elsewhere.into()),
+                (MessageKind::Tensor, DATA_LOCATION, Field::Number(place)) if place != 0 => {
                     return Err(elsewhere.into());
                 }
                 (_, _, Field::Bytes(inner)) => {

@@ -5,8 +5,9 @@
 
 use std::collections::HashMap;
 
-use super::protobuf::{Field, fields, varint};
-use super::{BROKEN, OPERATOR_DOMAIN};
+use super::OPERATOR_DOMAIN;
+use super::message::Message;
+use super::protobuf::{Field, varint};
 
 /// Of ONNX's standard operators, those that `mvtop-train export` writes with any settings, and others as
 /// plain. More are unknown to end, some do not for every input.
@@ -138,50 +139,6 @@ enum Kind {
     Positive,
 }
 
-/// A message, read once: fields that may come once only are refused twice, as readers differ in which
-/// counts.
-struct Message<'a>(Vec<(u64, Field<'a>)>);
-
-impl<'a> Message<'a> {
-    fn new(bytes: &'a [u8]) -> Result<Self, String> {
-        let fields = fields(bytes);
-        fields.map(Self).ok_or_else(|| BROKEN.to_owned())
-    }
-
-    fn all(&self, number: u64) -> impl Iterator<Item = &'a [u8]> {
-        let of = self.0.iter().filter(move |(field, _)| *field == number);
-        of.filter_map(|(_, field)| match field {
-            Field::Bytes(bytes) => Some(*bytes),
-            _ => None,
-        })
-    }
-
-    /// The only one; empty where there is none.
-    fn one(&self, number: u64) -> Result<&'a [u8], String> {
-        self.once(number)?;
-        Ok(self.all(number).next().unwrap_or_default())
-    }
-
-    fn number(&self, number: u64) -> Result<Option<u64>, String> {
-        self.once(number)?;
-        Ok(self.0.iter().find_map(|(field, value)| match value {
-            Field::Number(value) if *field == number => Some(*value),
-            _ => None,
-        }))
-    }
-
-    fn has(&self, number: u64) -> bool {
-        self.0.iter().any(|(field, _)| *field == number)
-    }
-
-    fn once(&self, number: u64) -> Result<(), String> {
-        match self.0.iter().filter(|(field, _)| *field == number).count() {
-            0 | 1 => Ok(()),
-            _ => Err("has a field twice that may be there once; export it again".into()),
-        }
-    }
-}
-
 /// Refuses other operators than the known ones, and integers divided by anything but positive
 /// constants. The text is the problem.
 ///
@@ -274,7 +231,7 @@ fn check_divisors(node: &Message) -> Result<(), String> {
 /// The whole numbers of an attribute; `None` for what is none.
 fn numbers_of(attribute: &Message) -> Vec<Option<u64>> {
     let mut numbers = Vec::new();
-    for (field, value) in &attribute.0 {
+    for (field, value) in attribute.fields() {
         match (*field, value) {
             (ATTRIBUTE_INTEGER | ATTRIBUTE_INTEGERS, Field::Number(number)) => {
                 numbers.push(Some(*number));
