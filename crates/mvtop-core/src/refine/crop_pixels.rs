@@ -81,12 +81,8 @@ impl CropPixels {
             let squares = [0, 1, 2].map(|c| (behind[c] - before[c]).powi(2));
             before = behind;
             let square = f64::from(squares[0] + squares[1] + squares[2]);
-            let is_known = square >= 0.0;
-            if is_known {
-                square / (3.0 * 255.0 * 255.0)
-            } else {
-                0.0
-            }
+            // `max` gives 0 of NaN.
+            square.max(0.0) / (3.0 * 255.0 * 255.0)
         })
     }
 
