@@ -131,7 +131,7 @@ def test_what_something_is_put_before_is_seen_less(image, monkeypatch):
         center = np.rint(middle[:2]).astype(int).tolist()
         cv2.circle(whose, center, radius, one.annotation + 1, -1)
     monkeypatch.setattr(search.bop, "read_coords", lambda image, shape: (None, whose))
-    monkeypatch.setattr(search, "BEFORE", 1.0)
+    monkeypatch.setattr(search, "OCCLUDED", 1.0)
     searches, covers = (search.Searches(NETWORK, (BALL,), one) for one in (None, Screen()))
     camera = search.Searches._camera  # that does not move
     monkeypatch.setattr(search.Searches, "_camera", lambda *given: camera(*given[:-1], False))

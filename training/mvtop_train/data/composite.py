@@ -10,7 +10,7 @@ from .bop import OTHER
 
 # Shares of pictures with another background, of these of the object alone, and, unless told
 # otherwise, with an occluder.
-BEHIND, ALONE, BEFORE = 0.5, 0.3, 0.55
+BEHIND, ALONE, OCCLUDED = 0.5, 0.3, 0.55
 REACH = (0.12, 0.9)  # how far an occluder reaches from its middle, of the sides of what it hides
 LIKE = 0.4  # share of occluders in the colors of what they hide: these mislead most
 
@@ -21,7 +21,7 @@ class Composer:
     occluders  share of the views that get one
     """
 
-    def __init__(self, pictures: list[Path], occluders: float = BEFORE):
+    def __init__(self, pictures: list[Path], occluders: float = OCCLUDED):
         self.pictures, self.occluders = pictures, occluders
 
     def around(self, picture, who, of: int, box, rng) -> tuple[np.ndarray, np.ndarray]:

@@ -19,7 +19,7 @@ LIMITS = (0.35, 2.5)  # of it, where 1 is the scale at which inference shows the
 AIMED = 0.7  # share of the pictures that are made around one of the objects
 SURE, UNSURE = 0.35, 0.1  # shares in sight from which an object shall, and may, be found
 MOST = 128  # objects in a picture
-BEFORE = 0.35  # share of the objects that something else is put before
+OCCLUDED = 0.35  # share of the objects that get an occluder
 NOBODY = -1
 GRID = 16  # points along each side of a box, at which it is asked what shows it
 
@@ -102,7 +102,7 @@ class Searches:
         """The picture with something before some things, and these with what is seen of them."""
         hidden = np.zeros_like(whose)
         for one in things:
-            if rng.random() < BEFORE:
+            if rng.random() < OCCLUDED:
                 picture, where = self.composer.before(picture, one.box, rng)
                 hidden |= where
         for n, one in enumerate(things):

@@ -158,7 +158,7 @@ class RunConfig(Table):
     zoom: Annotated[float, Field(ge=0, le=2)] = search.ZOOM
     backgrounds: str = ""  # folder of pictures to put behind and before the objects
     # Share of the crops of objects in which one of these pictures hides a part.
-    occluders: Annotated[float, Field(ge=0, le=1)] = composite.BEFORE
+    occluders: Annotated[float, Field(ge=0, le=1)] = composite.OCCLUDED
     negatives: NonNegativeFloat = 0.125  # crops without the object, on top, as a share of `images`
     crop: Annotated[int, Field(gt=0, multiple_of=32)] = 160  # side of the training crops, px
     lr: PositiveFloat = 1e-3  # at the peak
