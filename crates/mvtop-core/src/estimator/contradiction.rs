@@ -23,7 +23,7 @@ pub struct Contradiction {
 pub struct Counts {
     /// Objects that both show at one pose.
     pub confirmed: usize,
-    /// Objects that one shows, and the other should show but does not.
+    /// Objects of which one has evidence, and the other should show them but does not.
     pub unconfirmed: usize,
 }
 
@@ -86,51 +86,71 @@ fn pairs(count: usize) -> impl Iterator<Item = (usize, usize)> {
 
 /// Whether two views show an instance at one pose; `None` where they need not.
 fn shown(pipeline: &Pipeline, instance: &Instance, a: usize, b: usize) -> Option<bool> {
-    match [a, b].map(|view| instance.detections[view]) {
-        [Some(_), Some(_)] => {
-            // Of a bundle that was not calibrated it is no probability: that both detected it counts.
-            let calibrated = pipeline.estimator.bundle.scorer.is_some();
-            let confidence = if calibrated {
-                instance.confidence()
-            } else {
-                1.0
+    let [in_a, in_b] = [a, b].map(|view| instance.detections[view].is_some());
+    let unconfirmed = match (in_a, in_b) {
+        (true, true) => {
+            let confidence = match is_calibrated(pipeline) {
+                true => instance.confidence(),
+                false => 1.0,
             };
-            let least = pipeline.config().search.min_confidence;
             // More probably right than wrong.
-            let confirmed = (confidence >= 0.5).then_some(true);
-            confirmed.or((confidence < least).then_some(false))
+            if confidence >= 0.5 {
+                return Some(true);
+            }
+            confidence < pipeline.config().search.min_confidence
+                && (is_evident(pipeline, instance, a) || is_evident(pipeline, instance, b))
         }
-        [Some(one), None] => is_missing(pipeline, instance, one.score, b).then_some(false),
-        [None, Some(one)] => is_missing(pipeline, instance, one.score, a).then_some(false),
-        [None, None] => None,
-    }
+        (true, false) => is_alone(pipeline, instance, a) && is_missing(pipeline, instance, b),
+        (false, true) => is_alone(pipeline, instance, b) && is_missing(pipeline, instance, a),
+        (false, false) => false,
+    };
+    unconfirmed.then_some(false)
+}
+
+/// Confidences and log-odds of other bundles are no probabilities: their detections count alone.
+fn is_calibrated(pipeline: &Pipeline) -> bool {
+    pipeline.estimator.bundle.scorer.is_some()
+}
+
+/// Whether the image of one view fits the best pose. The detector finds unknown things as well, whose
+/// images do not fit the mesh.
+fn is_evident(pipeline: &Pipeline, instance: &Instance, view: usize) -> bool {
+    !is_calibrated(pipeline) || log_odds(pipeline, instance, view).is_some_and(|one| one > 0.0)
+}
+
+/// Log-odds of the best pose by what one view shows there.
+fn log_odds(pipeline: &Pipeline, instance: &Instance, view: usize) -> Option<f64> {
+    let best = instance.best()?;
+    let seen = best.scored.views.iter().find(|one| one.view == view)?;
+    let scorer = pipeline.estimator.scorer();
+    Some(scorer.view_log_odds(best.refinement.is_some(), seen))
+}
+
+/// Whether a view detected an instance by itself, and has evidence of it.
+fn is_alone(pipeline: &Pipeline, instance: &Instance, view: usize) -> bool {
+    let threshold = f64::from(pipeline.estimator.bundle.detector.score_threshold);
+    let detected = instance.detections[view].is_some_and(|one| one.score >= threshold);
+    detected && is_evident(pipeline, instance, view)
 }
 
 /// Whether a view that did not detect an instance should show it, but has no evidence of it.
-///
-/// - `score`: of the other view's detection
-fn is_missing(pipeline: &Pipeline, instance: &Instance, score: f64, view: usize) -> bool {
-    let detector = &pipeline.estimator.bundle.detector;
-    let Some(best) = instance.best() else {
-        return false;
-    };
-    let expected = best.scored.views.iter().find(|one| one.view == view);
-    let expected = expected.filter(|one| one.visible >= pipeline.config().search.min_in_image);
-    let refined = best.refinement.is_some();
-    score >= f64::from(detector.score_threshold)
-        && expected.is_some_and(|one| {
-            one.detector < f64::from(detector.faintest())
-                && pipeline.estimator.scorer().view_log_odds(refined, one) <= 0.0
-        })
+fn is_missing(pipeline: &Pipeline, instance: &Instance, view: usize) -> bool {
+    let faintest = f64::from(pipeline.estimator.bundle.detector.faintest());
+    let best = instance.best();
+    let expected = best.and_then(|best| best.scored.views.iter().find(|one| one.view == view));
+    expected.is_some_and(|one| {
+        one.visible >= pipeline.config().search.min_in_image
+            && one.detector < faintest
+            && log_odds(pipeline, instance, view).is_some_and(|one| one <= 0.0)
+    })
 }
 
 /// Number of objects of classes that two views both find, each alone.
 fn alone_of_class(pipeline: &Pipeline, instances: &[Instance], a: usize, b: usize) -> usize {
-    let threshold = f64::from(pipeline.estimator.bundle.detector.score_threshold);
     let mut counts: BTreeMap<usize, [usize; 2]> = BTreeMap::new();
     for instance in instances.iter().filter(|one| one.views() == 1) {
         for (side, view) in [a, b].into_iter().enumerate() {
-            if instance.detections[view].is_some_and(|one| one.score >= threshold) {
+            if is_alone(pipeline, instance, view) {
                 counts.entry(instance.class).or_default()[side] += 1;
             }
         }

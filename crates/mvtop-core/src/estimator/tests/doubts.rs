@@ -4,6 +4,7 @@ use super::*;
 use crate::bundle::SurfacePoint;
 use crate::consistency::extent;
 use crate::prediction::WarningCode;
+use crate::scorer::Scorer;
 
 /// Points all over the ball.
 pub(super) fn sphere() -> Vec<SurfacePoint> {
@@ -24,6 +25,11 @@ pub(super) fn sphere() -> Vec<SurfacePoint> {
 ///
 /// - `seen`: for cameras 0, 1, ... the balls seen there
 fn told(seen: &[&[[f64; 3]]], lie: &Rig) -> Prediction {
+    told_by(seen, lie, None)
+}
+
+/// The same by a bundle with this scorer.
+fn told_by(seen: &[&[[f64; 3]]], lie: &Rig, scorer: Option<Scorer>) -> Prediction {
     let rig = rig();
     let points = sphere();
     let cameras: Vec<usize> = (0..seen.len()).collect();
@@ -35,7 +41,10 @@ fn told(seen: &[&[[f64; 3]]], lie: &Rig) -> Prediction {
             *bbox = extent(&points, camera, &at_ball).unwrap();
         }
     }
-    let mut bundle = bundle();
+    let mut bundle = Bundle {
+        scorer,
+        ..bundle()
+    };
     bundle.classes[0].points = points;
     let estimator = Estimator::new(bundle, Box::new(geometry));
     let images = images(&rig, &cameras);
@@ -149,6 +158,23 @@ fn swapped_images_contradict_each_other() {
         warning.code,
         WarningCode::NothingMatches | WarningCode::ViewsContradict
     ));
+}
+
+#[test]
+fn objects_that_fit_no_image_contradict_no_rig() {
+    let left: [[f64; 3]; 3] = [[-0.3, 0.0, 1.0], [0.0, 0.1, 1.1], [0.2, -0.1, 0.9]];
+    let right: [[f64; 3]; 3] = left.map(|[x, y, z]| [x + 0.02, y, z + 0.22]);
+    // Log-odds of a view: minus 1 without a detection there, otherwise by the detector's score.
+    let by_detector = |weight: f64| {
+        let mut scorer = Scorer::default();
+        scorer.unrefined.view_bias = -1.0;
+        scorer.unrefined.view = [("detector".to_owned(), weight)].into();
+        told_by(&[&left, &right], &rig(), Some(scorer))
+    };
+    assert_eq!(codes(&by_detector(10.0)), [WarningCode::NothingMatches]);
+    let unknown = by_detector(0.0);
+    assert_eq!(codes(&unknown), []);
+    assert_eq!(unknown.rig_consistency.unwrap().unconfirmed, 0);
 }
 
 #[test]
