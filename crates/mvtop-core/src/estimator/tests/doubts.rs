@@ -41,10 +41,7 @@ fn told_by(seen: &[&[[f64; 3]]], lie: &Rig, scorer: Option<Scorer>) -> Predictio
             *bbox = extent(&points, camera, &at_ball).unwrap();
         }
     }
-    let mut bundle = Bundle {
-        scorer,
-        ..bundle()
-    };
+    let mut bundle = Bundle { scorer, ..bundle() };
     bundle.classes[0].points = points;
     let estimator = Estimator::new(bundle, Box::new(geometry));
     let images = images(&rig, &cameras);
