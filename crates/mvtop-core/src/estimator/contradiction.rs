@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use super::instance::Instance;
 use super::pipeline::Pipeline;
 use crate::config::RigConfig;
+use crate::scorer::ViewEvidence;
 
 /// The two cameras that are least likely to show the same objects.
 pub struct Contradiction {
@@ -115,15 +116,20 @@ fn is_calibrated(pipeline: &Pipeline) -> bool {
 /// Whether the image of one view fits the best pose. The detector finds unknown things as well, whose
 /// images do not fit the mesh.
 fn is_evident(pipeline: &Pipeline, instance: &Instance, view: usize) -> bool {
-    !is_calibrated(pipeline) || log_odds(pipeline, instance, view).is_some_and(|one| one > 0.0)
+    !is_calibrated(pipeline)
+        || evidence(pipeline, instance, view).is_some_and(|(_, log_odds)| log_odds > 0.0)
 }
 
-/// Log-odds of the best pose by what one view shows there.
-fn log_odds(pipeline: &Pipeline, instance: &Instance, view: usize) -> Option<f64> {
+/// What one view shows of an instance at its best pose, and the log-odds by it.
+fn evidence<'a>(
+    pipeline: &Pipeline,
+    instance: &'a Instance,
+    view: usize,
+) -> Option<(&'a ViewEvidence, f64)> {
     let best = instance.best()?;
     let seen = best.scored.views.iter().find(|one| one.view == view)?;
     let scorer = pipeline.estimator.scorer();
-    Some(scorer.view_log_odds(best.refinement.is_some(), seen))
+    Some((seen, scorer.view_log_odds(best.refinement.is_some(), seen)))
 }
 
 /// Whether a view detected an instance by itself, and has evidence of it.
@@ -136,12 +142,10 @@ fn is_alone(pipeline: &Pipeline, instance: &Instance, view: usize) -> bool {
 /// Whether a view that did not detect an instance should show it, but has no evidence of it.
 fn is_missing(pipeline: &Pipeline, instance: &Instance, view: usize) -> bool {
     let faintest = f64::from(pipeline.estimator.bundle.detector.faintest());
-    let best = instance.best();
-    let expected = best.and_then(|best| best.scored.views.iter().find(|one| one.view == view));
-    expected.is_some_and(|one| {
-        one.visible >= pipeline.config().search.min_in_image
-            && one.detector < faintest
-            && log_odds(pipeline, instance, view).is_some_and(|one| one <= 0.0)
+    evidence(pipeline, instance, view).is_some_and(|(seen, log_odds)| {
+        seen.visible >= pipeline.config().search.min_in_image
+            && seen.detector < faintest
+            && log_odds <= 0.0
     })
 }
 
